@@ -147,19 +147,24 @@ def identified(f: Feature) -> float:
 
 
 def filtered(f: Feature) -> float:
-    """Readings that are hardly believed: what it follows is its model, under the torques of the run."""
+    """Readings that are hardly believed: what it follows is its model, told all that acts; of controllers that sample,
+    and of those that are fitted to a run, their torques."""
     scene, truth = f.scene(), f.truth
-    for key in ("drive", "push", "control"):
-        scene.pop(key, None)
+    scene.pop("push", None)
     if "events" in scene:
         raise NotApplicable("an event ends a run; a filter goes on")
-    q0, v0 = scene.pop("q0", truth.q[0]), scene.pop("v0", truth.v[0])
-    a = given(fa.KalmanFilter, scene)["arm"]
+    scene.setdefault("q", scene.pop("q0", truth.q[0]))
+    scene.setdefault("v", scene.pop("v0", truth.v[0]))
+    tau = None
+    if f.held or f.name == "FeedForward":
+        scene.pop("control")
+        tau = truth.tau[:-1] if f.held else 0.5 * (truth.tau[1:] + truth.tau[:-1])
+        tau = np.vstack([tau, tau[-1:]])
+    a = given(fa.KalmanFilter, scene).pop("arm")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", fa.ModelWarning)
-        kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, q=q0, v=v0)
-    tau = truth.tau[:-1] if f.held else 0.5 * (truth.tau[1:] + truth.tau[:-1])
-    found = kalman.run(T, np.vstack([tau, tau[-1:]]), [s.read(truth) for s in f.sensors])
+        kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, **scene)
+    found = kalman.run(T, tau, [s.read(truth) for s in f.sensors])
     error = off(a, found.q, truth) / MOTION
     if error > 1 and said:
         raise Warned(str(said[0].message))
@@ -167,17 +172,21 @@ def filtered(f: Feature) -> float:
 
 
 def mpc(f: Feature) -> float:
-    """Brings the arm, as its model knows it, to a place 0.2 rad away."""
-    scene = f.scene()
+    """Brings the arm to a place 0.2 rad away, or another goal of the feature, against what it knows to act."""
+    scene = f.scene(r=0.0)
     if "events" in scene:
         raise NotApplicable("an event ends a run; a plan has none")
     for key in ("push", *f.aside.split()):
         scene.pop(key, None)
     a, v0 = scene.pop("arm"), scene.pop("v0", None)
-    given(fa.MPC, scene)
-    law = fa.MPC(a, reference=0.2, rate=RATE, horizon=0.2)
-    r = fa.simulate(a, np.linspace(0, 0.6, 301), None, v0, control=law, integrator="implicit", step=5e-4)
-    return float(abs(r.q[-50:, 0] - 0.2).max() / 0.2 + law.failures) / 0.05
+    led, seen, goal = f.led or ({}, lambda a, q: q[:, :1], [0.2])
+    short = "drive" in scene  # which ends
+    law = fa.MPC(a, **{"reference": goal, "rate": RATE, "horizon": 0.1 if short else 0.2} | led, **given(fa.MPC, scene))
+    scene["control"] = [*np.atleast_1d(scene.pop("control", [])), law]
+    r = fa.simulate(a, T[::10] if short else np.linspace(0, 0.6, 301), None, v0, **scene, integrator="implicit",
+                    step=5e-4)  # fmt: skip
+    found = seen(a, r.q[-50:])
+    return float(np.abs(found - goal).max() / max(np.abs(goal).max(), 0.2) + law.failures) / 0.05
 
 
 def poles(f: Feature) -> float:

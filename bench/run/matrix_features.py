@@ -73,6 +73,7 @@ class Feature:
     pose: Any = None  # about which poles are
     turn: float = 0.0  # rad/s, about which they are; against the friction `drag` (N m)
     drag: float = 0.0
+    led: Any = None  # by MPC, where not by its hinge: arguments, what is seen of (arm, q), and where that is to be
 
     def scene(self, m: float = M, r: Any = None, rich: bool = False) -> Scene:
         """Fresh: some controllers remember."""
@@ -155,6 +156,7 @@ def features() -> list[Feature]:
     patch = [fa.Patch(0.02, 0.1, 0.02, 5e-4, PZT, face="y")]
     reel = fa.Link(fa.Free(), fa.RigidBody(0.5, inertia=0.01 * np.eye(3), end=(0.1, 0, 0)))
     turned = np.array([1.0, 2.0, 3.0])
+    bend = ("strain", 0, 0.01, "K3")
     gauge = [fa.StrainGauge(-1, x=0.01, noise=1.0)]
     limited, dry, stopped = joint(torque_limit=0.3), joint(coulomb=0.5, stiction=0.6), joint(
         upper=0.2, limit_stiffness=60.0, limit_damping=0.05)  # fmt: skip
@@ -166,7 +168,9 @@ def features() -> list[Feature]:
                        t=None if isinstance(r, float) else S)  # fmt: skip
 
     return [
-        Feature("prescribed motion", lambda m, r, x: {"drive": {0: fa.Motion([0, 0.2], [0, 0.4], [0, 0], [0, 0])}}),
+        Feature("prescribed motion", lambda m, r, x: {"drive": {0: fa.Motion([0, 0.2], [0, 0.4], [0, 0], [0, 0])}},
+                led=({"track": [bend], "inputs": [np.array([0.0, 1.0, 0.0])], "rate": 1e3, "horizon": 0.05},
+                     lambda a, q: a.strain(q, 0, 0.01)[:, 2], [0.0])),
         Feature("torque samples", lambda m, r, x: {"drive": samples, "push": lambda t: np.interp(t, S, push(S))}, ""),
         Feature("torque, a callable", lambda m, r, x: {"drive": {0: fa.Torque(lambda t: 0.6 * float(push(t)))},
                                                        "push": lambda t: 0.6 * push(t)}),
@@ -178,10 +182,12 @@ def features() -> list[Feature]:
         Feature("stop", lambda m, r, x: {"arm": arm(m, x, stopped), **SPUN}, "event", pose={0: 0.21}),
         Feature("ball joint", lambda m, r, x: {"arm": (a := arm(m, x, fa.Spherical(), **space)),
                                                "v0": np.r_[turned, np.zeros(a.nv - 3)]},
-                sensors=gauge),
+                sensors=gauge, led=({"track": "tip"}, lambda a, q: a.frame(q)[0],
+                                    0.4 * np.array([np.cos(0.2), np.sin(0.2), 0.0]))),
         Feature("free base", lambda m, r, x: {"arm": (a := arm(m, x, base=reel, **space)),
                                               "v0": np.r_[0.2, 0.1, 0.3, turned, -2.0, np.zeros(a.nv - 7)]},
-                sensors=gauge, path="link.1.tip.mass"),
+                sensors=gauge, path="link.1.tip.mass",
+                led=({"track": [("joint", 1)], "inputs": [1]}, lambda a, q: q[:, 7:8], [0.2])),
         Feature("dead load", lambda m, r, x: {"loads": [dead(r)]}),
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("voltage of a patch", lambda m, r, x: {

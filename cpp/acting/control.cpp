@@ -64,30 +64,30 @@ void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vect
   }
 }
 
-Eigen::VectorXd LinearLaw::operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                      const Eigen::VectorXd& a) {
+Eigen::VectorXd LinearLaw::sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                  const Eigen::VectorXd& a) {
   Eigen::VectorXd e = reference(t), y = read ? read(t, q, v, a) : Eigen::VectorXd(by_q * q + by_v * v);
   if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
   if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
   e -= y;
-  const Eigen::VectorXd free = u0 + C * x + D * e;
-  if (limit.size() != free.size() || reach.size() != free.size())
-    bad_value("limit", limit.size(), "numbers; must be one for each of " + std::to_string(free.size()) + " outputs");
-  const Eigen::VectorXd u = free.cwiseMax(-limit).cwiseMin(limit);
-  if (free.hasNaN() || !u.allFinite())
+  w = u0 + C * x + D * e;
+  if (limit.size() != w.size() || reach.size() != w.size())
+    bad_value("limit", limit.size(), "numbers; must be one for each of " + std::to_string(w.size()) + " outputs");
+  const Eigen::VectorXd u = w.cwiseMax(-limit).cwiseMin(limit);
+  if (w.hasNaN() || !u.allFinite())
     bad_value("control at t = " + std::to_string(t), "nan or inf", "must give finite numbers");
-  x = A * x + B * e + windup * (free.cwiseMax(-reach).cwiseMin(reach) - free);
-  return columns * u;
+  x = A * x + B * e + windup * (w.cwiseMax(-reach).cwiseMin(reach) - w);
+  return u;
 }
 
-LinearLaw::Slopes LinearLaw::slopes(double t, const Eigen::VectorXd& y) const {
-  const Eigen::ArrayXd size = (u0 + C * x + D * (reference(t) - y)).array().abs();
-  const auto within = [&](const Eigen::VectorXd& most) {
-    return Eigen::MatrixXd((size <= most.array()).cast<double>().matrix().asDiagonal());
-  };
-  const Eigen::MatrixXd force = columns * within(limit);
-  const Eigen::MatrixXd wound = windup * (within(reach) - Eigen::MatrixXd::Identity(size.size(), size.size()));
-  return {-force * D, force * C, -B - wound * D, A + wound * C};
+void LinearLaw::slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::MatrixXd& du) const {
+  du = C * dx + D * de;
+  Eigen::MatrixXd lost = Eigen::MatrixXd::Zero(du.rows(), du.cols());
+  for (Eigen::Index i = 0; i < du.rows(); ++i)
+    if (std::abs(w[i]) > reach[i]) lost.row(i) = -du.row(i);
+  dx = A * dx + B * de + windup * lost;
+  for (Eigen::Index i = 0; i < du.rows(); ++i)
+    if (std::abs(w[i]) > limit[i]) du.row(i).setZero();
 }
 
 Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv)

@@ -29,4 +29,10 @@ MotionValue PiecewisePolynomial::operator()(double t) const {
   return f;
 }
 
+MotionValue PiecewisePolynomial::within(double t) const {
+  const double first = breaks_[0], last = breaks_[breaks_.size() - 1];
+  const MotionValue f = (*this)(std::clamp(t, first, last));
+  return t < first || t > last ? MotionValue{f.q, 0.0, 0.0} : f;
+}
+
 }  // namespace flexarm

@@ -45,6 +45,40 @@ void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const E
       });
 }
 
+void displace(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& u, Eigen::VectorXd& q) {
+  ::displace(layout_of(arm), q0.data(), u.data(), q.data());
+}
+
+void displacement(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& q, Eigen::VectorXd& u) {
+  for_coordinates(
+      layout_of(arm), [&](int i, int j, bool) { u[j] = q[i] - q0[i]; },
+      [&](int i, int j) {
+        Eigen::Vector4d p;  // of q seen from q0, of whatever length
+        p << q0.segment<4>(i).dot(q.segment<4>(i)), 2.0 * ball_rate_matrix(q0.data() + i).transpose() * q.segment<4>(i);
+        const BallTurn<double> turn(p.data());
+        for (int k = 0; k < 3; ++k) u[j + k] = turn.vector[k];
+      });
+}
+
+/// Derivatives of the exponential of rotations (Hairer, Lubich & Wanner, Geometric Numerical Integration, III.4).
+void displace_slopes(const Arm& arm, const Eigen::VectorXd& u, Eigen::MatrixXd& back, Eigen::MatrixXd& turn) {
+  back.setIdentity();
+  turn.setIdentity();
+  for_coordinates(
+      layout_of(arm), [](int, int, bool) {},
+      [&](int, int j) {
+        const Eigen::Vector3d w = u.segment<3>(j);
+        const double angle = w.norm(), x = angle * angle;
+        const bool small = angle < 1e-4;
+        const double a = small ? 1.0 - x / 6.0 : std::sin(angle) / angle;
+        const double b = small ? 0.5 - x / 24.0 : (1.0 - std::cos(angle)) / x;
+        const double c = small ? 1.0 / 6.0 - x / 120.0 : (1.0 - a) / x;
+        const Eigen::Matrix3d W = tilde(w), square = W * W;
+        back.block<3, 3>(j, j) += -a * W + b * square;
+        turn.block<3, 3>(j, j) += -b * W + c * square;
+      });
+}
+
 void normalise(const Arm& arm, Eigen::VectorXd& q) { ::normalise(layout_of(arm), q.data()); }
 
 Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world) {

@@ -12,6 +12,7 @@
 #include <flexarm/ci.hpp>
 #include <flexarm/kalman.hpp>
 #include <flexarm/scene.hpp>
+#include <flexarm/step.hpp>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -86,7 +87,7 @@ int run(const std::string& scene, int cycles, double payload) {
   }
   VectorXd force_noise = VectorXd::Constant(arm.nv(), 1e-4), zero = VectorXd::Zero(arm.nv());
   for (const int i : joints) force_noise[i] = 0.02;
-  KalmanFilter filter(arm, kPeriod, sensors, {{KalmanParameter::payload, 0, payload / 3.0, 2.0 * payload}},
+  KalmanFilter filter(Problem(arm), kPeriod, sensors, {{KalmanParameter::payload, 0, payload / 3.0, 2.0 * payload}},
                       force_noise);
   filter.start(zero, zero, VectorXd::Constant(arm.nv(), 0.01), VectorXd::Constant(arm.nv(), 0.01));
   Workspace ws(plant);

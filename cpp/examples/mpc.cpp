@@ -14,6 +14,7 @@
 #include <flexarm/ci.hpp>
 #include <flexarm/kalman.hpp>
 #include <flexarm/mpc.hpp>
+#include <flexarm/step.hpp>
 #include <map>
 #include <stdexcept>
 #include <string>
@@ -95,11 +96,11 @@ int run(const Options& given) {
   options.rate_limit = 2000.0 * VectorXd::Ones(links);  // N m/s
   options.effort = 1e-3 * VectorXd::Ones(links);
   options.rate_effort = 1e-6 * VectorXd::Ones(links);
-  Mpc mpc(arm, outputs, options, [&goal](double, VectorXd& value, VectorXd& rate) {
+  Mpc mpc(Problem(arm), outputs, options, [&goal](double, VectorXd& value, VectorXd& rate) {
     value = goal;
     rate.setZero();
   });
-  KalmanFilter filter(arm, kPeriod, sensors, {}, force_noise);
+  KalmanFilter filter(Problem(arm), kPeriod, sensors, {}, force_noise);
   filter.start(zero, zero, VectorXd::Constant(arm.nv(), 1e-3), VectorXd::Constant(arm.nv(), 1e-3));
 
   Workspace ws(arm);

@@ -23,6 +23,9 @@ void check(const Arm& arm, std::size_t k, const MpcOutput& o) {
   if (o.placed ? !(o.along.allFinite() && o.along.norm() > 0.0) : o.by_q.size() != arm.nv() || !o.by_q.allFinite())
     bad_value(entry("outputs", k, "by_q"), o.by_q.size(),
               "must be finite numbers, one for each rate; of a place: along");
+  for (int i = 0; !o.placed && i < arm.nv(); ++i)
+    if (o.by_q[i] != 0.0 && arm.coordinate_of(i) < 0)
+      bad_value(entry("outputs", k, "by_q"), "of a ball", "a ball has no coordinates to be led; take places");
   non_negative(entry("outputs", k, "weight"), o.weight);
   non_negative(entry("outputs", k, "rate_weight"), o.rate_weight);
   if (!(o.lower < o.upper)) bad_value(entry("outputs", k, "lower"), o.lower, "must be below `upper`");
@@ -35,10 +38,14 @@ void check_inputs(const char* field, const VectorXd& x, Index nu, double least) 
     if (!(x[k] >= least)) bad_value(std::string(field) + "[" + std::to_string(k) + "]", x[k], "must not be negative");
 }
 
-void check(const Arm& arm, const MpcOptions& o) {
+void check(const Problem& problem, const MpcOptions& o) {
+  const Arm& arm = *problem.arm;
   const Index nu = o.columns.cols();
   if (nu < 1 || o.columns.rows() != arm.nv() || !o.columns.allFinite())
     bad_value("columns", o.columns.rows(), "rows; must be finite, a row for each rate, a column for each input");
+  for (const Drive& d : problem.drives)
+    if (d.motion && !o.columns.row(d.coordinate).isZero(0.0))
+      bad_value("columns", d.coordinate, "is a rate whose motion is prescribed; no input moves it");
   const double inf = std::numeric_limits<double>::infinity();
   check_inputs("lower", o.lower, nu, -inf);
   check_inputs("upper", o.upper, nu, -inf);
@@ -54,6 +61,7 @@ void check(const Arm& arm, const MpcOptions& o) {
   non_negative("terminal", o.terminal);
   positive("soft", o.soft);
   positive("friction_speed", o.friction_speed);
+  if (o.carried < 0 || o.carried > arm.nv()) bad_value("carried", o.carried, "must be of the arm's rates");
   if (o.iterations < 1) bad_value("iterations", o.iterations, "must be at least 1");
   if (o.max_qp_iterations < 1) bad_value("max_qp_iterations", o.max_qp_iterations, "must be at least 1");
 }
@@ -80,12 +88,12 @@ double span(const MpcRow& r) {
 
 MpcOutput MpcOutput::joint(const Arm& arm, int rate) {
   for (std::size_t n = 0; n < arm.size(); ++n) {
-    if (rate < arm.first(n) || rate >= arm.first(n) + arm.link(n).nj()) continue;
+    if (rate < arm.first(n) || rate >= arm.first(n) + arm.link(n).nj() || arm.coordinate_of(rate) < 0) continue;
     MpcOutput out;
     out.by_q = VectorXd::Unit(arm.nv(), rate);
     return out;
   }
-  bad_value("rate", rate, "must be the index of a joint's rate in v");
+  bad_value("rate", rate, "must be the index of a joint's rate in v, not of a ball");
 }
 
 MpcOutput MpcOutput::place(const Arm& arm, std::size_t link, std::optional<double> x, const Eigen::Vector3d& along) {
@@ -100,6 +108,7 @@ MpcOutput MpcOutput::place(const Arm& arm, std::size_t link, std::optional<doubl
 }
 
 struct Mpc::Impl {
+  const Problem problem;
   const Arm& arm;
   const std::vector<MpcOutput> outputs;
   const MpcOptions options;
@@ -111,16 +120,20 @@ struct Mpc::Impl {
   std::vector<Index> rated;    ///< inputs with limited rates
   Qp qp;
   MatrixXd plan, shifted;
-  VectorXd u, forces, aims, weights, values, gaps, begin, change, q, v, r, dr, block_times;
+  VectorXd u, forces, aims, weights, values, gaps, change, r, dr, block_times;
+  MpcState begin;    ///< of the plan
+  MpcState carried;  ///< at the next sample, of what is not measured
+  MpcState now;
   double time = 0.0;  ///< of the plan's begin
   bool planned = false, prepared = false;
   long failures = 0;
 
-  Impl(const Arm& arm_, const std::vector<MpcOutput>& outputs_, const MpcOptions& options_, Reference reference_);
+  Impl(const Problem& problem_, const std::vector<MpcOutput>& outputs_, const MpcOptions& options_,
+       Reference reference_);
   Index nu() const { return options.columns.cols(); }
   Index nv() const { return arm.nv(); }
   static VectorXd penalties(const MpcOptions& o, const std::vector<MpcRow>& rows, const Grid& grid, bool linear);
-  void hold(const VectorXd& at, bool applied);
+  void hold(double t, const MpcState& at, bool applied);
   Status linearise(double t);
   void build();
   bool solve();
@@ -141,23 +154,24 @@ VectorXd Mpc::Impl::penalties(const MpcOptions& o, const std::vector<MpcRow>& ro
 }
 
 namespace {
-const MpcOptions& checked(const Arm& arm, const std::vector<MpcOutput>& outputs, const MpcOptions& options) {
-  if (arm.nq() != arm.nv()) bad_value("arm", "a ball joint", "predictive control knows no quaternions");
-  for (std::size_t k = 0; k < outputs.size(); ++k) check(arm, k, outputs[k]);
-  check(arm, options);
+const MpcOptions& checked(const Problem& problem, const std::vector<MpcOutput>& outputs, const MpcOptions& options) {
+  problem.check();
+  for (std::size_t k = 0; k < outputs.size(); ++k) check(*problem.arm, k, outputs[k]);
+  check(problem, options);
   return options;
 }
 }  // namespace
 
-Mpc::Impl::Impl(const Arm& arm_, const std::vector<MpcOutput>& outputs_, const MpcOptions& options_,
+Mpc::Impl::Impl(const Problem& problem_, const std::vector<MpcOutput>& outputs_, const MpcOptions& options_,
                 Reference reference_)
-    : arm(arm_),
+    : problem(problem_),
+      arm(*problem.arm),
       outputs(outputs_),
-      options(checked(arm_, outputs_, options_)),
+      options(checked(problem, outputs_, options_)),
       reference(std::move(reference_)),
       rows(rows_of(outputs)),
       grid(options),
-      prediction(arm, grid, outputs, rows, options),
+      prediction(problem, grid, outputs, rows, options),
       qp(static_cast<int>(nu() * grid.blocks()), penalties(options, rows, grid, true),
          penalties(options, rows, grid, false), options.max_qp_iterations) {
   for (std::size_t k = 0; k < rows.size(); ++k)
@@ -167,8 +181,9 @@ Mpc::Impl::Impl(const Arm& arm_, const std::vector<MpcOutput>& outputs_, const M
   const Index all = grid.stages() * static_cast<Index>(rows.size());
   plan = shifted = MatrixXd::Zero(nu(), grid.blocks());
   u = VectorXd::Zero(nu());
-  forces = q = v = VectorXd::Zero(nv());
-  begin = change = VectorXd::Zero(2 * nv());
+  forces = VectorXd::Zero(nv());
+  begin = carried = now = prediction.zero();
+  change = VectorXd::Zero(2 * nv() + begin.z.size());
   aims = weights = values = gaps = VectorXd::Zero(all);
   r = dr = VectorXd::Zero(static_cast<Index>(outputs.size()));
   block_times = VectorXd::Zero(grid.blocks() + 1);
@@ -188,12 +203,12 @@ Mpc::Impl::Impl(const Arm& arm_, const std::vector<MpcOutput>& outputs_, const M
       ++row;
     }
   block_times << grid.begins, grid.times[grid.stages()];
-  hold(arm.zero(), true);
+  hold(0.0, begin, true);
 }
 
-/// The plan that holds the arm, and, if nothing was applied yet, its inputs as those.
-void Mpc::Impl::hold(const VectorXd& at, bool applied) {
-  prediction.hold(at, plan.col(0));
+/// The plan that holds the arm at time t, and, if nothing was applied yet, its inputs as those.
+void Mpc::Impl::hold(double t, const MpcState& at, bool applied) {
+  prediction.hold(t, at, plan.col(0));
   for (Index j = 0; j < nu(); ++j) {
     const double x = std::isfinite(plan(j, 0)) ? plan(j, 0) : 0.0;
     plan.row(j).setConstant(std::min(std::max(x, options.lower[j]), options.upper[j]));
@@ -206,9 +221,10 @@ void Mpc::Impl::hold(const VectorXd& at, bool applied) {
 /// Predicts from `begin` at time t under the plan, and makes the quadratic program in the plan's changes.
 Status Mpc::Impl::linearise(double t) {
   prepared = false;
-  q = begin.head(nv());
-  v = begin.tail(nv());
-  if (const Status status = prediction(q, v, plan); status != Status::ok) return status;
+  for (Index j = 0; j < nu(); ++j)  // to the last bit: a motor beyond its limit would feel no change
+    for (Index b = 0; b < grid.blocks(); ++b)
+      plan(j, b) = std::min(std::max(plan(j, b), options.lower[j]), options.upper[j]);
+  if (const Status status = prediction(t, begin, plan); status != Status::ok) return status;
   time = t;
   Index at = 0;
   for (Index k = 0; k < grid.stages(); ++k) {
@@ -306,11 +322,16 @@ void Mpc::Impl::apply() {
 }
 
 Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
-  Status seen = at_q.allFinite() && at_v.allFinite() && arm.within_reach(at_q, at_v) ? Status::ok : Status::not_finite;
-  q = at_q;
-  v = at_v;
+  now = carried;
+  now.q.head(at_q.size()) = at_q;
+  now.v.head(at_v.size()) = at_v;
+  Status seen =
+      at_q.allFinite() && at_v.allFinite() && arm.within_reach(now.q, now.v) ? Status::ok : Status::not_finite;
   const double start = t + (options.delayed ? options.period : 0.0);
-  if (seen == Status::ok && options.delayed) seen = prediction.step(q, v, u);
+  if (seen == Status::ok && options.delayed) {
+    seen = prediction.step(t, now, u);
+    if (seen == Status::ok) carried = now;
+  }
   if (std::abs(start - time) > 0.5 * options.period) prepared = false;
   if (seen != Status::ok) {  // it goes on as predicted
     if (!planned) return seen;
@@ -319,17 +340,17 @@ Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
     apply();
     return seen;
   }
-  change << q, v;
-  if (!planned) hold(q, true);
+  if (!planned) hold(start, now, true);
   planned = true;
   if (prepared) {
-    change -= begin;
+    prediction.difference(begin, now, change);
+    begin = now;
   } else {
-    begin = change;
+    begin = now;
     change.setZero();
     Status status = linearise(start);
     if (status != Status::ok) {  // not under this plan
-      hold(begin.head(nv()), false);
+      hold(start, begin, false);
       status = linearise(start);
     }
     if (status != Status::ok) {
@@ -337,7 +358,6 @@ Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
       return status;
     }
   }
-  begin += change;
   bool solved = solve();
   for (int k = 1; k < options.iterations && solved; ++k) {
     change.setZero();
@@ -347,8 +367,8 @@ Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
   return solved ? Status::ok : Status::not_converged;
 }
 
-Mpc::Mpc(const Arm& arm, const std::vector<MpcOutput>& outputs, const MpcOptions& options, Reference reference)
-    : impl_(std::make_unique<Impl>(arm, outputs, options, std::move(reference))) {}
+Mpc::Mpc(const Problem& problem, const std::vector<MpcOutput>& outputs, const MpcOptions& options, Reference reference)
+    : impl_(std::make_unique<Impl>(problem, outputs, options, std::move(reference))) {}
 
 Mpc::~Mpc() = default;
 
@@ -357,7 +377,8 @@ void Mpc::reset() {
   m.planned = m.prepared = false;
   m.failures = 0;
   m.qp.forget();
-  m.hold(m.arm.zero(), true);
+  m.begin = m.carried = m.prediction.zero();
+  m.hold(0.0, m.begin, true);
 }
 
 Status Mpc::feedback(double t, const VectorXd& q, const VectorXd& v) {
@@ -373,10 +394,8 @@ Status Mpc::prepare() {
   if (!m.planned) return Status::ok;
   m.shifted.noalias() = m.plan * m.grid.shift.transpose();
   m.plan.swap(m.shifted);
-  m.q = m.begin.head(m.nv());
-  m.v = m.begin.tail(m.nv());
-  if (const Status status = m.prediction.step(m.q, m.v, m.u); status != Status::ok) return status;
-  m.begin << m.q, m.v;
+  if (const Status status = m.prediction.step(m.time, m.begin, m.u); status != Status::ok) return status;
+  if (!m.options.delayed) m.carried = m.begin;
   return m.linearise(m.time + m.options.period);
 }
 

@@ -7,6 +7,7 @@
 
 #include "damped_step.hpp"
 #include "flexarm/mpc.hpp"
+#include "held_laws.hpp"
 
 namespace flexarm {
 
@@ -33,22 +34,32 @@ struct MpcRow {
   bool limited() const { return lower > -std::numeric_limits<double>::infinity() || upper < -lower; }
 };
 
+/// What a prediction begins with, or is at.
+struct MpcState {
+  Eigen::VectorXd q, v;  ///< (nq), (nv)
+  Eigen::VectorXd z;     ///< what sampled laws remember (HeldLaws)
+};
+
 class Prediction {
  public:
   using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-  Prediction(const Arm& arm, const Grid& grid, const std::vector<MpcOutput>& outputs, const std::vector<MpcRow>& rows,
-             const MpcOptions& options);
-  /// Predicts from a state under a plan (nu x blocks), with all derivatives.
-  Status operator()(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::MatrixXd& plan);
-  /// A state a period later, under u (nu).
-  Status step(Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& u);
-  /// The inputs (nu) that hold the arm where it is against gravity and springs of joints.
-  void hold(const Eigen::VectorXd& q, Eigen::Ref<Eigen::VectorXd> u);
-  /// Adds what a change of the first state (2 nv) does to the rows.
+  Prediction(const Problem& problem, const Grid& grid, const std::vector<MpcOutput>& outputs,
+             const std::vector<MpcRow>& rows, const MpcOptions& options);
+  /// At rest in the arm's zero, nothing remembered.
+  MpcState zero() const;
+  /// Predicts from a state at time t under a plan (nu x blocks), with all derivatives.
+  Status operator()(double t, const MpcState& from, const Eigen::MatrixXd& plan);
+  /// To the state a period later, under u (nu).
+  Status step(double t, MpcState& state, const Eigen::VectorXd& u);
+  /// The inputs (nu) that hold the arm where it is at time t against all that acts then.
+  void hold(double t, const MpcState& at, Eigen::Ref<Eigen::VectorXd> u);
+  /// The change (2 nv + z) from one state to another: of q the displacement.
+  void difference(const MpcState& from, const MpcState& to, Eigen::VectorXd& change);
+  /// Adds what a change of the first state does to the rows.
   void add_free(const Eigen::VectorXd& change, Eigen::VectorXd& rows);
 
-  Eigen::MatrixXd states;  ///< [q; v] (2 nv x stages + 1)
+  Eigen::MatrixXd states;  ///< [q; v] (nq + nv x stages + 1)
   Eigen::MatrixXd held;    ///< by `hold`, at each stage's beginning (nu x stages)
   Eigen::VectorXd values;  ///< of rows, those of a stage together
   RowMatrix by_plan;       ///< of rows, by the plan, inputs of a block together
@@ -62,6 +73,7 @@ class Prediction {
     MotionDerivatives motion;
     Eigen::Vector3d p;
   };
+  Status advance(std::size_t which, double t, double h, const Eigen::Ref<const Eigen::VectorXd>& u, Eigen::MatrixXd* A);
   void observe(Eigen::Index stage);
 
   const Arm& arm_;
@@ -69,13 +81,18 @@ class Prediction {
   const std::vector<MpcOutput>& outputs_;
   const std::vector<MpcRow>& rows_;
   double period_;
+  const int carried_;
+  HeldLaws laws_;
+  const Eigen::Index nu_;
   DampedStep step_;  ///< those of the stages, and one more
   Eigen::MatrixXd columns_, to_inputs_;
   std::vector<Spot> spots_;
-  std::vector<int> spot_of_;  ///< of each output, or -1
+  std::vector<int> spot_of_;           ///< of each output, or -1
+  std::vector<Eigen::VectorXd> by_q_;  ///< of each output, by coordinates
   std::vector<Eigen::MatrixXd> A_, C_;
-  Eigen::MatrixXd B_, S_, S_next_;
-  Eigen::VectorXd q_, v_, a_, tau_, change_, next_;
+  MpcState at_;
+  Eigen::MatrixXd B_, S_, S_next_, A_step_, B_step_, A_next_, E_, E_by_q_;
+  Eigen::VectorXd a_, tau_, change_, next_, inputs_, still_, none_;
 };
 
 }  // namespace flexarm

@@ -59,4 +59,11 @@ inline Eigen::VectorXd wave(int n, double phase, double size = 0.05) {
   return x;
 }
 
+/// The same, `joints` at joints and `size` at the coordinates of beams.
+inline Eigen::VectorXd wave_of(const flexarm::Arm& arm, double phase, double joints, double size) {
+  Eigen::VectorXd x = wave(arm.nv(), phase, size);
+  for (std::size_t k = 0; k < arm.size(); ++k) x.segment(arm.first(k), arm.link(k).nj()) *= joints / size;
+  return x;
+}
+
 }  // namespace flexarm_test

@@ -90,7 +90,7 @@ TEST_CASE("the model is the implicit step of the arm that has these parameters")
     options.spectral_radius = radius;
     auto p = certain_payload(parameters(bare, 0.3, 0.05, 0.0));
     p.resize(3);
-    KalmanFilter filter(bare, kStep, sensors(bare), p, VectorXd::Zero(bare.nv()), options);
+    KalmanFilter filter(Problem(bare), kStep, sensors(bare), p, VectorXd::Zero(bare.nv()), options);
     filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
     Workspace ws(loaded);
     ImplicitOptions of;
@@ -110,7 +110,7 @@ TEST_CASE("the model is the implicit step of the arm that has these parameters")
 TEST_CASE("derivatives of a step without parameters are those of StepDerivatives") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
-  KalmanFilter filter(arm, kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {}, VectorXd::Zero(arm.nv()));
+  KalmanFilter filter(Problem(arm), kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {}, VectorXd::Zero(arm.nv()));
   filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
   REQUIRE(filter.predict(at.tau) == Status::ok);
   StepDerivatives exact("implicit", arm, kStep);
@@ -131,7 +131,7 @@ TEST_CASE("derivatives by states, parameters and filters are those of difference
   const auto run = [&](const VectorXd& x, MatrixXd* A) {
     auto p = certain_payload(parameters(arm, 0.0, 0.0, 0.0));
     for (std::size_t k = 0; k < p.size(); ++k) p[k].start = x[2 * n + static_cast<Eigen::Index>(k)];
-    KalmanFilter filter(arm, kStep, sensors(arm), p, VectorXd::Zero(n), options);
+    KalmanFilter filter(Problem(arm), kStep, sensors(arm), p, VectorXd::Zero(n), options);
     filter.start(x.head(n), x.segment(n, n), at.q_deviation, at.v_deviation);
     REQUIRE(filter.predict(at.tau) == Status::ok);
     if (A) *A = filter.transition();
@@ -160,7 +160,7 @@ TEST_CASE("the square root is that of the covariance in full") {
   const Eigen::Index n = arm.nv();
   const auto p = certain_payload(parameters(arm, 0.3, 0.05, 0.2));
   const VectorXd noise = VectorXd::Constant(n, 0.03);
-  KalmanFilter filter(arm, kStep, sensors(arm), p, noise);
+  KalmanFilter filter(Problem(arm), kStep, sensors(arm), p, noise);
   filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
   const MatrixXd P0 = filter.root() * filter.root().transpose();
   const Eigen::Index states = filter.states();
@@ -175,10 +175,10 @@ TEST_CASE("the square root is that of the covariance in full") {
     auto none = p;
     for (auto& one : none) one.start = 0.0;
     auto plain = sensors(arm);
-    KalmanFilter without(arm, kStep, plain, none, noise);
+    KalmanFilter without(Problem(arm), kStep, plain, none, noise);
     without.start(at.q, at.v, 0.0 * at.q_deviation, 0.0 * at.v_deviation);
     for (auto& one : none) one.deviation = one.drift = 0.0;
-    KalmanFilter still(arm, kStep, plain, none, noise);
+    KalmanFilter still(Problem(arm), kStep, plain, none, noise);
     still.start(at.q, at.v, 0.0 * at.q_deviation, 0.0 * at.v_deviation);
     REQUIRE(still.predict(at.tau) == Status::ok);
     Workspace ws(arm);
@@ -192,7 +192,7 @@ TEST_CASE("the square root is that of the covariance in full") {
   }
   auto still = p;
   for (auto& one : still) one.deviation = one.drift = 0.0;
-  KalmanFilter only_noise(arm, kStep, sensors(arm), still, noise);
+  KalmanFilter only_noise(Problem(arm), kStep, sensors(arm), still, noise);
   only_noise.start(at.q, at.v, 0.0 * at.q_deviation, 0.0 * at.v_deviation);
   REQUIRE(only_noise.predict(at.tau) == Status::ok);
   Q += only_noise.root() * only_noise.root().transpose();
@@ -246,8 +246,8 @@ TEST_CASE("steps through the bend of friction are found") {
   links.emplace_back(Joint::revolute({0, 0, 1}), light, std::nullopt, std::nullopt);
   const Arm arm(std::move(links));
   const VectorXd none = VectorXd::Zero(1);
-  KalmanFilter filter(arm, kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {{KalmanParameter::coulomb, 0, 0.1, 0.0}},
-                      none);
+  KalmanFilter filter(Problem(arm), kStep, {KalmanSensor::encoder(arm, 0, 1e-3)},
+                      {{KalmanParameter::coulomb, 0, 0.1, 0.0}}, none);
   int turned = 0;
   for (int k = 0; k < 400; ++k) {
     VectorXd v(1), tau(1);
@@ -263,7 +263,7 @@ TEST_CASE("steps through the bend of friction are found") {
 TEST_CASE("a place has the covariance of its coordinates") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
-  KalmanFilter filter(arm, kStep, sensors(arm), parameters(arm, 0.3, 0.0, 0.0), VectorXd::Zero(arm.nv()));
+  KalmanFilter filter(Problem(arm), kStep, sensors(arm), parameters(arm, 0.3, 0.0, 0.0), VectorXd::Zero(arm.nv()));
   filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
   const PlacedSlice end(arm, 1);
   Eigen::Vector3d p;
@@ -276,6 +276,50 @@ TEST_CASE("a place has the covariance of its coordinates") {
   CHECK((p - slice_pose(ws, end).p).norm() < 1e-15);
   const MatrixXd expected = 1e-4 * J.topRows<3>() * J.topRows<3>().transpose();
   CHECK((C - expected).norm() < 1e-12 * expected.norm());
+}
+
+TEST_CASE("derivatives under all that acts, with balls, are those of differences") {
+  Problem problem(flexarm_test::floating_arm());
+  const Arm& arm = *problem.arm;
+  const int n = arm.nv();
+  problem.loads.push_back({Load::at_end(arm, 1, false), [](double t) {
+                             Vec6<double> w;
+                             w << 1.0, 40.0 * t, 0.5, 0.02, 0.0, 0.01;
+                             return w;
+                           }});
+  problem.drives.push_back({0, [](double t) { return MotionValue{0.1 * t * t, 0.2 * t, 0.2}; }, {}});
+  problem.feedback.push_back({VectorXd::Unit(n, 4), 20.0 * VectorXd::Unit(arm.nq(), 1), 2.0 * VectorXd::Unit(n, 4),
+                              [](double t) { return t; }});
+  KalmanFilter filter(problem, 1e-5,
+                      {KalmanSensor::tachometer(arm, 4, 1e-3), KalmanSensor::camera(arm, 1, {}, {0, 0, 1}, 1e-3)},
+                      {{KalmanParameter::payload, 0, 0.2, 0.0}}, VectorXd::Zero(n));
+  VectorXd q0 = arm.zero();
+  displace(arm, arm.zero(), flexarm_test::wave_of(arm, 0.3, 0.4, 1e-6), q0);
+  const auto end = [&](const VectorXd& d) {
+    VectorXd q = q0;
+    displace(arm, q0, d.head(n), q);
+    filter.start(q, flexarm_test::wave_of(arm, 0.9, 0.8, 1e-3) + d.tail(n), VectorXd::Zero(n), VectorXd::Zero(n), 0.05);
+    REQUIRE(filter.predict(wave(n, 0.5, 0.1)) == Status::ok);
+  };
+  end(VectorXd::Zero(2 * n));
+  CHECK(filter.t() == doctest::Approx(0.05 + 1e-5));
+  CHECK(filter.q()[0] == doctest::Approx(0.1 * 0.05001 * 0.05001));
+  const VectorXd here = filter.q();
+  const MatrixXd A = filter.transition().topLeftCorner(2 * n, 2 * n);
+  MatrixXd A_d = A;
+  constexpr double e = 1e-6;
+  for (Eigen::Index k = 0; k < 2 * n; ++k) {
+    VectorXd moved[2];
+    for (const int sign : {0, 1}) {
+      VectorXd u(n);
+      end((sign == 0 ? e : -e) * VectorXd::Unit(2 * n, k));
+      displacement(arm, here, filter.q(), u);
+      moved[sign].resize(2 * n);
+      moved[sign] << u, filter.v();
+    }
+    A_d.col(k) = (moved[0] - moved[1]) / (2.0 * e);
+  }
+  CHECK((A - A_d).norm() < 1e-7 * A.norm());
 }
 
 TEST_CASE("what cannot be filtered is named") {
@@ -291,7 +335,7 @@ TEST_CASE("what cannot be filtered is named") {
     CHECK(text.find(what) != std::string::npos);
   };
   const auto make = [&](std::vector<KalmanSensor> s, std::vector<KalmanParameter> p, VectorXd noise) {
-    KalmanFilter(arm, kStep, s, p, noise);
+    KalmanFilter(Problem(arm), kStep, s, p, noise);
   };
   auto some = sensors(arm);
   says("sensors", [&] { make({}, {}, zero); });
@@ -303,19 +347,20 @@ TEST_CASE("what cannot be filtered is named") {
   const KalmanParameter payload{KalmanParameter::payload, 0, 0.0, 1.0};
   says("twice", [&] { make(sensors(arm), {payload, payload}, zero); });
   says("rate = 1", [&] { KalmanSensor::encoder(arm, 1, 1e-3); });
-  says("ball",
-       [&] { KalmanFilter(ball, kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {}, VectorXd::Zero(ball.nv())); });
+  says("ball", [&] {
+    KalmanFilter(Problem(ball), kStep, {KalmanSensor::encoder(ball, 4, 1e-3)}, {}, VectorXd::Zero(ball.nv()));
+  });
 }
 
 TEST_CASE("a step that fails leaves the estimate as it was") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
-  KalmanFilter filter(arm, kStep, sensors(arm), parameters(arm, -50.0, 0.0, 0.0), VectorXd::Zero(arm.nv()));
+  KalmanFilter filter(Problem(arm), kStep, sensors(arm), parameters(arm, -50.0, 0.0, 0.0), VectorXd::Zero(arm.nv()));
   filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
   const MatrixXd root = filter.root();
   CHECK(filter.predict(at.tau) == Status::singular);
   CHECK((filter.q() == at.q && filter.v() == at.v && filter.root() == root));
-  KalmanFilter other(arm, kStep, sensors(arm), parameters(arm, 0.0, 0.0, 0.0), VectorXd::Zero(arm.nv()));
+  KalmanFilter other(Problem(arm), kStep, sensors(arm), parameters(arm, 0.0, 0.0, 0.0), VectorXd::Zero(arm.nv()));
   other.start(at.q, at.v, at.q_deviation, at.v_deviation);
   CHECK(other.predict(at.tau * std::numeric_limits<double>::quiet_NaN()) == Status::not_finite);
   CHECK((other.q() == at.q && other.v() == at.v));
@@ -337,7 +382,7 @@ TEST_CASE("a cycle asks nothing of the system") {
     at.q *= 0.1;
     at.v *= 0.1;
     at.tau *= 0.01;
-    KalmanFilter filter(*arm, 1e-4, sensors(*arm), parameters(*arm, 0.1, 0.01, 0.01),
+    KalmanFilter filter(Problem(*arm), 1e-4, sensors(*arm), parameters(*arm, 0.1, 0.01, 0.01),
                         VectorXd::Constant(arm->nv(), 1e-3));
     VectorXd y = wave(5, 0.2, 1e-6);
     y[1] = std::numeric_limits<double>::quiet_NaN();

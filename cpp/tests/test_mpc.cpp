@@ -17,12 +17,13 @@ TEST_CASE("derivatives of the damped step are those of differences") {
   const Arm arm = flexarm_test::spatial_arm();
   const Eigen::Index n = arm.nv();
   const MatrixXd columns = MatrixXd::Identity(n, n).leftCols(3);
-  DampedStep step(arm, columns, 1, 0.05);
+  const Problem problem(arm);
+  DampedStep step(problem, columns, 1, 0.05);
   const VectorXd q0 = flexarm_test::wave(arm.nq(), 0.1, 1e-3), v0 = flexarm_test::wave(n, 0.4, 0.05);
   const VectorXd u0 = VectorXd::Constant(3, 0.5);
   const auto end = [&](const VectorXd& x, const VectorXd& u) {
     VectorXd q = x.head(n), v = x.tail(n);
-    CHECK(step(0, 1e-3, q, v, columns * u) == Status::ok);
+    CHECK(step(0, 0.0, 1e-3, q, v, u) == Status::ok);
     VectorXd out(2 * n);
     out << q, v;
     return out;
@@ -44,6 +45,141 @@ TEST_CASE("derivatives of the damped step are those of differences") {
   }
   CHECK((A - A_d).norm() < 1e-8 * A.norm());
   CHECK((B - B_d).norm() < 1e-6 * B.norm());
+}
+
+namespace {
+
+/// A floating arm with a ball, under a load that follows it, a motion, a law at its limit and one below.
+Problem acted_on() {
+  Problem out(flexarm_test::floating_arm());
+  const Arm& arm = *out.arm;
+  const int n = arm.nv();
+  out.loads.push_back({Load::at_end(arm, 1, false), [](double t) {
+                         Vec6<double> w;
+                         w << 1.0, 40.0 * t, 0.5, 0.02, 0.0, 0.01;
+                         return w;
+                       }});
+  out.drives.push_back({0, [](double t) { return MotionValue{0.1 * t * t, 0.2 * t, 0.2}; }, {}});
+  out.drives.push_back({1, {}, [](double t) { return 3.0 * std::cos(50.0 * t); }});
+  for (const double limit : {1e-3, 1e3})
+    out.feedback.push_back({VectorXd::Unit(n, 1),
+                            20.0 * VectorXd::Unit(arm.nq(), 1),
+                            2.0 * VectorXd::Unit(n, 4),
+                            [](double t) { return 2.0 + t; },
+                            {},
+                            limit});
+  return out;
+}
+
+/// A state of it, displaced by d.
+MpcState displaced(const Problem& of, const VectorXd& d) {
+  const Arm& arm = *of.arm;
+  const Eigen::Index n = arm.nv();
+  VectorXd q = arm.zero(), turned = q;
+  displace(arm, q, flexarm_test::wave_of(arm, 0.1, 0.4, 1e-4), turned);
+  displace(arm, turned, d.head(n), q);
+  return {q, flexarm_test::wave_of(arm, 0.4, 0.8, 0.01) + d.segment(n, n), d.tail(d.size() - 2 * n)};
+}
+
+}  // namespace
+
+TEST_CASE("derivatives of the damped step under all that acts, with balls, are those of differences") {
+  const Problem problem = acted_on();
+  const Eigen::Index n = problem.arm->nv();
+  const MatrixXd columns = MatrixXd::Identity(n, n).middleCols(3, 4);
+  DampedStep step(problem, columns, 1, 0.05);
+  const auto end = [&](const VectorXd& d, const VectorXd& u) {
+    MpcState x = displaced(problem, d);
+    CHECK(step(0, 0.03, 2e-3, x.q, x.v, u) == Status::ok);
+    return x;
+  };
+  const VectorXd u0 = VectorXd::Constant(4, 0.5), none = VectorXd::Zero(2 * n);
+  const MpcState here = end(none, u0);
+  CHECK(here.q[0] == doctest::Approx(0.1 * 0.032 * 0.032));
+  CHECK(here.v[0] == doctest::Approx(0.2 * 0.032));
+  MatrixXd A(2 * n, 2 * n), B(2 * n, 4);
+  step.derivatives(A, B);
+  constexpr double e = 1e-5;
+  const auto slope = [&](const VectorXd& d, const VectorXd& u) {
+    const MpcState more = end(e * d, u0 + e * u), less = end(-e * d, u0 - e * u);
+    VectorXd out(2 * n), up(n), down(n);
+    displacement(*problem.arm, here.q, more.q, up);
+    displacement(*problem.arm, here.q, less.q, down);
+    out << up - down, more.v - less.v;
+    return VectorXd(out / (2.0 * e));
+  };
+  MatrixXd A_d = A, B_d = B;
+  for (Eigen::Index k = 0; k < 2 * n; ++k) A_d.col(k) = slope(VectorXd::Unit(2 * n, k), VectorXd::Zero(4));
+  for (Eigen::Index k = 0; k < 4; ++k) B_d.col(k) = slope(none, VectorXd::Unit(4, k));
+  CHECK((A - A_d).norm() < 1e-7 * A.norm());
+  CHECK((B - B_d).norm() < 1e-6 * B.norm());
+}
+
+TEST_CASE("derivatives of a prediction through sampled laws are those of differences") {
+  Problem problem = acted_on();
+  const Arm& arm = *problem.arm;
+  const Eigen::Index n = arm.nv();
+  for (const double delay : {0.0, 0.0025}) {  // an integral, and a gain at its limit
+    LinearLaw law{MatrixXd::Identity(1, 1),
+                  0.1 * MatrixXd::Identity(1, 2),
+                  MatrixXd::Constant(2, 1, 20.0),
+                  3.0 * MatrixXd::Identity(2, 2),
+                  MatrixXd::Zero(n, 2),
+                  MatrixXd::Zero(2, arm.nq()),
+                  MatrixXd::Zero(2, n),
+                  VectorXd::Constant(2, 50.0),
+                  [](double) { return Eigen::Vector2d(0.1, 9.0); },
+                  {}};
+    law.columns(2, 0) = law.columns(4, 1) = law.by_q(0, 2) = law.by_v(1, 4) = 1.0;
+    law.limit[1] = 1.0;
+    law.windup = MatrixXd::Constant(1, 2, 0.01);
+    law.reach = law.limit;
+    problem.samplers.push_back({0.001, 0.002, delay, law});
+  }
+  MpcOptions options;
+  options.stages = 6;
+  options.blocks = 3;
+  options.horizon = 0.02;
+  options.columns = MatrixXd::Identity(n, n).middleCols(3, 3);
+  std::vector<MpcOutput> outputs;
+  std::vector<MpcRow> rows;
+  for (int axis = 0; axis < 3; ++axis) {
+    outputs.push_back(MpcOutput::place(arm, 1, {}, Eigen::Vector3d::Unit(axis)));
+    for (const bool rate : {false, true}) rows.push_back({outputs.size() - 1, rate, 1.0, -1.0, 1.0});
+  }
+  const Grid grid(options);
+  Prediction prediction(problem, grid, outputs, rows, options);
+  const Eigen::Index all = 2 * n + prediction.zero().z.size();
+  REQUIRE(all == 2 * n + 3 + 3 + 2 * 2);
+  VectorXd start = VectorXd::Zero(all);
+  start.tail(all - 2 * n) = flexarm_test::wave(static_cast<int>(all - 2 * n), 0.7, 0.3);
+  MatrixXd plan(3, 3);
+  for (Eigen::Index k = 0; k < 9; ++k) plan(k % 3, k / 3) = 0.5 * std::sin(2.0 * static_cast<double>(k));
+  const auto values = [&](const MatrixXd& u, const VectorXd& d) {
+    CHECK(prediction(0.04, displaced(problem, d), u) == Status::ok);
+    return VectorXd(prediction.values);
+  };
+  values(plan, start);
+  const MatrixXd by = prediction.by_plan;
+  MatrixXd differences = by, free(by.rows(), all), off = free;
+  for (Eigen::Index k = 0; k < all; ++k) {
+    VectorXd column = VectorXd::Zero(by.rows());
+    prediction.add_free(VectorXd::Unit(all, k), column);
+    free.col(k) = column;
+  }
+  for (Eigen::Index k = 0; k < 9; ++k) {
+    MatrixXd more = plan, less = plan;
+    more(k % 3, k / 3) += 1e-3;
+    less(k % 3, k / 3) -= 1e-3;
+    differences.col(k) = (values(more, start) - values(less, start)) / 2e-3;
+  }
+  for (Eigen::Index k = 0; k < all; ++k) {
+    const VectorXd d = 1e-5 * VectorXd::Unit(all, k);
+    off.col(k) = (values(plan, start + d) - values(plan, start - d)) / 2e-5;
+  }
+  CHECK((by - differences).norm() < 1e-6 * by.norm());
+  CHECK((free - off).norm() < 1e-5 * free.norm());
+  CHECK(free.rightCols(all - 2 * n).norm() > 1e-3);
 }
 
 namespace {
@@ -78,7 +214,7 @@ struct Case {
     options.rate_effort = VectorXd::Constant(3, 1e-10);
   }
   Mpc mpc() const {
-    return {arm, outputs, options, [](double t, VectorXd& value, VectorXd& rate) {
+    return {Problem(arm), outputs, options, [](double t, VectorXd& value, VectorXd& rate) {
               value.setConstant(0.2 * t);
               rate.setConstant(0.2);
             }};
@@ -98,11 +234,12 @@ TEST_CASE("derivatives of a prediction are those of differences") {
   CHECK(grid.times[8] == doctest::Approx(0.1));
   CHECK((grid.shift.rowwise().sum().array() - 1.0).abs().maxCoeff() < 1e-12);
   CHECK(grid.durations[0] == c.options.period);
-  Prediction prediction(c.arm, grid, c.outputs, rows, c.options);
+  const Problem problem(c.arm);
+  Prediction prediction(problem, grid, c.outputs, rows, c.options);
   MatrixXd plan(3, 5);
   for (Eigen::Index k = 0; k < 15; ++k) plan(k % 3, k / 3) = 3.0 * std::sin(2.0 * static_cast<double>(k));
   const auto values = [&](const MatrixXd& u, const VectorXd& q) {
-    CHECK(prediction(q, c.v, u) == Status::ok);
+    CHECK(prediction(0.0, {q, c.v, VectorXd()}, u) == Status::ok);
     return VectorXd(prediction.values);
   };
   values(plan, c.q);

@@ -45,6 +45,10 @@ JointForce force_of(const Arm& arm, int rate) {
 void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
   if (s.by_q.size() != arm.nv() || s.by_v.size() != arm.nv() || !s.by_q.allFinite() || !s.by_v.allFinite())
     bad_value(entry("sensors", k, "by_q"), s.by_q.size(), "by_q and by_v must be of finite numbers, one for each rate");
+  for (int i = 0; i < arm.nv(); ++i)
+    if (s.by_q[i] != 0.0 && arm.coordinate_of(i) < 0)
+      bad_value(entry("sensors", k, "by_q"), "of a ball",
+                "a ball has no coordinates to be read; take its rates or a place");
   positive(entry("sensors", k, "noise"), s.noise);
   if (!std::isfinite(s.offset)) bad_value(entry("sensors", k, "offset"), s.offset, "must be finite");
   const Index order = s.F.rows();
@@ -101,11 +105,17 @@ KalmanSensor KalmanSensor::camera(const Arm& arm, std::size_t link, std::optiona
   return s;
 }
 
-KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSensor>& sensors,
+KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<KalmanSensor>& sensors,
                            const std::vector<KalmanParameter>& parameters, const VectorXd& force_noise,
                            const KalmanOptions& options)
-    : arm_(&arm), sensors_(sensors), parameters_(parameters), force_noise_(force_noise), h_(h) {
-  if (arm.nq() != arm.nv()) bad_value("arm", "a ball joint", "the filter knows no quaternions");
+    : problem_(problem),
+      arm_(problem_.arm.get()),
+      sensors_(sensors),
+      parameters_(parameters),
+      force_noise_(force_noise),
+      h_(h) {
+  const Arm& arm = *arm_;
+  problem_.check();
   positive("step", h);
   if (sensors.empty()) bad_value("sensors", 0, "there must be at least one");
   for (std::size_t k = 0; k < sensors.size(); ++k) check(arm, k, sensors[k]);
@@ -116,16 +126,21 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
     bad_value("spectral_radius", options.spectral_radius, "must be from 0 to 1");
   positive("friction_speed", options.friction_speed);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
-  model_ = std::make_unique<KalmanModel>(arm, h, parameters, options);
+  model_ = std::make_unique<KalmanModel>(problem_, h, parameters, options);
 
   const Index n = arm.nv(), m = static_cast<Index>(parameters.size());
   Index filters = 0;
   for (const KalmanSensor& s : sensors_) {
     first_.push_back(filters);
     filters += s.F.rows();
+    by_q_.push_back(VectorXd::Zero(arm.nq()));
+    for (int i = 0; i < arm.nv(); ++i)
+      if (arm.coordinate_of(i) >= 0) by_q_.back()[arm.coordinate_of(i)] = s.by_q[i];
   }
   const Index states = 2 * n + m + filters, noises = n + m;
-  q_ = q0_ = v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = bend_ = mean_ = VectorXd::Zero(n);
+  q_ = q0_ = from_ = arm.zero();
+  v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = u_ = bend_ = mean_ = VectorXd::Zero(n);
+  back_ = turned_ = Eigen::MatrixXd::Identity(n, n);
   p_ = dp_ = VectorXd::Zero(m);
   f_ = f0_ = df_ = VectorXd::Zero(filters);
   row_ = phi_ = gain_ = VectorXd::Zero(states);
@@ -149,14 +164,17 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
 
 KalmanFilter::~KalmanFilter() = default;
 
-void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q_deviation,
-                         const VectorXd& v_deviation) {
-  const Index n = q_.size(), m = p_.size();
+void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q_deviation, const VectorXd& v_deviation,
+                         double t) {
+  const Index n = v_.size(), m = p_.size();
+  t_ = t;
   q_ = q;
   v_ = v;
   L_.setZero();
   L_.diagonal().head(n) = q_deviation;
   L_.diagonal().segment(n, n) = v_deviation;
+  for (const Drive& d : problem_.drives)
+    if (d.motion) L_(d.coordinate, d.coordinate) = L_(n + d.coordinate, n + d.coordinate) = 0.0;
   for (Index k = 0; k < m; ++k) {
     p_[k] = parameters_[static_cast<std::size_t>(k)].start;
     L_(2 * n + k, 2 * n + k) = parameters_[static_cast<std::size_t>(k)].deviation;
@@ -165,20 +183,20 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
   for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is what comes in
     const KalmanSensor& s = sensors_[k];
     if (s.F.rows() == 0) continue;
-    f_[first_[k]] = s.by_q.dot(q) + s.by_v.dot(v) + s.offset;
+    f_[first_[k]] = linear(k, q, v);
     const Index row = 2 * n + m + first_[k];
     for (Index j = 0; j < 2 * n; ++j) L_(row, j) = (j < n ? s.by_q[j] : s.by_v[j - n]) * L_(j, j);
   }
 }
 
 Status KalmanFilter::predict(const VectorXd& tau) {
-  const Index n = q_.size(), m = p_.size();
+  const Index n = v_.size(), m = p_.size();
   q0_ = q_;
   v0_ = v_;
   f0_ = f_;
   double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
   for (Index i = 0; i < n; ++i) slack += model_->inertia()[i] * L_.row(n + i).squaredNorm();
-  if (const Status status = model_->step(q_, v_, p_, tau, std::sqrt(slack)); status != Status::ok) {
+  if (const Status status = model_->step(t_, q_, v_, p_, tau, std::sqrt(slack)); status != Status::ok) {
     q_ = q0_;
     v_ = v0_;
     return status;
@@ -189,8 +207,8 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     if (order == 0) continue;
     auto f = f_.segment(first_[k], order);
     f.noalias() = s.F.lazyProduct(f0_.segment(first_[k], order));
-    f += s.before * (s.by_q.dot(q0_) + s.by_v.dot(v0_) + s.offset);
-    f += s.after * (s.by_q.dot(q_) + s.by_v.dot(v_) + s.offset);
+    f += s.before * linear(k, q0_, v0_);
+    f += s.after * linear(k, q_, v_);
   }
   forces_.setZero();
   mean_.setZero();
@@ -216,6 +234,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     return Status::not_finite;
   }
   triangularise();
+  t_ += h_;
   return Status::ok;
 }
 
@@ -224,7 +243,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
 /// forces_ and mean_ are E[u u^T] and E[e u], as far as they come from the state; the product has the mean E[e u] and
 /// the covariance E[e^2] E[u u^T] + E[e u] E[e u]^T.
 void KalmanFilter::disturb() {
-  const Index n = q_.size(), first = L_.cols();
+  const Index n = v_.size(), first = L_.cols();
   row_.setZero();
   for (Index j = 0; j < n; ++j) {  // forces of 1
     dtau_.setZero();
@@ -260,7 +279,7 @@ void KalmanFilter::disturb() {
 
 /// A small change of the state, in row_, over the step, into a row of rows_.
 void KalmanFilter::carry(Index row, bool noise) {
-  const Index n = q_.size(), m = p_.size();
+  const Index n = v_.size(), m = p_.size();
   dq_ = old_q_ = row_.head(n);
   dv_ = old_v_ = row_.segment(n, n);
   dp_ = row_.segment(2 * n, m);
@@ -303,7 +322,7 @@ void KalmanFilter::triangularise() {
 /// What a sensor is expected to read, and its derivatives by the state, into row_.
 double KalmanFilter::expected(std::size_t sensor) {
   const KalmanSensor& s = sensors_[sensor];
-  const Index n = q_.size(), m = p_.size();
+  const Index n = v_.size(), m = p_.size();
   row_.setZero();
   if (s.F.rows() > 0) {
     row_[2 * n + m + first_[sensor]] = 1.0;
@@ -311,7 +330,7 @@ double KalmanFilter::expected(std::size_t sensor) {
   }
   row_.head(n) = s.by_q;
   row_.segment(n, n) = s.by_v;
-  double y = s.by_q.dot(q_) + s.by_v.dot(v_) + s.offset;
+  double y = linear(sensor, q_, v_);
   if (s.at) {
     Workspace& ws = model_->workspace();
     move_arm(*arm_, ws, q_, v_);
@@ -322,10 +341,26 @@ double KalmanFilter::expected(std::size_t sensor) {
   return y;
 }
 
-/// The state changes by so many times gain_.
+/// What a sensor reads but for places, ahead of its filter.
+double KalmanFilter::linear(std::size_t sensor, const VectorXd& q, const VectorXd& v) const {
+  return by_q_[sensor].dot(q) + sensors_[sensor].by_v.dot(v) + sensors_[sensor].offset;
+}
+
+/// The state changes by so many times gain_. A ball turns, and with it the axes in which its errors are.
 void KalmanFilter::add(double times) {
-  const Index n = q_.size(), m = p_.size();
-  q_ += times * gain_.head(n);
+  const Index n = v_.size(), m = p_.size();
+  if (q_.size() == n) {
+    q_ += times * gain_.head(n);
+  } else {
+    u_ = times * gain_.head(n);
+    from_ = q_;
+    displace(*arm_, from_, u_, q_);
+    displace_slopes(*arm_, u_, back_, turned_);
+    for (Index j = 0; j < L_.cols(); ++j) {
+      u_.noalias() = turned_.lazyProduct(L_.col(j).head(n));
+      L_.col(j).head(n) = u_;
+    }
+  }
   v_ += times * gain_.segment(n, n);
   p_ += times * gain_.segment(2 * n, m);
   f_ += times * gain_.tail(f_.size());
@@ -333,7 +368,7 @@ void KalmanFilter::add(double times) {
 
 /// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
 void KalmanFilter::bound(Index parameter) {
-  const Index row = 2 * q_.size() + parameter;
+  const Index row = 2 * v_.size() + parameter;
   if (!(p_[parameter] < lowest_[parameter])) return;
   phi_ = L_.row(row).transpose();
   const double variance = phi_.squaredNorm();
@@ -357,9 +392,9 @@ Status KalmanFilter::update(const VectorXd& y) {
     phi_.noalias() = L_.transpose() * row_;
     const double variance = phi_.squaredNorm() + noise;
     gain_.noalias() = L_ * phi_;
+    const double less = 1.0 / (variance + std::sqrt(variance * noise));  // Potter (1963)
+    for (Index j = 0; j < L_.cols(); ++j) L_.col(j) -= less * phi_[j] * gain_;
     add(innovation / variance);
-    gain_ /= variance + std::sqrt(variance * noise);  // Potter (1963)
-    for (Index j = 0; j < L_.cols(); ++j) L_.col(j) -= phi_[j] * gain_;
     innovations_[at] = innovation;
     innovation_deviations_[at] = std::sqrt(variance);
     nis_ += innovation * innovation / variance;
@@ -376,13 +411,13 @@ void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matri
   p = slice_pose(ws, at).p;
   covariance.setZero();
   for (Index j = 0; j < L_.cols(); ++j) {
-    const Eigen::Vector3d moved = J_.topRows<3>().lazyProduct(L_.col(j).head(q_.size()));
+    const Eigen::Vector3d moved = J_.topRows<3>().lazyProduct(L_.col(j).head(v_.size()));
     covariance += moved * moved.transpose();
   }
 }
 
 KalmanFilter::State KalmanFilter::state() const {
-  return {q_, v_, p_, f_, innovations_, innovation_deviations_, model_->inertia(), L_, nis_, used_};
+  return {q_, v_, p_, f_, innovations_, innovation_deviations_, model_->inertia(), L_, t_, nis_, used_};
 }
 
 void KalmanFilter::resume(const State& state) {
@@ -394,6 +429,7 @@ void KalmanFilter::resume(const State& state) {
   innovation_deviations_ = state.innovation_deviations;
   model_->resume(state.inertia);
   L_ = state.root;
+  t_ = state.t;
   nis_ = state.nis;
   used_ = state.used;
 }

@@ -64,15 +64,19 @@ class Laws {
     MatrixXd out = MatrixXd::Zero(width(), 3 * nv_ + from.size()), by_q;
     if (LinearLaw* law = linear(s)) {
       law->x = from;
-      const Index n = from.size();
-      const LinearLaw::Slopes found = law->slopes(look.t, law->by_q * now.q + law->by_v * now.v);
-      by_q = MatrixXd::Zero(width(), now.q.size());
-      by_q.topRows(nv_) = found.force_by_y * law->by_q;
-      by_q.middleRows(nv_, n) = found.x_by_y * law->by_q;
-      out.topRows(nv_).middleCols(nv_, nv_) = found.force_by_y * law->by_v;
-      out.middleRows(nv_, n).middleCols(nv_, nv_) = found.x_by_y * law->by_v;
-      out.topRows(nv_).rightCols(n) = found.force_by_x;
-      out.middleRows(nv_, n).rightCols(n) = found.x_by_x;
+      law->sample(look.t, now.q, now.v, now.a);
+      const Index n = from.size(), nq = now.q.size(), e_count = law->by_q.rows();
+      MatrixXd dx = MatrixXd::Zero(n, nq + nv_ + n), de = MatrixXd::Zero(e_count, dx.cols()), du;
+      dx.rightCols(n).setIdentity();
+      de.leftCols(nq) = -law->by_q;
+      de.middleCols(nq, nv_) = -law->by_v;
+      law->slopes(dx, de, du);
+      MatrixXd all = MatrixXd::Zero(width(), dx.cols());
+      all.topRows(nv_) = law->columns * du;
+      all.middleRows(nv_, n) = dx;
+      by_q = all.leftCols(nq);
+      out.middleCols(nv_, nv_) = all.middleCols(nq, nv_);
+      out.rightCols(n) = all.rightCols(n);
     } else {
       VectorXd state[] = {now.q, now.v, now.a};
       MatrixXd by[3];

@@ -34,7 +34,7 @@ struct Engine {
     weight = mass * arm.gravity().squaredNorm();
   }
 
-  void place(const double* q0, const double* u, double* out) const { displace(*layout, q0, u, out); }
+  void place(const double* q0, const double* u, double* out) const { ::displace(*layout, q0, u, out); }
   void rates(const double* q, const double* v, double* dq) const { ::coordinate_rates(*layout, q, v, dq); }
   void normalise(double* q) const { ::normalise(*layout, q); }
   bool accelerate(const double* q, const double* v, const double* tau, double* a) {

@@ -1,6 +1,7 @@
 #include "flexarm/kalman.hpp"
 
 #include "evaluation.hpp"
+#include "laws.hpp"
 
 using namespace flexarm;
 
@@ -15,15 +16,15 @@ using Unknown = std::tuple<int, int, double, double, double>;
 
 /// KalmanFilter::State
 using State = std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd,
-                         Eigen::VectorXd, Eigen::VectorXd, Eigen::MatrixXd, double, int>;
+                         Eigen::VectorXd, Eigen::VectorXd, Eigen::MatrixXd, double, double, int>;
 
-std::unique_ptr<KalmanFilter> make_kalman(const Arm& arm, double step, const std::vector<Row>& rows,
+std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, const std::vector<Row>& rows,
                                           const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
                                           double spectral_radius, double friction_speed) {
   std::vector<KalmanSensor> sensors;
   for (const auto& [by_q, by_v, offset, noise, place, along, F, before, after] : rows) {
     sensors.push_back({by_q, by_v, offset, noise, {}, along, F, before, after});
-    if (place) sensors.back().at.emplace(arm, place->first, place->second);
+    if (place) sensors.back().at.emplace(*of.problem.arm, place->first, place->second);
   }
   std::vector<KalmanParameter> parameters;
   for (const auto& [kind, rate, start, deviation, drift] : unknowns)
@@ -31,15 +32,16 @@ std::unique_ptr<KalmanFilter> make_kalman(const Arm& arm, double step, const std
   KalmanOptions options;
   options.spectral_radius = spectral_radius;
   options.friction_speed = friction_speed;
-  return std::make_unique<KalmanFilter>(arm, step, sensors, parameters, force_noise, options);
+  return std::make_unique<KalmanFilter>(of.problem, step, sensors, parameters, force_noise, options);
 }
 
 Eigen::VectorXd deviations(const KalmanFilter& f) { return f.root().rowwise().norm(); }
 
 /// Over rows: readings at each time, forces from it to the next.
-py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y) {
-  const Eigen::Index n = tau.rows(), nv = f.q().size(), m = f.parameters().size(), k = y.cols();
-  Rows q(n, nv), v(n, nv), p(n, m), std(n, f.states()), innovations(n, k), expected(n, k), tip(n, 3), tip_std(n, 3);
+py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y, int links) {
+  const Eigen::Index n = tau.rows(), nv = f.v().size(), m = f.parameters().size(), k = y.cols();
+  Rows q(n, f.q().size()), v(n, nv), p(n, m), std(n, f.states()), innovations(n, k), expected(n, k), tip(n, 3),
+      tip_std(n, 3);
   Eigen::VectorXd nis(n);
   Eigen::VectorXi used(n);
   Eigen::Index done = 0;
@@ -47,7 +49,7 @@ py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y) {
   {
     Lookout look;
     const Unlocked free;
-    const PlacedSlice end(f.arm(), f.arm().size() - 1);
+    const PlacedSlice end(f.arm(), static_cast<std::size_t>(links) - 1);
     Eigen::Vector3d place;
     Eigen::Matrix3d covariance;
     for (; done < n; ++done) {
@@ -88,16 +90,17 @@ py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y) {
 
 void bind_kalman(py::module_& m) {
   py::class_<KalmanFilter>(m, "KalmanFilter")
-      .def(py::init(&make_kalman), py::arg("arm"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
+      .def(py::init(&make_kalman), py::arg("problem"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
            py::arg("force_noise"), py::arg("spectral_radius"), py::arg("friction_speed"), py::keep_alive<1, 2>())
-      .def("start", &KalmanFilter::start, py::arg("q"), py::arg("v"), py::arg("q_deviation"), py::arg("v_deviation"))
+      .def("start", &KalmanFilter::start, py::arg("q"), py::arg("v"), py::arg("q_deviation"), py::arg("v_deviation"),
+           py::arg("t"))
       .def(
           "predict", [](KalmanFilter& f, const Eigen::VectorXd& tau) { return static_cast<int>(f.predict(tau)); },
           py::arg("tau"))
       .def(
           "update", [](KalmanFilter& f, const Eigen::VectorXd& y) { return static_cast<int>(f.update(y)); },
           py::arg("y"))
-      .def("run", &run, py::arg("tau"), py::arg("y"))
+      .def("run", &run, py::arg("tau"), py::arg("y"), py::arg("links"))
       .def(
           "place",
           [](KalmanFilter& f, std::size_t link, std::optional<double> x) {
@@ -112,7 +115,7 @@ void bind_kalman(py::module_& m) {
            [](const KalmanFilter& f) {
              const KalmanFilter::State s = f.state();
              return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.inertia,
-                                   s.root, s.nis, s.used);
+                                   s.root, s.t, s.nis, s.used);
            })
       .def(
           "resume",
@@ -120,6 +123,7 @@ void bind_kalman(py::module_& m) {
             f.resume(std::apply([](const auto&... x) { return KalmanFilter::State{x...}; }, s));
           },
           py::arg("state"))
+      .def_property_readonly("t", &KalmanFilter::t)
       .def_property_readonly("q", [](const KalmanFilter& f) { return Eigen::VectorXd(f.q()); })
       .def_property_readonly("v", [](const KalmanFilter& f) { return Eigen::VectorXd(f.v()); })
       .def_property_readonly("p", [](const KalmanFilter& f) { return Eigen::VectorXd(f.parameters()); })

@@ -1,9 +1,8 @@
 #include "mpc.hpp"
 
-#include <algorithm>
-
 #include "flexarm/check.hpp"
 #include "flexarm/drive.hpp"
+#include "laws.hpp"
 
 #ifdef FLEXARM_MPC
 
@@ -24,10 +23,9 @@ Mpc::Reference make_reference(const py::object& given, std::size_t count) {
     return [parts](double t, Eigen::VectorXd& value, Eigen::VectorXd& rate) {
       Eigen::Index k = 0;
       for (const PiecewisePolynomial& p : parts) {
-        const double first = p.breaks()[0], last = p.breaks()[p.breaks().size() - 1];
-        const MotionValue at = p(std::min(std::max(t, first), last));
+        const MotionValue at = p.within(t);
         value[k] = at.q;
-        rate[k++] = t < first || t > last ? 0.0 : at.v;
+        rate[k++] = at.v;
       }
     };
   }
@@ -42,15 +40,15 @@ Mpc::Reference make_reference(const py::object& given, std::size_t count) {
   };
 }
 
-std::shared_ptr<MpcLaw> make_mpc(const Arm& arm, const std::vector<Output>& given, const Eigen::MatrixXd& columns,
+std::shared_ptr<MpcLaw> make_mpc(const PyProblem& of, const std::vector<Output>& given, const Eigen::MatrixXd& columns,
                                  const std::vector<Eigen::VectorXd>& of_inputs, double period, double horizon,
                                  int stages, int blocks, double terminal, double soft, bool delayed, int iterations,
-                                 const py::object& reference, const Eigen::MatrixXd& to_model,
-                                 const Eigen::MatrixXd& forces, const py::object& failed) {
+                                 int carried, const py::object& reference, const Eigen::MatrixXd& to_q,
+                                 const Eigen::MatrixXd& to_v, const Eigen::MatrixXd& forces, const py::object& failed) {
   std::vector<MpcOutput> outputs;
   for (const auto& [by_q, place, weight, rate_weight, lower, upper, rate_lower, rate_upper] : given) {
     MpcOutput o;
-    if (place) o = MpcOutput::place(arm, std::get<0>(*place), std::get<1>(*place), std::get<2>(*place));
+    if (place) o = MpcOutput::place(*of.problem.arm, std::get<0>(*place), std::get<1>(*place), std::get<2>(*place));
     if (!place) o.by_q = by_q;
     o.weight = weight;
     o.rate_weight = rate_weight;
@@ -69,6 +67,7 @@ std::shared_ptr<MpcLaw> make_mpc(const Arm& arm, const std::vector<Output>& give
   o.soft = soft;
   o.delayed = delayed;
   o.iterations = iterations;
+  o.carried = carried;
   o.columns = columns;
   o.lower = of_inputs.at(0);
   o.upper = of_inputs.at(1);
@@ -76,8 +75,9 @@ std::shared_ptr<MpcLaw> make_mpc(const Arm& arm, const std::vector<Output>& give
   o.effort = of_inputs.at(3);
   o.rate_effort = of_inputs.at(4);
   auto law = std::make_shared<MpcLaw>();
-  law->mpc = std::make_unique<Mpc>(arm, outputs, o, make_reference(reference, outputs.size()));
-  law->to_model = to_model;
+  law->mpc = std::make_unique<Mpc>(of.problem, outputs, o, make_reference(reference, outputs.size()));
+  law->to_q = to_q;
+  law->to_v = to_v;
   law->forces = forces;
   law->failed = std::make_shared<py::object>(failed);
   return law;
@@ -86,7 +86,7 @@ std::shared_ptr<MpcLaw> make_mpc(const Arm& arm, const std::vector<Output>& give
 }  // namespace
 
 Eigen::VectorXd MpcLaw::operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-  const Status status = mpc->feedback(t, to_model * q, to_model * v);
+  const Status status = mpc->feedback(t, to_q * q, to_v * v);
   const Eigen::VectorXd out = forces * mpc->u();
   if (status != Status::ok) {
     const Locked lock;
@@ -98,14 +98,14 @@ Eigen::VectorXd MpcLaw::operator()(double t, const Eigen::VectorXd& q, const Eig
 
 void bind_mpc(py::module_& m) {
   py::class_<MpcLaw, std::shared_ptr<MpcLaw>>(m, "Mpc")
-      .def(py::init(&make_mpc), py::arg("arm"), py::arg("outputs"), py::arg("columns"), py::arg("of_inputs"),
+      .def(py::init(&make_mpc), py::arg("problem"), py::arg("outputs"), py::arg("columns"), py::arg("of_inputs"),
            py::arg("period"), py::arg("horizon"), py::arg("stages"), py::arg("blocks"), py::arg("terminal"),
-           py::arg("soft"), py::arg("delayed"), py::arg("iterations"), py::arg("reference"), py::arg("to_model"),
-           py::arg("forces"), py::arg("failed"), py::keep_alive<1, 2>())
+           py::arg("soft"), py::arg("delayed"), py::arg("iterations"), py::arg("carried"), py::arg("reference"),
+           py::arg("to_q"), py::arg("to_v"), py::arg("forces"), py::arg("failed"), py::keep_alive<1, 2>())
       .def(
           "feedback",
           [](MpcLaw& law, double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-            return static_cast<int>(law.mpc->feedback(t, law.to_model * q, law.to_model * v));
+            return static_cast<int>(law.mpc->feedback(t, law.to_q * q, law.to_v * v));
           },
           py::arg("t"), py::arg("q"), py::arg("v"))
       .def("prepare", [](MpcLaw& law) { return static_cast<int>(law.mpc->prepare()); })

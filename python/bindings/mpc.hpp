@@ -9,7 +9,7 @@
 /// Of an arm whose state is not quite the model's.
 struct MpcLaw {
   std::unique_ptr<flexarm::Mpc> mpc;
-  Eigen::MatrixXd to_model;            ///< the model's coordinates by those of the arm
+  Eigen::MatrixXd to_q, to_v;          ///< the model's coordinates and rates by those of the arm
   Eigen::MatrixXd forces;              ///< the arm's forces by the inputs
   std::shared_ptr<py::object> failed;  ///< called with the time and status of a sample that was not solved
   /// Generalised forces of the arm.

@@ -106,7 +106,7 @@ void bind_time(py::module_& m) {
              else if (py::isinstance<py::list>(reference))
                law.reference = [parts = reference.cast<std::vector<PiecewisePolynomial>>()](double t) {
                  Eigen::VectorXd r(static_cast<Eigen::Index>(parts.size()));
-                 for (std::size_t k = 0; k < parts.size(); ++k) r[static_cast<Eigen::Index>(k)] = parts[k](t).q;
+                 for (std::size_t k = 0; k < parts.size(); ++k) r[static_cast<Eigen::Index>(k)] = parts[k].within(t).q;
                  return r;
                };
              else

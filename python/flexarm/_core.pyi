@@ -490,7 +490,7 @@ def roll_on_tape(
 class Mpc:
     def __init__(
         self,
-        arm: Arm,
+        problem: Problem,
         outputs: Sequence[Any],
         columns: ArrayLike,
         of_inputs: Sequence[ArrayLike],
@@ -502,8 +502,10 @@ class Mpc:
         soft: float,
         delayed: bool,
         iterations: int,
+        carried: int,
         reference: Any,
-        to_model: ArrayLike,
+        to_q: ArrayLike,
+        to_v: ArrayLike,
         forces: ArrayLike,
         failed: Callable[[float, int], None],
     ) -> None: ...
@@ -528,7 +530,7 @@ class Mpc:
 class KalmanFilter:
     def __init__(
         self,
-        arm: Arm,
+        problem: Problem,
         step: float,
         sensors: Sequence[Any],
         parameters: Sequence[tuple[int, int, float, float, float]],
@@ -536,14 +538,16 @@ class KalmanFilter:
         spectral_radius: float,
         friction_speed: float,
     ) -> None: ...
-    def start(self, q: ArrayLike, v: ArrayLike, q_deviation: ArrayLike, v_deviation: ArrayLike) -> None: ...
+    def start(self, q: ArrayLike, v: ArrayLike, q_deviation: ArrayLike, v_deviation: ArrayLike, t: float) -> None: ...
     def predict(self, tau: ArrayLike) -> int: ...
     def update(self, y: ArrayLike) -> int: ...
-    def run(self, tau: ArrayLike, y: ArrayLike) -> dict[str, Any]: ...
+    def run(self, tau: ArrayLike, y: ArrayLike, links: int) -> dict[str, Any]: ...
     def place(self, link: int, x: float | None) -> tuple[_Array, _Array]: ...
     def transition(self) -> _Array: ...
     def state(self) -> tuple[Any, ...]: ...
     def resume(self, state: tuple[Any, ...]) -> None: ...
+    @property
+    def t(self) -> float: ...
     @property
     def q(self) -> _Array: ...
     @property

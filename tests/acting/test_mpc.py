@@ -245,7 +245,7 @@ def test_friction_and_slides_and_balls() -> None:
     slide = fa.MPC(reference=0.1)
     assert abs(swing(slide, linear_arm(), 0.8).q[-1, 0] - 0.1) < 0.005 and slide.failures == 0
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.1, 0, 0), 0.01 * np.eye(3)))])
-    with pytest.raises(ValueError, match="arms without balls"):
+    with pytest.raises(ValueError, match="has a ball"):
         swing(fa.MPC(), ball, 0.002)
 
 

@@ -72,6 +72,20 @@ def _times_factor(law: Any, factor: float) -> Any:
     return _Scaled(law, factor)
 
 
+def standing(law: Any) -> Any:
+    """A law of polynomials that stands still outside its samples, at the first value or at the last; others as they
+    are."""
+    if isinstance(law, tuple):
+        return tuple(standing(part) for part in law)
+    if not isinstance(law, _core.PiecewisePolynomial):
+        return law
+    first, last = law.breaks[[0, -1]].tolist()
+    still = np.zeros((len(law.coefficients), 2))
+    still[-1] = law(first)[0], law(last)[0]
+    pieces = np.hstack([still[:, :1], law.coefficients, still[:, 1:]])
+    return _core.PiecewisePolynomial(np.r_[first - 1.0, law.breaks, last + 1.0], pieces)
+
+
 class Law:
     """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
 

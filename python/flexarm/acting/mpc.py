@@ -13,18 +13,19 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from .._check import Array, array, choice, number, whole
-from ..parts.beam import STRAIN_NAMES
+from .._check import Array, array, number, whole
 from ..parts.chain import Chain
+from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque
 from .motor import positive, reach_of
 from .sampled import is_samples
+from .tracked import Called, each, extended_by, projection, rows_of
+from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
            "a state that is not finite, or that no arm reaches")  # fmt: skip
 _INF = float("inf")
-_WORLD = {"x": 0, "y": 1, "z": 2}
 
 
 class MPCWarning(UserWarning):
@@ -40,17 +41,21 @@ class MPC(Controller):
 
         weight (y - r)² + rate_weight (dy/dt - dr/dt)² + effort (u - u_held)² + rate_effort (du/dt)²
 
-    where y is what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm against
-    gravity. The law needs the whole state; with sensors, estimate it by a KalmanFilter and give it to `step`. If a
+    where y is what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm where it is
+    against gravity and what else is known to act. The law needs the whole state; with sensors, estimate it by a KalmanFilter and give it to `step`. If a
     sample cannot be solved, the law warns once (MPCWarning) and continues with its last plan, within the limits:
     `failures` counts these samples.
 
     Args:
         model: the arm that it knows: links and joints as the plant's, elastic coordinates of its own, such as fewer of
-            them; None: the arm that it controls. It knows no loads, drives or other controllers. Not in files.
+            them; None: the arm that it controls. Not in files.
+        drive, loads, control: (not in files) what acts on the model beside the inputs, as of `simulate`: motions,
+            torques and voltages over the horizon; loads; controllers of an inner loop, which are not part of the law
+            itself: give them to `simulate` too. Sampled ones must be LinearControllers without sensors; the stages are
+            divided at their samples. What they remember is predicted. Samples stand still at their ends.
         track: what the reference is of: "joints", all joint coordinates (rad, m); "tip", the three coordinates of the
             last link's end in the world (m); or a list of ("joint", link), ("joint", (link, freedom)), ("tip", link),
-            ("tip", link, "x") and ("strain", link, x, "K3").
+            ("tip", link, "x") and ("strain", link, x, "K3"). A ball has no coordinates: its arm is led by "tip".
         reference: of what is tracked: a number, numbers (ny,), samples (t, r) with straight lines between and constant
             values before and after, r (nt,) or (nt, ny); a Motion, or a list of ny of them; or a callable t -> (ny,)
             numbers, or (2, ny) with their rates. It must be known up to the horizon beyond a run's end.
@@ -62,15 +67,17 @@ class MPC(Controller):
         blocks: over how many parts of the horizon the inputs are held, short ones first; at most `stages`.
         terminal: for how long (s) the horizon's end counts in the cost; None: a fifth of the horizon.
         inputs: what u are: links, (link, freedom), ("patch", link, patch), or arrays (nv,), columns of generalised
-            forces per unit of u; None: all joints.
+            forces per unit of u; None: all joints that no motion prescribes, of a ball the three torques in the axes
+            that turn.
         limit: of each |u|, one number or (nu,) (N m, N); None: the `torque_limit` of the joints that u moves, if they
             have one. It is never exceeded, nor is that of the joints.
         rate_limit: of each |du/dt|, one number or (nu,); None: none. It is never exceeded.
         effort: of u², one number or (nu,); None: 0.001 of the mean weight where u moves its joint by 1 rad, or 1 m, in
             the horizon, or is at its limit, if that is less.
         rate_effort: of (du/dt)², one number or (nu,); None: effort times (20 ms)².
-        joint_limit: soft limits (lower, upper) of all joint coordinates, two numbers or two rows (nj,); None: none.
-        speed_limit: soft limit of all joints' speeds, one number or (nj,); None: none.
+        joint_limit: soft limits (lower, upper) of all joint coordinates but of balls, two numbers or two rows (nj,);
+            None: none.
+        speed_limit: soft limit of the speeds of the same, one number or (nj,); None: none.
         strain_limit: soft limits of strains: a list of (link, x, strain, most) with strain "K1", "K2", "K3", "phi12",
             "phi13" or "eps" at x metres along the link's beam, and most the largest size of it (1/m).
         soft: what breaking a soft limit by its own size costs, for a second; None: 100 times the largest weight.
@@ -79,15 +86,17 @@ class MPC(Controller):
         iterations: linearisations, with a quadratic program each, for a sample.
 
     Raises:
-        ValueError: what is wrong, by name. At the run: for arms with balls; where the model does not fit the plant.
+        ValueError: what is wrong, by name. At the run: where the model does not fit the plant, or a controller of
+            `control` cannot be predicted.
             RuntimeError: flexarm was built without it (FLEXARM_MPC=OFF).
     """
 
     type = "mpc"
 
     def __init__(
-        self, model: Any = None, *, track: Any = "joints", reference: Any = 0.0, weight: ArrayLike = 1.0,
-        rate_weight: ArrayLike | None = None, rate: float = 1000.0, horizon: float = 0.5, stages: int = 25,
+        self, model: Any = None, *, drive: Any = None, loads: Any = None, control: Any = None, track: Any = "joints",
+        reference: Any = 0.0, weight: ArrayLike = 1.0, rate_weight: ArrayLike | None = None, rate: float = 1000.0,
+        horizon: float = 0.5, stages: int = 25,
         blocks: int = 12, terminal: float | None = None, inputs: Sequence[Any] | None = None,
         limit: ArrayLike | None = None, rate_limit: ArrayLike | None = None, effort: ArrayLike | None = None,
         rate_effort: ArrayLike | None = None, joint_limit: Any = None, speed_limit: ArrayLike | None = None,
@@ -102,6 +111,7 @@ class MPC(Controller):
         given = {k: v for k, v in locals().items() if k not in ("self", "__class__")}
         self._given_as = given
         self.model, self.reference, self.rate, self.delay = model, reference, positive("rate", rate), delay
+        self.drive, self.loads, self.control = drive, loads, control
         self.track = track if isinstance(track, str) else listed("track", track)
         if isinstance(track, str) and track not in ("joints", "tip"):
             raise ValueError(f'track = {track!r}: must be "joints", "tip" or a list')
@@ -139,23 +149,25 @@ class MPC(Controller):
     # -- what it is asked for outside a run ----------------------------------------------------------------------------
 
     def step(self, t: float, q: ArrayLike, v: ArrayLike) -> Array:
-        """Inputs u (nu,) from a state q, v (nv,) of the model at time t (s): one sample, in a loop of your own.
+        """Inputs u (nu,) from a state q (nq,), v (nv,) of the model at time t (s): one sample, in a loop of your own.
+        Controllers of the model sample from the first t on.
 
         Raises:
-            ValueError: a wrong shape, or no `model`.
+            ValueError: a wrong shape, no `model`, or a law of `control` that is fitted to the times of a run.
         """
         if self.model is None:
             raise ValueError("model = None: `step` needs the arm")
+        now = number("t", t)
         if self._core is None:
-            columns = np.array(self._columns(self.model)).T
-            self._core = self._made(self.model, self.model, np.eye(self.model.nv), columns)
+            known = predictable(acts_from(self.model, now, 1.0 / self.rate, self.drive, self.loads, self.control))
+            unit = projection(self.model, self.model)
+            self._core = self._made(self.model, known, unit, np.array(self._columns(self.model)).T)
             self._failed = self._failing()
-        n = self.model.nv
         states = [np.asarray(x, dtype=float) for x in (q, v)]
-        for name, x in zip("qv", states, strict=True):
+        for name, x, n in zip("qv", states, (self.model.nq, self.model.nv), strict=True):
             if x.shape != (n,):
                 raise ValueError(f"{name} has shape {x.shape}: must be ({n},)")
-        status = self._core.feedback(number("t", t), *states)
+        status = self._core.feedback(now, *states)
         if status:
             self._failed(t, status)
         u: Array = self._core.u
@@ -196,61 +208,72 @@ class MPC(Controller):
     # ------------------------------------------------------------------------------------------------------------------
 
     def _columns(self, arm: Chain) -> list[Array]:
-        rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
+        given = arm.by_rate("drive", split_drives(self.drive)[0])
+        rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)
+                 if not isinstance(given.get(i), Motion)]  # fmt: skip
+        if self.inputs is None and not rates:
+            raise ValueError("inputs = None: all joints have a motion in `drive`; name what u moves")
         return [np.eye(arm.nv)[i] for i in rates] if self.inputs is None else force_columns(arm, self.inputs)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         model = arm if self.model is None else self.model
-        columns = np.array(self._columns(arm)).T
-        to_model = np.pad(_projection(arm, model), ((0, 0), (0, run.total)))
-        law = self._made(arm, model, to_model, np.pad(columns, ((0, run.total), (0, 0))))
+        known = predictable(Acts(model, run.times, self.drive, self.loads, self.control))
+        columns, pad = np.array(self._columns(arm)).T, ((0, 0), (0, run.total))
+        to_q, to_v = (np.pad(x, pad) for x in projection(arm, model))
+        law = self._made(arm, known, (to_q, to_v), np.pad(columns, pad[::-1]))
         return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
-    def _made(self, arm: Chain, model: Chain, to_model: Array, forces: Array) -> Any:
-        if model.nq != model.nv:
-            raise ValueError("MPC: is for arms without balls; use three rotations (Axes)")
+    def _made(self, arm: Chain, known: Acts, to_model: tuple[Array, Array], forces: Array) -> Any:
+        model = known.arm
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
-        rows = [row for k, entry in enumerate(self._tracked(model)) for row in _outputs(model, f"track[{k}]", entry)]
-        weight = _each("weight", self._given_as["weight"], len(rows))
+        rows = [row for k, entry in enumerate(self._tracked(model)) for row in rows_of(model, f"track[{k}]", entry)]
+        weight = each("weight", self._given_as["weight"], len(rows))
         rate_weight = self._given_as["rate_weight"]
-        rate_weight = 0.05**2 * weight if rate_weight is None else _each("rate_weight", rate_weight, len(rows))
+        rate_weight = 0.05**2 * weight if rate_weight is None else each("rate_weight", rate_weight, len(rows))
         if not (weight > 0).any():
             raise ValueError("weight: must be positive for at least one of what is tracked")
-        limits = reach_of(arm, forces, _each("limit", self._given_as["limit"], nu, above=True))
+        limits = reach_of(arm, forces, each("limit", self._given_as["limit"], nu, above=True))
         effort = self._given_as["effort"]
         if effort is None:
             inertia = np.einsum("ik,ij,jk->k", columns, model.mass_matrix(model.zero), columns)
             moved = 4.0 * inertia / np.maximum(np.sum(columns**2, axis=0), 1e-300) / self.horizon**2
             effort = 1e-3 * weight.mean() / np.minimum(limits, moved) ** 2
-        efforts = _each("effort", effort, nu)
+        efforts = each("effort", effort, nu)
         rate_effort = self._given_as["rate_effort"]
-        rate_efforts = (20e-3) ** 2 * efforts if rate_effort is None else _each("rate_effort", rate_effort, nu)
+        rate_efforts = (20e-3) ** 2 * efforts if rate_effort is None else each("rate_effort", rate_effort, nu)
         if not (efforts + rate_efforts > 0).all():
             raise ValueError("effort: effort or rate_effort must be positive, for each input")
-        rate_limits = _each("rate_limit", self._given_as["rate_limit"], nu, above=True)
+        rate_limits = each("rate_limit", self._given_as["rate_limit"], nu, above=True)
         free = (-_INF, _INF, -_INF, _INF)
         outputs = [(*row, w, r, *free) for row, w, r in zip(rows, weight, rate_weight, strict=True)]
         reference = self._reference(len(rows))
         outputs += (limited := self._limited(model))
         if limited:
-            reference = _extended(reference, len(limited))
+            reference = extended_by(reference, len(limited))
         soft = 100.0 * float(weight.max()) if self.soft is None else self.soft
+        extra = known.both.nv - model.nv  # states of controllers
+        columns = np.pad(columns, ((0, extra), (0, 0)))
+        outputs = [(np.pad(by_q, (0, extra)), *rest) for by_q, *rest in outputs]
+        problem, of_inputs = known.core_problem(at_rest(model), onward=True), [-limits, limits, rate_limits, efforts]
         return _core.Mpc(
-            model._core, outputs, columns, [-limits, limits, rate_limits, efforts, rate_efforts], 1.0 / self.rate,
-            self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, reference,
-            to_model, forces, self._failing(),
+            problem, outputs, columns, [*of_inputs, rate_efforts], 1.0 / self.rate,
+            self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, extra, reference,
+            *to_model, forces, self._failing(),
         )  # fmt: skip
 
     def _tracked(self, model: Chain) -> list[Any]:
         if self.track == "joints":
+            for k, _ in model.ball_rates():
+                raise ValueError(f'track = "joints": link {k} has a ball, without coordinates to be led; take "tip"')
             return [("joint", k) for k, link in enumerate(model.links) if link.joint.nv]
         return [("tip", -1)] if self.track == "tip" else list(self.track)
 
     def _limited(self, model: Chain) -> list[Any]:
         """Outputs that are kept within soft limits."""
         none = (np.zeros(model.nv), None, 0.0, 0.0)
-        rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)]
+        rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)
+                 if model.coordinate_of(i) >= 0]  # fmt: skip
         out: list[Any] = []
         both, speed = self._given_as["joint_limit"], self._given_as["speed_limit"]
         if both is not None or speed is not None:
@@ -261,13 +284,13 @@ class MPC(Controller):
                 lower, upper = (np.broadcast_to(np.asarray(x, dtype=float), (len(rates),)) for x in both)
                 if not (lower < upper).all():
                     raise ValueError(f"joint_limit = {both!r}: lower must be below upper")
-            speeds = _each("speed_limit", speed, len(rates), above=True)
+            speeds = each("speed_limit", speed, len(rates), above=True)
             out += [(np.eye(model.nv)[i], None, 0.0, 0.0, lo, up, -s, s)
                     for i, lo, up, s in zip(rates, lower, upper, speeds, strict=True)]  # fmt: skip
         for k, entry in enumerate(self.strain_limit):
             if not isinstance(entry, (list, tuple)) or len(entry) != 4:
                 raise ValueError(f'strain_limit[{k}] = {entry!r}: must be (link, x, "K3", most)')
-            row, _ = _outputs(model, f"strain_limit[{k}]", ("strain", *entry[:3]))[0]
+            row, _ = rows_of(model, f"strain_limit[{k}]", ("strain", *entry[:3]))[0]
             most = positive(f"strain_limit[{k}]: most", entry[3])
             out.append((row, *none[1:], -most, most, -_INF, _INF))
         return out
@@ -291,7 +314,7 @@ class MPC(Controller):
                 raise ValueError(f"reference: r has shape {r.shape}: must be ({times.size},) or ({times.size}, {ny})")
             return [Torque(times, columns[:, k % columns.shape[1]]).law for k in range(ny)]
         if callable(given):
-            return _Called(given, ny)
+            return Called(given, ny)
         fixed = array("reference", given)
         if fixed.shape not in ((), (ny,)):
             raise ValueError(f"reference has shape {fixed.shape}: must be one number, or {ny}, one for each tracked")
@@ -302,88 +325,3 @@ def _entry(given: Any) -> Any:
     """What is named, as a file has it, or as it is."""
     names = isinstance(given, list) and (given[:1] == ["patch"] or len(given) == 2)
     return tuple(given) if names else given
-
-
-class _Called:
-    """A callable reference t -> (ny,), its rates by central differences, or t -> (2, ny), as (2, ny)."""
-
-    def __init__(self, law: Callable[[float], Any], ny: int) -> None:
-        self.law, self.ny = law, ny
-
-    def _at(self, t: float) -> Array:
-        r = np.asarray(self.law(t), dtype=float)
-        if r.shape == () or r.shape == (1,):
-            r = np.broadcast_to(r, (self.ny,))
-        if r.shape not in ((self.ny,), (2, self.ny)) or not np.isfinite(r).all():
-            raise ValueError(f"reference at t = {t}: gave {r!r}; must be {self.ny} finite numbers, or (2, {self.ny})")
-        return r
-
-    def __call__(self, t: float) -> Array:
-        r = self._at(t)
-        if r.ndim == 2:
-            return r
-        h = 1e-5
-        return np.stack([r, (self._at(t + h) - self._at(t - h)) / (2 * h)])
-
-
-def _extended(reference: Any, more: int) -> Any:
-    """A reference with zeros for outputs that only have limits."""
-    if isinstance(reference, list):
-        return reference + [Torque(0.0).law] * more
-    return lambda t: np.pad(reference(t), ((0, 0), (0, more)))
-
-
-def _each(field: str, given: Any, count: int, above: bool = False) -> Array:
-    """Numbers that are not negative, one for each; of limits (`above`) positive, None: none."""
-    if above and given is None:
-        return np.full(count, _INF)
-    x = np.asarray(given, dtype=float) if above else array(field, given)
-    if x.shape not in ((), (count,)):
-        raise ValueError(f"{field} has shape {x.shape}: must be one number, or {count} of them")
-    if not ((x > 0).all() if above else (x >= 0).all()):
-        raise ValueError(f"{field} = {given!r}: must be {'positive' if above else 'zero or positive'}")
-    return np.array(np.broadcast_to(x, (count,)), dtype=float)
-
-
-def _outputs(model: Chain, field: str, entry: Any) -> list[Any]:
-    """(by_q, None) or (by_q, (link, x, along)) of each number that an entry of `track` stands for."""
-    kind = entry[0] if isinstance(entry, (list, tuple)) and entry else entry
-    if kind == "joint" and len(entry) == 2:
-        link = tuple(entry[1]) if isinstance(entry[1], list) else entry[1]
-        return [(np.eye(model.nv)[i], None) for i in model.joint_rates(link, f"{field}: link")]
-    if kind == "tip" and len(entry) in (2, 3):
-        link = model._link(entry[1], f"{field}: link")
-        axes = list(_WORLD) if len(entry) == 2 else [choice(f"{field}: axis", entry[2], _WORLD)]
-        return [(np.zeros(model.nv), (link, None, np.eye(3)[_WORLD[a]])) for a in axes]
-    if kind == "strain" and len(entry) == 4:
-        strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
-        return [(model.strain(np.eye(model.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain], None)]
-    raise ValueError(
-        f'{field} = {entry!r}: must be ("joint", link), ("tip", link), ("tip", link, "x") or ("strain", link, x, "K3")'
-    )
-
-
-def _projection(arm: Chain, model: Chain) -> Array:
-    """A model's coordinates by those of the arm: joints as they are, strains of beams by least squares."""
-    if arm.nq != arm.nv:
-        raise ValueError("MPC: is for arms without balls; use three rotations (Axes)")
-    if arm.links == model.links:
-        return np.eye(arm.nv)
-    out = np.zeros((model.nv, arm.nv))
-    for k in range(max(len(arm.links), len(model.links))):
-        plant, known = (c.links[k] if k < len(c.links) else None for c in (arm, model))
-        joints = [0 if link is None else link.joint.nv for link in (plant, known)]
-        if joints[0] != joints[1]:
-            raise ValueError(f"model: link {k} has {joints[1]} joint coordinates, that of the arm has {joints[0]}")
-        if joints[0]:
-            out[model.joint_rates(k), arm.joint_rates(k)] = 1.0
-        if plant is None or known is None or plant.beam is None or known.beam is None:
-            continue
-        part = (np.polynomial.legendre.leggauss(16)[0] + 1) / 2
-        strains = [
-            np.concatenate([c.strain(np.eye(c.nq), k, x * beam.length).T for x in part])
-            for c, beam in ((arm, plant.beam), (model, known.beam))
-        ]
-        mine = np.flatnonzero(np.abs(strains[1]).max(axis=0) > 0)
-        out[mine] += np.linalg.lstsq(strains[1][:, mine], strains[0], rcond=None)[0]
-    return out

@@ -19,7 +19,8 @@ class Estimate:
 
     Attributes:
         t: times (s), (nt,).
-        q, v: coordinates and rates, (nt, nv); q_std, v_std: their standard deviations.
+        q, v: coordinates (nt, nq) and rates (nt, nv); q_std, v_std: their standard deviations, (nt, nv), of a ball's
+            rotation (rad).
         parameters: by name, (nt,) each; parameter_std: their standard deviations.
         tip: place of the last link's end in the world (m), (nt, 3); tip_std: its standard deviations.
         innovations: readings less what was expected of them, (nt, k); nan where there was none.

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number, outside
+from ..acting.acts import acts_from, at_rest
+from ..acting.control import padded
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..sensing.reading import Reading
@@ -50,8 +52,11 @@ class KalmanFilter:
     c v / sqrt(v^2 + friction_speed^2), without stiction. Before each `predict` come the readings of its time, if any:
     `update`, `predict`, `update`, ... `flexarm/kalman.hpp` has the same for C++, without allocation.
 
+    Errors of a ball are rotation vectors in the axes that turn (the multiplicative filter: Lefferts, Markley, Shuster
+    1982). What `drive`, `loads` and `control` give is known of the arm, at its times; the clock begins at `t`.
+
     Args:
-        arm: without ball joints.
+        arm: the arm.
         sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). Of each the `noise` and the steps of
             its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. Its `gain` and
             `offset` count; a `filter` is part of the model, for two states or one more; a reading at its `range` or
@@ -63,8 +68,12 @@ class KalmanFilter:
             n / sqrt(2) here.) The larger, the more readings are believed, and the model less.
         estimate: by name of a parameter (start, standard deviation of it).
         drift: by name of a parameter by how much it may wander in a second (unit/sqrt(s)); 0 where it is not named.
-        q, v: the state at the start, (nv,) each; `arm.zero` and zero if None.
-        q_std, v_std: their standard deviations, a number or (nv,).
+        drive, loads, control: as of `simulate`, what acts beside the forces that `predict` is given. Prescribed joints
+            are known without error. Controllers must be continuous: their laws act in the model at the estimate. The
+            forces of sampled ones are held: give them to `predict`. Samples stand still at their ends.
+        t: time at the start (s), for what changes with time.
+        q, v: the state at the start, (nq,) and (nv,); `arm.zero` and zero if None.
+        q_std, v_std: their standard deviations, a number or (nv,); of a ball those of its rotation (rad).
         friction_speed: rate (rad/s; m/s) above which Coulomb friction is about constant.
         spectral_radius: of the implicit step; see `simulate`.
 
@@ -88,13 +97,15 @@ class KalmanFilter:
         drift: Mapping[str, float] | None = None,
         q: ArrayLike | None = None,
         v: ArrayLike | None = None,
+        drive: Any = None,
+        loads: Any = None,
+        control: Any = None,
+        t: float = 0.0,
         friction_speed: float = 0.01,
         spectral_radius: float = 1.0,
     ) -> None:
         if not isinstance(arm, Arm):
             raise ValueError(f"arm = {arm!r}: must be an Arm")
-        for k, _ in arm.ball_rates():
-            raise ValueError(f"link[{k}].joint: is a ball, which the filter cannot estimate; take three Axes")
         if not isinstance(sensors, (list, tuple)):
             raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
         self.arm, self.sensors, self.step = arm, tuple(sensors), number("step", step)
@@ -123,14 +134,25 @@ class KalmanFilter:
             raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
         noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
         radius, speed = number("spectral_radius", spectral_radius), number("friction_speed", friction_speed)
-        self._made = self.step, rows, parameters, noise, radius, speed
-        self._core = _core.KalmanFilter(arm._core, *self._made)
-        self._start = [
-            arm._place("q", q),
-            array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)),
-            _each("q_std", q_std, arm.nv),
-            _each("v_std", v_std, arm.nv),
+        begin = number("t", t)
+        self._known = begin, self.step, drive, loads, control
+        self._acts = acts_from(arm, *self._known)
+        if self._acts.sampled:
+            raise ValueError("control: one of them samples; its forces are held: give them to `predict`, or to `run`")
+        self._size = nq, nv = self._acts.both.nq, self._acts.both.nv  # with the states of controllers
+        rows = [(padded(by_q, nv), padded(by_v, nv), *rest) for by_q, by_v, *rest in rows]
+        self._made = self.step, rows, parameters, padded(noise, nv), radius, speed
+        self._core: _core.KalmanFilter = self._make()
+        self._start: list[Any] = [
+            padded(arm._place("q", q), nq),
+            padded(array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)), nv),
+            padded(_each("q_std", q_std, arm.nv), nv),
+            padded(_each("v_std", v_std, arm.nv), nv),
+            begin,
         ]
+        for i, motion in self._acts.motions.items():
+            at = motion(begin)
+            self._start[0][arm.coordinate_of(i)], self._start[1][i] = at[0], at[1]
         self.reset()
         links = zip(arm.joint_names, arm.links, strict=True)
         rubs = [name for name, link in links if np.any(link.joint.coulomb) or np.any(link.joint.stiction)]
@@ -141,14 +163,18 @@ class KalmanFilter:
                 f"and a force_noise that allows for its friction"
             ), stacklevel=outside())  # fmt: skip
 
+    def _make(self) -> _core.KalmanFilter:
+        return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True), *self._made)
+
     def __getstate__(self) -> dict[str, Any]:
         """Copies go on from where it is."""
-        own = {"_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
+        own = {"_acts": None, "_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
         return {**self.__dict__, **own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._core = _core.KalmanFilter(self.arm._core, *self._made)
+        self._acts = acts_from(self.arm, *self._known)
+        self._core = self._make()
         self._core.resume(state["_core"])
 
     def reset(self) -> None:
@@ -174,20 +200,21 @@ class KalmanFilter:
         self._check(self._core.update(y))
         self._test(self.nis, self.used)
 
-    def predict(self, tau: ArrayLike) -> None:
-        """Goes on by `step` under forces tau (nv,), held over it.
+    def predict(self, tau: ArrayLike | None = None) -> None:
+        """Goes on by `step` under forces tau (nv,), held over it beside what the filter knows; zero if None.
 
         Raises:
             ValueError: a wrong shape. RuntimeError: the step has no solution; the estimate is as it was.
         """
-        self._check(self._core.predict(array("tau", tau, (self.arm.nv,))))
+        forces = np.zeros(self.arm.nv) if tau is None else array("tau", tau, (self.arm.nv,))
+        self._check(self._core.predict(padded(forces, self._size[1])))
 
-    def run(self, t: ArrayLike, tau: ArrayLike, readings: ArrayLike | Sequence[Reading]) -> Estimate:
+    def run(self, t: ArrayLike, tau: ArrayLike | None, readings: ArrayLike | Sequence[Reading]) -> Estimate:
         """Estimates over recorded data, from where the filter is: readings at t[0], a prediction to t[1], ...
 
         Args:
-            t: times (s), (nt,), `step` apart.
-            tau: forces held from each time to the next, (nt, nv).
+            t: times (s), (nt,), `step` apart. Where something changes with time, the first is the filter's.
+            tau: forces held from each time to the next beside what the filter knows, (nt, nv); None: none.
             readings: at the times, (nt, k), nan where there is none; or a Reading of each sensor, which may have been
                 sampled less often.
 
@@ -202,28 +229,32 @@ class KalmanFilter:
             raise ValueError(f"t has shape {times.shape}: must be two times or more")
         if np.abs(np.diff(times) / self.step - 1).max() > 1e-3:
             raise ValueError(f"t: must increase in steps of {self.step:g} s, the filter's step")
-        forces = array("tau", tau, (times.size, self.arm.nv))
+        if self._acts.drives or self._acts.loads or self._acts.feedback:
+            if abs(times[0] - self._core.t) > 1e-3 * self.step:
+                raise ValueError(f"t[0] = {times[0]:g}: the filter is at {self._core.t:g} s; give it `t` at the start")
+        none = np.zeros((times.size, self.arm.nv))
+        forces = none if tau is None else array("tau", tau, none.shape)
+        extra = self._size[1] - self.arm.nv
         y = self._readings(self._sampled(times, readings), 2)
         if len(y) != times.size:
             raise ValueError(f"readings has {len(y)} rows: must have {times.size}, one for each of t")
         first = self._core.deviations
-        found = self._core.run(forces, y)
+        found = self._core.run(np.pad(forces, ((0, 0), (0, extra))), y, len(self.arm.links))
         done = len(found["q"])
         for nis, used in zip(found["nis"], found["used"], strict=True):
             self._test(nis, used)
         self._check(found["status"], f" at t = {times[min(done, times.size - 1)]:g} s")
-        n, m = self.arm.nv, len(self._names)
-        for k, name in enumerate(self._names):
-            if first[2 * n + k] > 0 and found["std"][-1, 2 * n + k] > _LEARNT * first[2 * n + k]:
+        n, m, all_of, std = self.arm.nv, len(self._names), self._size[1], found["std"]
+        for k, name in enumerate(self._names, 2 * all_of):
+            if first[k] > 0 and std[-1, k] > _LEARNT * first[k]:
                 warnings.warn(FilterWarning(
                     f"{name}: the readings have told nothing of it; its standard deviation is still "
-                    f"{found['std'][-1, 2 * n + k]:.3g}. Move the arm so that it matters, add a sensor, or leave it out"
+                    f"{std[-1, k]:.3g}. Move the arm so that it matters, add a sensor, or leave it out"
                 ), stacklevel=2)  # fmt: skip
-        std = found["std"]
         return Estimate(
-            times, found["q"], found["v"], std[:, :n], std[:, n : 2 * n],
+            times, found["q"][:, : self.arm.nq], found["v"][:, :n], std[:, :n], std[:, all_of : all_of + n],
             {name: found["p"][:, k] for k, name in enumerate(self._names)},
-            {name: std[:, 2 * n + k] for k, name in enumerate(self._names[:m])},
+            {name: std[:, 2 * all_of + k] for k, name in enumerate(self._names[:m])},
             found["tip"], found["tip_std"], found["innovations"], found["innovation_std"],
             found["nis"], found["used"], self.labels,
         )  # fmt: skip
@@ -232,13 +263,18 @@ class KalmanFilter:
 
     @property
     def q(self) -> Array:
-        """Coordinates, (nv,)."""
-        return self._core.q
+        """Coordinates, (nq,)."""
+        return self._core.q[: self.arm.nq]
 
     @property
     def v(self) -> Array:
         """Rates, (nv,)."""
-        return self._core.v
+        return self._core.v[: self.arm.nv]
+
+    @property
+    def t(self) -> float:
+        """Time that it has reached (s)."""
+        return self._core.t
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -247,8 +283,10 @@ class KalmanFilter:
 
     @property
     def covariance(self) -> Array:
-        """Of [q; v; parameters], (2 nv + m, 2 nv + m)."""
-        root = self._core.root[: 2 * self.arm.nv + len(self._names)]
+        """Of [q; v; parameters], (2 nv + m, 2 nv + m), by rates: of a ball, of its rotation."""
+        n, all_of = self.arm.nv, self._size[1]
+        rows = [*range(n), *range(all_of, all_of + n), *range(2 * all_of, 2 * all_of + len(self._names))]
+        root = self._core.root[rows]
         return np.asarray(root @ root.T)
 
     @property
@@ -259,12 +297,12 @@ class KalmanFilter:
     @property
     def v_std(self) -> Array:
         """Standard deviations of v, (nv,)."""
-        return self._core.deviations[self.arm.nv : 2 * self.arm.nv]
+        return self._core.deviations[self._size[1] :][: self.arm.nv]
 
     @property
     def parameter_std(self) -> dict[str, float]:
         """Standard deviations of the parameters, by name."""
-        return dict(zip(self._names, self._core.deviations[2 * self.arm.nv :].tolist(), strict=False))
+        return dict(zip(self._names, self._core.deviations[2 * self._size[1] :].tolist(), strict=False))
 
     def tip(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Place (3,) of a link's end, or of a slice at x metres of its beam, in the world (m), and its covariance

@@ -43,11 +43,13 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
                 for k in range(3)]  # fmt: skip
     # linear: by states of one coordinate or rate alone
     zero, unit = np.zeros((n, n)), np.eye(n)
+    own = np.array([arm.coordinate_of(i) for i in range(n)])  # not of balls
+    moves = (np.arange(arm.nq) == own[:, None]) * 1.0
     y0 = sensor.measure(arm, 0.0, arm.zero, np.zeros(n))[0]
-    by_q = sensor.measure(arm, np.zeros(n), arm.zero + unit, zero)[:, 0] - y0
-    by_v = sensor.measure(arm, np.zeros(n), arm.zero + zero, unit)[:, 0] - y0
+    by_q = sensor.measure(arm, np.zeros(n), arm.zero + moves, zero)[:, 0] - y0
+    by_v = sensor.measure(arm, np.zeros(n), arm.zero + zero[:, :1], unit)[:, 0] - y0
     q, v = np.cos(1.0 + np.arange(n)), np.sin(2.0 + np.arange(n))  # any state
-    there = sensor.measure(arm, 1.0, arm.zero + q, v)[0]
+    there = sensor.measure(arm, 1.0, arm.zero + q @ moves, v)[0]
     if abs(there - y0 - by_q @ q - by_v @ v) > 1e-6 * (abs(there) + np.abs(by_q).sum() + np.abs(by_v).sum()):
         raise ValueError(f"{type(sensor).__name__}: must be linear in q and v, and the same at all times")
     row = gain[0] * by_q, gain[0] * by_v, float(gain[0] * y0 + shift[0])  # unlike noise, behind the filter of gain 1

@@ -12,10 +12,8 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number, whole
-from ..acting.control import PD, Controller, StrainFeedback, control_laws, extended, padded
-from ..acting.drive import Motion, Torque
-from ..acting.load import at_time
-from ..acting.voltage import patch_laws, split_drives
+from ..acting.acts import Acts
+from ..acting.control import PD, Controller, StrainFeedback
 from ..analysis import loops
 from ..arm import Arm
 from ..parts.labels import joint_rates
@@ -25,65 +23,42 @@ from .start import start
 
 _FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
-_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that are not Python's
 
 
-class Problem:
+class Problem(Acts):
     """What is to be simulated, checked, as the core takes it.
 
     Attributes:
-        arm, times, loads, controls: as given.
-        start: q0, v0 and tau, of the arm alone.
-        drives, feedback, sampled, events: as the core takes them.
-        prescribed: the rates whose motion is given.
-        both: the arm with a link for each state of a controller, which the core integrates.
-        remembered: of a problem among others that share callables of time, these callables by their id; each is asked
-            once for a time.
+        controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
     """
 
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
                  events: Any, remembered: dict[int, _core.Remembered] | None = None) -> None:  # fmt: skip
-        self.remembered = remembered
-        self.arm, self.times = arm, _output_times(t)
-        q = start(arm, q0, drive, loads, float(self.times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
+        times = _output_times(t)
+        q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
-        self.drives = _drives(arm, drive, self.times, self.start, {"q0": q, "v0": v0})
-        self._places, _ = at_time(arm, loads, float(self.times[0]))
-        self.loads = tuple(loads or ())
-        for k, load in enumerate(self.loads):
-            load.check_span(f"loads[{k}]", self.times)
-        self.prescribed = [d.rate for d in self.drives if d.moves]
-        self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
+        super().__init__(arm, times, drive, loads, control, remembered)
+        self._start_motions({"q0": q, "v0": v0})
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
-        self.both = extended(arm, memory) if memory else arm
         self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in read_events(events)]
+
+    def _start_motions(self, given: Mapping[str, Any]) -> None:
+        """Prescribed joints start where their motion does; a q0 or v0 that was `given` and says otherwise is an
+        error."""
+        begin = float(self.times[0])
+        for i, motion in self.motions.items():
+            where = f"drive of '{self.arm.coordinates[i]}'"
+            at = array(f"{where} at t = {begin}", motion(begin), (3,))
+            for name, k, value in (("q0", self.arm.coordinate_of(i), at[0]), ("v0", i, at[1])):
+                state = self.start[name]
+                if given[name] is not None and abs(state[k] - value) > 1e-9 * max(1.0, abs(value)):
+                    raise ValueError(f"{name}[{k}] = {state[k]}: {where} prescribes {value} at t = {begin}")
+                state[k] = value
 
     @cached_property
     def core(self) -> _core.Problem:
         """It, with the states of its controllers, for one run: it notes where its callables were asked."""
-        both, nv, law = self.both, self.both.nv, self._law
-        drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
-                  for d in self.drives]  # fmt: skip
-        loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.loads, strict=True)]
-        feedback = [_core.Feedback(f.column, f.by_q, f.by_v, law(f.reference), f.limit) for f in self.feedback]
-        sizes = {"q0": both.nq, "v0": nv, "tau": nv}
-        return _core.Problem(
-            arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in self.start.items()}, drives=drives,
-            loads=loads, feedback=feedback, samplers=self.sampled, events=self.events,
-        )  # fmt: skip
-
-    def _law(self, law: Any) -> Any:
-        """A law of time, as the core takes it."""
-        if self.remembered is None or isinstance(law, _KNOWN):
-            return law
-        return self.remembered.setdefault(id(law), _core.Remembered(law))
-
-    @property
-    def shares(self) -> bool:
-        """Whether several runs at once may be of this problem: its sampled laws remember nothing, or are the core's,
-        which each run has its own of."""
-        return all(isinstance(s.law, _core.ComputedTorque) or (isinstance(s.law, _core.LinearLaw) and not s.law.reads)
-                   for s in self.sampled)  # fmt: skip
+        return self.core_problem(self.start, self.events)
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: x for k, x in vars(self).items() if k != "core"}
@@ -176,33 +151,6 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
             state[name] = array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
     return state
-
-
-def _drives(
-    arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
-) -> list[_core.Drive]:
-    """The drives as the core takes them. Prescribed joints start where their motion does, which this writes into
-    `state`; a q0 or v0 that was `given` and says otherwise is an error."""
-    joints, patches = split_drives(drive)
-    laws = patch_laws(arm, patches, times)
-    for i, law in arm.by_rate("drive", joints).items():
-        where = f"drive of '{arm.coordinates[i]}'"
-        if not isinstance(law, (Motion, Torque)):
-            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
-        law.check_span(where, times)
-        laws.append(_core.Drive(i, isinstance(law, Motion), law.law))
-        if isinstance(law, Torque):
-            continue
-        law.check_rates(where, times)
-        start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
-        k = arm.coordinate_of(i)
-        if k < 0:
-            raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
-        for name, at, value in (("q0", k, start[0]), ("v0", i, start[1])):
-            if given[name] is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
-                raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
-            state[name][at] = value
-    return laws
 
 
 def read_events(events: Any) -> list[tuple[Any, int, int]]:

@@ -93,14 +93,17 @@ struct LinearLaw {
   Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< what a limit does to the states
   Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and of what the motors at its joints can give
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
+  Eigen::VectorXd w = Eigen::VectorXd::Zero(C.rows());  ///< of the last sample
 
+  /// u, and x behind it.
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite
-  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
-  /// Of the force, and of what x becomes, by y and x: on this side of its limits.
-  struct Slopes {
-    Eigen::MatrixXd force_by_y, force_by_x, x_by_y, x_by_x;
-  };
-  Slopes slopes(double t, const Eigen::VectorXd& y) const;
+  Eigen::VectorXd sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// Its force.
+  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
+    return columns * sample(t, q, v, a);
+  }
+  /// Small changes of x, in place, and of u that changes of x and e make of the last sample, one in each column.
+  void slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::MatrixXd& du) const;
 };
 
 /// The controllers of one run: it remembers what has been sampled.

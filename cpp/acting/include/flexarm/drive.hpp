@@ -19,6 +19,8 @@ class PiecewisePolynomial {
   PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd coefficients);
   /// Value and derivatives at t; outside the breaks the first or last piece goes on.
   MotionValue operator()(double t) const;
+  /// The same, but outside the breaks it stands still at its first or last value.
+  MotionValue within(double t) const;
   const Eigen::VectorXd& breaks() const { return breaks_; }
   const Eigen::MatrixXd& coefficients() const { return coefficients_; }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "flexarm/kinematics.hpp"
+#include "flexarm/problem.hpp"
 
 namespace flexarm {
 
@@ -22,7 +23,7 @@ struct MpcOutput {
   /// The place of a link's end, or of a slice at x metres of its beam, along a direction of the world (m).
   static MpcOutput place(const Arm& arm, std::size_t link, std::optional<double> x, const Eigen::Vector3d& along);
 
-  Eigen::VectorXd by_q;                             ///< (nv)
+  Eigen::VectorXd by_q;                             ///< by the coordinate of each rate (nv); of balls zero
   bool placed = false;                              ///< whether it is a place
   std::size_t link = 0;                             ///< of the place
   std::optional<double> x = {};                     ///< of the place
@@ -45,6 +46,7 @@ struct MpcOptions {
   bool delayed = false;          ///< whether inputs act a period after the sample that they answer
   int iterations = 1;            ///< linearisations and quadratic programs for a sample
   int max_qp_iterations = 500;   ///< of the active set
+  int carried = 0;               ///< how many rates, the last ones, are states of controllers, which are not measured
   // Of each input u (nu); the generalised forces are `columns` u.
   Eigen::MatrixXd columns;       ///< (nv, nu)
   Eigen::VectorXd lower, upper;  ///< limits of u
@@ -60,19 +62,22 @@ struct MpcOptions {
 ///   integral of  sum weight (y - r)^2 + rate_weight (dy/dt - dr/dt)^2 + effort (u - u_held)^2 + rate_effort (du/dt)^2
 /// over the horizon, by Gauss and Newton's Hessian, where each stage counts by what it ends at and for its length. The
 /// quadratic program is solved by DAQP (Arnstroem, Bemporad, Axehill 2022), begun with the active set of the last.
+///
+/// It knows the problem's arm and all that acts on it beside the inputs: motions, forces, loads and laws, at their
+/// times. Sampled laws are linear ones (LinearLaw), at whose times stages are divided; what they remember is predicted,
+/// from zero at the first sample on. With these it allocates. Its start and events do not matter.
 class Mpc {
  public:
   /// Reference of each output and its rate at time t (s): (ny) each, of outputs with a weight.
   using Reference = std::function<void(double t, Eigen::VectorXd& value, Eigen::VectorXd& rate)>;
 
-  /// @throws std::invalid_argument naming the field and the value; for ball joints
-  Mpc(const Arm& arm, const std::vector<MpcOutput>& outputs, const MpcOptions& options, Reference reference);
-  Mpc(const Arm&& arm, const std::vector<MpcOutput>&, const MpcOptions&, Reference) = delete;  ///< must outlive it
+  /// @throws std::invalid_argument naming the field and the value
+  Mpc(const Problem& problem, const std::vector<MpcOutput>& outputs, const MpcOptions& options, Reference reference);
   ~Mpc();
 
   /// Forgets its plan: the next sample begins from the forces that hold the arm.
   void reset();
-  /// The inputs that answer the state (nv each) at time t (s). Sizes are not checked.
+  /// The inputs that answer the state, (nq) and (nv) without what is carried, at time t (s). Sizes are not checked.
   /// @return when not ok, `u` goes on along the last plan, within its limits: not_finite: of a state with nan, or that
   ///         no arm reaches; not_converged: the quadratic program or a stage was not solved
   Status feedback(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
@@ -86,7 +91,7 @@ class Mpc {
   /// The plan: inputs of blocks (nu x blocks), from these times on (s; the horizon's end behind).
   const Eigen::MatrixXd& plan() const;
   const Eigen::VectorXd& block_times() const;
-  /// The prediction about which was linearised last: [q; v] (2 nv x stages + 1), at these times from its begin (s).
+  /// The prediction about which was linearised last: [q; v] (nq + nv x stages + 1), at these times from its begin (s).
   const Eigen::MatrixXd& predicted() const;
   const Eigen::VectorXd& stage_times() const;
   /// Of the last feedback: iterations of the active set.

@@ -8,14 +8,15 @@
 #include <vector>
 
 #include "flexarm/kinematics.hpp"
-#include "flexarm/step.hpp"
+#include "flexarm/problem.hpp"
 
 namespace flexarm {
 
 class KalmanModel;
 
-/// One number that is measured: y = by_q . q + by_v . v + offset + along . place + noise. The gain of an instrument
-/// multiplies by_q, by_v, offset and along; what it reads at zero is then added to offset.
+/// One number that is measured, by_q being by the coordinates of rates (of balls zero): y = by_q . q + by_v . v +
+/// offset + along . place + noise. The gain of an instrument multiplies by_q, by_v, offset and along; what it reads at
+/// zero is then added to offset.
 struct KalmanSensor {
   /// A joint's coordinate (rad; m), by the index of its rate in v.
   static KalmanSensor encoder(const Arm& arm, int rate, double noise);
@@ -69,26 +70,26 @@ struct KalmanOptions {
 /// The equations of motion have products of the payload and accelerations. The mean and the covariance of the product
 /// of their errors are in a step, as forces (the Gaussian filter of second order; Jazwinski 1970, Sec. 9.3).
 ///
-/// State x = [q; v; parameters; filters of sensors]. A step begins anew, as in StepDerivatives, with the forces held
-/// over it; of equal parameters it is that of ImplicitStep after `start`. A payload acts by its inertia and weight.
+/// State x = [q; v; parameters; filters of sensors], errors of q being displacements: of balls rotation vectors in the
+/// axes that turn (the multiplicative filter: Lefferts, Markley, Shuster 1982). A step begins anew, as in
+/// StepDerivatives, with the given forces held over it; of equal parameters it is that of ImplicitStep after `start`. A
+/// payload acts by its inertia and weight. What acts in the problem beside these forces is known: motions, forces and
+/// loads at their times, continuous laws at the estimate. Sampled ones are not asked.
 class KalmanFilter {
  public:
   /// @param h            step (s)
   /// @param force_noise  two-sided density of white forces that the model does not know of, by rate (nv; N m/sqrt(Hz))
-  /// @throws std::invalid_argument naming the field and the value; for ball joints
-  KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSensor>& sensors,
+  /// @throws std::invalid_argument naming the field and the value
+  KalmanFilter(const Problem& problem, double h, const std::vector<KalmanSensor>& sensors,
                const std::vector<KalmanParameter>& parameters, const Eigen::VectorXd& force_noise,
                const KalmanOptions& options = {});
-  KalmanFilter(const Arm&& arm, double h, const std::vector<KalmanSensor>& sensors,
-               const std::vector<KalmanParameter>& parameters, const Eigen::VectorXd& force_noise,
-               const KalmanOptions& options = {}) = delete;  ///< the arm must outlive it
   ~KalmanFilter();
 
-  /// Begins at a state (nv each) known to standard deviations (nv each), with the parameters' starts. Sizes are not
-  /// checked.
+  /// Begins at time t (s), at a state (nq), (nv) known to standard deviations (nv each), with the parameters' starts.
+  /// Sizes are not checked.
   void start(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& q_deviation,
-             const Eigen::VectorXd& v_deviation);
-  /// Ahead by a step under tau (nv). O((2 nv + parameters)^3).
+             const Eigen::VectorXd& v_deviation, double t = 0.0);
+  /// Ahead by a step under tau (nv), and all that acts in the problem. O((2 nv + parameters)^3).
   /// @return when not ok, the estimate is as it was
   Status predict(const Eigen::VectorXd& tau);
   /// Takes readings of all sensors (N, N m ..; one each), of which those that are not finite are left out.
@@ -96,6 +97,7 @@ class KalmanFilter {
   Status update(const Eigen::VectorXd& y);
 
   const Arm& arm() const { return *arm_; }
+  double t() const { return t_; }  ///< s
   const Eigen::VectorXd& q() const { return q_; }
   const Eigen::VectorXd& v() const { return v_; }
   const Eigen::VectorXd& parameters() const { return p_; }
@@ -117,7 +119,7 @@ class KalmanFilter {
   struct State {
     Eigen::VectorXd q, v, parameters, filters, innovations, innovation_deviations, inertia;
     Eigen::MatrixXd root;
-    double nis;
+    double t, nis;
     int used;
   };
   State state() const;
@@ -132,18 +134,21 @@ class KalmanFilter {
   void disturb();
   void triangularise();
   void add(double times);
+  double linear(std::size_t sensor, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const;
   void bound(Eigen::Index parameter);
 
+  const Problem problem_;
   const Arm* arm_;
   std::vector<KalmanSensor> sensors_;
+  std::vector<Eigen::VectorXd> by_q_;  ///< of each sensor, by coordinates
   std::vector<KalmanParameter> parameters_;
   std::vector<Eigen::Index> first_;  ///< of each sensor's filter in its states
   Eigen::VectorXd force_noise_;
-  double h_;
+  double h_, t_ = 0.0;
   std::unique_ptr<KalmanModel> model_;
-  Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, row_, phi_, gain_, innovations_, innovation_deviations_;
-  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_, bend_, mean_;
-  Eigen::MatrixXd L_, rows_, transition_, forces_, pushed_;
+  Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, from_, row_, phi_, gain_, innovations_, innovation_deviations_;
+  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, u_, essential_, lowest_, bend_, mean_;
+  Eigen::MatrixXd L_, rows_, transition_, forces_, pushed_, back_, turned_;
   Mat6X<double> J_;
   double nis_ = 0.0;
   int used_ = 0;
