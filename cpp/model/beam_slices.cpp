@@ -70,6 +70,7 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
   }
   const Eigen::VectorXd parts = profile.uniform ? GaussRule(n).points : Eigen::VectorXd(masses.points / length_);
   std::vector<double> stations(parts.data(), parts.data() + n);
+  places_ = {stations};
   stations.push_back(1.0);
   std::vector<SliceTable> all = tables_at(stations);
   mass_ = masses.weights.sum();

@@ -61,18 +61,6 @@ struct PyProblem {
             const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events);
 };
 
-/// A computed torque, of an arm that may be another than the one it moves.
-struct ComputedLaw {
-  struct Axis {
-    int q, v, own_q, own_v;  ///< coordinate and rate of the arm that is moved, and of its own
-  };
-  flexarm::ComputedTorque of;
-  std::vector<Axis> axes;
-  Eigen::Index size;  ///< of the forces
-  /// @throws std::invalid_argument where it gives no forces
-  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
-};
-
 /// A drive, whose callable's calls are noted.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// q, v, a, tau and friction by the parameters, (np, nt, n) each.
