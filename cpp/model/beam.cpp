@@ -259,7 +259,7 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
       uniform_ = false;
     }
   }
-  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  keep(std::move(slices));
   build_stiffness(profile, patches);
 }
 

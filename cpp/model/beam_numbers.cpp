@@ -49,10 +49,9 @@ Beam::Beam(const BeamNumbers& n)
     first += count;
   }
   if (first == 0 || first != slices.size()) bad_value("slices", slices.size(), "must be one for each place");
-  for (const MassSlice& s : slices) mass_ += s.mass;
   uniform_ = uniform_ && n.places.size() == 1;
   places_ = n.places;
-  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  keep(std::move(slices));
   check_size("stiffness", n.stiffness, ne_, ne_);
   check_size("damping", n.damping, ne_, ne_);
   check_size("patch_forces", n.patch_forces, ne_, n.patch_capacitances.size());

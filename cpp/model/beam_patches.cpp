@@ -76,7 +76,6 @@ void Beam::add_patch_slices(const Patch& p, std::vector<MassSlice>& slices) {
     const double mass = rule.weights[g] * section.mass;
     slices.push_back({all[static_cast<std::size_t>(g)], mass});
     if (options_.rotary_inertia) slices.back().inertia = (rule.weights[g] * section.inertia).asDiagonal();
-    mass_ += mass;
   }
 }
 

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 #include <set>
+#include <sstream>
 #include <tuple>
 
 #include "flexarm/check.hpp"
@@ -418,13 +419,13 @@ Scene parse_scene(const std::string& json) {
 
 Scene load_scene(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  std::ostringstream text;
   const std::string where = "scene '" + path + "': ";
-  if (!in.good() && text.empty()) throw std::invalid_argument(where + "cannot be read");
+  if (!(text << in.rdbuf())) throw std::invalid_argument(where + "cannot be read");
   const bool toml = path.size() > 5 && path.compare(path.size() - 5, 5, ".toml") == 0;
   if (toml) throw std::invalid_argument(where + "is a scene file: compile it, by 'flexarm compile " + path + "'");
   try {
-    return parse_scene(text);
+    return parse_scene(text.str());
   } catch (const std::invalid_argument& e) {
     throw std::invalid_argument(where + e.what());
   } catch (const std::bad_alloc&) {

@@ -133,6 +133,7 @@ class Beam {
   struct Profile;
   Beam(double length, const Profile& profile, const BeamOptions& options, const std::vector<Patch>& patches);
   std::vector<MassSlice> build_slices(const Profile& profile);
+  void keep(std::vector<MassSlice> slices);
   bool off_axis(const Profile& profile) const;
   void check_section(const SectionLaw& law, double X) const;
   void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
