@@ -139,7 +139,7 @@ def scene_of(f: Feature, m: float, **more: Any) -> fa.Scene:
 def identified(f: Feature) -> float:
     guess = scene_of(f, 1.15 * M, options={"integrator": "implicit", "step": H})
     place = f.truth.frame()[0]
-    rows = np.arange(0, len(T), 10)
+    rows = np.arange(0, len(f.truth.t), 10)
     columns = {f"tip {'xyz'[k]}": (place[rows, k], k) for k in np.argsort(np.ptp(place, axis=0))[1:]}
     data = fa.Data(T[rows], {k: y for k, (y, _) in columns.items()}, dict.fromkeys(columns, "m"))
     outputs = {name: (lambda r, k=k: r.frame()[0][:, k]) for name, (_, k) in columns.items()}
@@ -225,14 +225,16 @@ def economized(f: Feature) -> float:
 def stepped(f: Feature) -> float:
     scene = f.scene()
     scene.pop("push", None)
-    if "events" in scene:
-        raise Refused("Simulation has no argument `events`")
     sim = fa.Simulation(scene.pop("arm"), fa.Implicit(H), t=T, **scene)
-    rows = [sim.q]
+    rows, late = [sim.q], 0.0
     for t in T[1:]:
         sim.step(until=t)
+        if sim.terminated:
+            break
         rows.append(sim.q)
-    return off(sim.arm, np.array(rows), f.truth) / MOTION
+    if "events" in scene:
+        late = abs(sim.t_events[0] - f.truth.t_events[0]).max() / T[-1]
+    return float(max(off(sim.arm, np.array(rows), f.truth), late)) / MOTION
 
 
 def ways() -> dict[str, Callable[[Feature], float]]:

@@ -13,7 +13,7 @@ flexarm::Trajectory run(const flexarm::Scene& scene) {
 #ifdef WITH_IDA
   if (scene.method.name == "ida") return flexarm::simulate_ida(scene.problem, scene.t, scene.ida);
 #endif
-  const auto method = scene.method.on(*scene.problem.arm, scene.step, flexarm::DryFriction::left_to_caller);
+  const auto method = scene.method.on(*scene.problem.arm, scene.step);
   return flexarm::simulate_fixed(scene.problem, scene.t, *method, scene.step);
 }
 

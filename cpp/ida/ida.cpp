@@ -416,7 +416,7 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
     return simulate_smooth(of, times, options, alive, control, by);
   };
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
-  return simulate_with_friction(problem, t, part, control, 0.0, parameters);
+  return simulate_with_friction(problem, t, part, control, parameters);
 }
 
 }  // namespace flexarm

@@ -368,7 +368,7 @@ void complete(Node& a, Scene& scene) {
     p.check();
     p.control();
     check_times(scene.t);
-    if (scene.method.name != "ida") scene.method.on(arm, positive("step", scene.step), DryFriction::left_to_caller);
+    if (scene.method.name != "ida") scene.method.on(arm, positive("step", scene.step));
   });
 }
 

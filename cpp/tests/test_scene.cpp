@@ -104,7 +104,7 @@ Scene whole() {
 Eigen::MatrixXd run(const Scene& scene, const std::string& name) {
   Method method = scene.method;
   method.name = name;
-  const auto made = method.on(*scene.problem.arm, scene.step, DryFriction::left_to_caller);
+  const auto made = method.on(*scene.problem.arm, scene.step);
   const Trajectory r = simulate_fixed(scene.problem, scene.t, *made, scene.step);
   CHECK(r.failure == "");
   return r.q;

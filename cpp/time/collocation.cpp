@@ -84,42 +84,74 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   vs_ = as_ = v0_;
   rate_by_q_.resize(arm.nq(), arm.nq());
   rate_by_v_.resize(arm.nq(), arm.nv());
-  K_full_.resize(arm.nv(), arm.nv());
+  M_all_ = C_all_ = K_all_ = Eigen::MatrixXd::Zero(arm.nv(), arm.nv());
+  rub_ = v0_;
+  contact_.resize(static_cast<std::size_t>(arm.nv()), Tape::free);
+  if (!rubs(arm).empty()) rests_.emplace("rk4", arm, 1.0, ImplicitOptions{}, DryFriction::left_to_caller);
   for (const Link& link : arm.links()) mass_ += link.mass();
 }
 
 Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                               const Eigen::VectorXd& tau) {
-  const Status status = forward_dynamics(*arm_, ws, q, v, tau);
-  if (status != Status::ok) return status;
-  a_.colwise() = ws.a;
-  q_.colwise() = q;
+  if (!rests_)
+    if (const Status status = forward_dynamics(*arm_, ws, q, v, tau); status != Status::ok) return status;
   std::vector<Load> loads;
   for (const AppliedLoad& l : ws.loads) loads.push_back(l.load);
   derivatives_.emplace(*arm_, loads);
   offsets_.setZero(static_cast<Eigen::Index>(ws.feedback.size()), s_);
   wrenches_.assign(static_cast<std::size_t>(s_), std::vector<Vec6<double>>(loads.size(), Vec6<double>::Zero()));
-  free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
-  for (int i = 0; i < arm_->nv(); ++i)
-    if (ws.prescribed[static_cast<std::size_t>(i)]) free_q_[static_cast<std::size_t>(arm_->coordinate_of(i))] = false;
-  const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
-  M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
-  M_all_ = Eigen::MatrixXd::Zero(arm_->nv(), arm_->nv());
-  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
-  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   contraction_ = best_ = 1.0;
-  h_ = h_factored_ = scale_ = peak_ = 0.0;
+  h_factored_ = scale_ = peak_ = 0.0;
   fresh_ = false;
+  movable_ = ws.free;
+  choose_free();
+  a_.colwise() = ws.a;
+  q_.colwise() = q;
+  return jump(ws, q, v, tau);
+}
+
+Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                             const Eigen::VectorXd& tau) {
+  h_ = 0.0;  // nothing to extrapolate
+  if (!rests_) return Status::ok;
+  if (const Status status = rests_->start(ws, q, v, tau); status != Status::ok) return status;
+  rests_->contacts(v, true, contact_.data());
+  choose_free();
+  a_.colwise() = ws.a;
+  rub_ = rests_->friction();
+  for (Eigen::Index i = 0; i < v.size(); ++i)
+    if (contact_[static_cast<std::size_t>(i)] == Tape::held) {
+      rub_[i] = 0.0;
+      v_.row(i).setZero();
+    }
   return Status::ok;
 }
 
+/// What is free, now that friction holds or lets go.
+void CollocationStep::choose_free() {
+  std::vector<int> now;
+  for (int i : movable_)
+    if (contact_[static_cast<std::size_t>(i)] != Tape::held) now.push_back(i);
+  if (now == free_ && !free_q_.empty()) return;
+  free_ = std::move(now);
+  free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
+  for (int i = 0; i < arm_->nv(); ++i)
+    if (const int k = arm_->coordinate_of(i); k >= 0 && !std::binary_search(free_.begin(), free_.end(), i))
+      free_q_[static_cast<std::size_t>(k)] = false;
+  const auto n = static_cast<Eigen::Index>(free_.size());
+  M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
+  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
+  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
+  fresh_ = false;
+}
+
 /// Accelerations of the step before, continued; where the step grows much they begin with the last.
-void CollocationStep::predict(double ratio, const Workspace& ws) {
+void CollocationStep::predict(double ratio) {
   a_before_ = a_;
   if (ratio == 0.0) return;
   for (int i = 0; i < s_; ++i) {
     const double x = ratio > kGrown ? 1.0 : 1.0 + ratio * c_[i];
-    for (int row : ws.free) {
+    for (int row : free_) {
       double sum = 0.0;
       for (int j = 0; j < s_; ++j) {
         double lagrange = 0.0;
@@ -133,10 +165,10 @@ void CollocationStep::predict(double ratio, const Workspace& ws) {
 
 /// Velocities and coordinates at the points from the accelerations there.
 /// @return whether the turns of the balls converged
-bool CollocationStep::place(double h, const Workspace& ws) {
-  for (int row : ws.free)
+bool CollocationStep::place(double h) {
+  for (int row : free_)
     for (int i = 0; i < s_; ++i) v_(row, i) = v0_[row] + h * A_.row(i).dot(a_.row(row));
-  for (int row : ws.free) {
+  for (int row : free_) {
     const int k = arm_->coordinate_of(row);
     for (int i = 0; k >= 0 && i < s_; ++i) q_(k, i) = q0_[k] + h * A_.row(i).dot(v_.row(row));
   }
@@ -179,19 +211,25 @@ void CollocationStep::differentiate(Workspace& ws) {
   ws.give(tau_.col(middle).data());
   add_feedback_slopes(ws.feedback, ws.limits, qs_, vs_, derivatives_->dq, derivatives_->dv);
   coordinate_rate_jacobians(*arm_, qs_, vs_, rate_by_q_, rate_by_v_);
-  K_full_.noalias() = derivatives_->dq * rate_by_v_;
+  C_all_ = derivatives_->dv;
+  K_all_.noalias() = derivatives_->dq * rate_by_v_;
   composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
+  reduce();
+  fresh_ = true;
+  h_factored_ = 0.0;
+}
+
+/// To the free rates.
+void CollocationStep::reduce() {
   const Eigen::Index n = M_.rows();
   for (Eigen::Index k = 0; k < n; ++k)
     for (Eigen::Index l = 0; l < n; ++l) {
-      const int i = ws.free[static_cast<std::size_t>(k)], j = ws.free[static_cast<std::size_t>(l)];
-      M_(k, l) = ws.M(i, j);
-      C_(k, l) = derivatives_->dv(i, j);
-      K_(k, l) = K_full_(i, j);
+      const int i = free_[static_cast<std::size_t>(k)], j = free_[static_cast<std::size_t>(l)];
+      M_(k, l) = M_all_(i, j);
+      C_(k, l) = C_all_(i, j);
+      K_(k, l) = K_all_(i, j);
     }
-  fresh_ = true;
-  h_factored_ = 0.0;
 }
 
 /// I x M + h A x C + h^2 A^2 x K
@@ -278,7 +316,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
     if (look_) look_();
-    if (!place(h, ws)) return Status::not_converged;
+    if (!place(h)) return Status::not_converged;
     if (anew) {
       differentiate(ws);
       renewed = true;
@@ -292,8 +330,8 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) {
-        const int row = ws.free[static_cast<std::size_t>(k)];
-        residual_[i * n + k] = tau_(row, i) - ws.tau[row];
+        const int row = free_[static_cast<std::size_t>(k)];
+        residual_[i * n + k] = tau_(row, i) + rub_[row] - ws.tau[row];
       }
     }
     correction_ = lu_.solve(residual_);
@@ -301,7 +339,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     double work = 0.0, motion = 0.0;
     for (int i = 0; i < s_; ++i) {
       const auto turn = correction_.segment(i * n, n);
-      for (Eigen::Index k = 0; k < n; ++k) a_(ws.free[static_cast<std::size_t>(k)], i) += turn[k];
+      for (Eigen::Index k = 0; k < n; ++k) a_(free_[static_cast<std::size_t>(k)], i) += turn[k];
       work += b_[i] * turn.dot(M_ * turn);
       motion += b_[i] * (v_.col(i).dot(M_all_ * v_.col(i)) + h * h * a_.col(i).dot(M_all_ * a_.col(i)));
     }
@@ -315,7 +353,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
     if (left <= options_.rtol * scale || stalled) {
-      if (!place(h, ws) || !believable(h, ws)) return Status::not_converged;
+      if (!place(h) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
       if (renewed) best_ = contraction_;
@@ -331,7 +369,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   q0_ = q;
   v0_ = v;
   u_.setZero();
-  predict(h_ > 0.0 ? h / h_ : 0.0, ws);
+  predict(h_ > 0.0 ? h / h_ : 0.0);
   for (int i = 0; i < s_; ++i) {
     if (given) given(c_[i]);
     tau_.col(i) = tau;
@@ -367,7 +405,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
 }
 
 void CollocationStep::memory(const std::function<void(double&)>& visit) {
-  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_, &C_, &K_, &M_all_})
+  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_all_, &C_all_, &K_all_})
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);
@@ -375,9 +413,21 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
   double fresh = fresh_ ? 1.0 : 0.0;
   visit(fresh);
   fresh_ = fresh != 0.0;
+  if (!rests_) return;
+  rests_->memory(visit);
+  for (double& x : rub_) visit(x);
+  for (signed char& c : contact_) {
+    double number = c;
+    visit(number);
+    c = static_cast<signed char>(number);
+  }
 }
 
 void CollocationStep::recalled() {
+  const bool fresh = fresh_;
+  choose_free();
+  fresh_ = fresh;
+  reduce();
   if (h_factored_ == 0.0) return;
   factor(h_factored_);
   --counts_.factorisations;

@@ -1,6 +1,8 @@
 // Events of methods that know the state at the ends of their steps alone.
 #pragma once
 
+#include <utility>
+
 #include "system.hpp"
 
 namespace flexarm {
@@ -15,6 +17,39 @@ inline bool crosses(double from, double to, int direction) {
 /// @return its number
 Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, double c, double t, Tape& tape);
 
+/// The cubic Hermite interpolants of a system's q and v over a step.
+class StepCubic {
+ public:
+  explicit StepCubic(const System& system);
+  /// From a state at t0 to the system's own at t1.
+  /// @param between  see System::accelerate
+  /// @param each     called where the system is at the first end, and at the second
+  template <class Each>
+  void prepare(System& s, double t0, const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, double t1, bool between,
+               const Each& each) {
+    q1_ = s.q;
+    v1_ = s.v;
+    t0_ = t0;
+    t1_ = t1;
+    q0_ = s.q = q0;
+    v0_ = s.v = v0;
+    look(s, t0, between, dq0_, a0_);
+    each(t0);
+    s.q = q1_;
+    s.v = v1_;
+    look(s, t1, between, dq1_, a1_);
+    each(t1);
+  }
+  /// The system's state at a time within the step.
+  void place(System& s, double t) const;
+
+ private:
+  static void look(System& s, double t, bool between, Eigen::VectorXd& dq, Eigen::VectorXd& a);
+
+  double t0_ = 0.0, t1_ = 0.0;
+  Eigen::VectorXd q0_, q1_, dq0_, dq1_, v0_, v1_, a0_, a1_;
+};
+
 /// Finds sign changes of events over a step, and where in it, on the cubic Hermite interpolants of q and v.
 class StepEvents {
  public:
@@ -27,12 +62,13 @@ class StepEvents {
   /// Looks at the step from the last time to t, where the system's state is now; logs what occurred, in order.
   /// @return whether a terminal event did: `out` then says so, and out.reached is its time
   bool look(double t);
+  /// `look` at the end of a step of h from `from`, and, of a method that interpolates, before at several places of it,
+  /// as it may hold more than one zero; out.reached is its end.
+  void look_through(double from, double h);
 
  private:
-  void prepare(double t);
   Eigen::Index write(double t, Eigen::Index entry) const;
   Eigen::Index last_entry() const { return tape_ ? static_cast<Eigen::Index>(tape_->entries.size()) - 1 : -1; }
-  void place(double t);
   double locate(std::size_t k);
 
   System& s_;
@@ -44,7 +80,8 @@ class StepEvents {
   Eigen::Index entry0_ = -1;               // of the tape, at the last look
   double t0_ = 0.0, t1_ = 0.0;
   Eigen::VectorXd values0_, values1_, values_;
-  Eigen::VectorXd q0_, q1_, dq0_, dq1_, v0_, v1_, a0_, a1_;
+  Eigen::VectorXd q0_, v0_, q1_, v1_;
+  StepCubic cubic_;
   std::vector<std::pair<double, std::size_t>> found_;
 };
 

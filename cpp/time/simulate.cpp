@@ -4,7 +4,6 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
-#include "friction.hpp"
 #include "stepper.hpp"
 
 namespace flexarm {
@@ -12,7 +11,6 @@ namespace flexarm {
 namespace {
 
 constexpr double kMostSteps = 1e10;
-constexpr int kLooksInside = 8;  // places of an interpolated step at which events are looked at
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
@@ -46,25 +44,14 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   return good;
 }
 
-/// Looks for events at several places of a step, as it may hold more than one zero, and leaves the state at its end.
-void look_inside(System& s, const Step& method, double from, double h, Trajectory& out, StepEvents& seen) {
-  const Eigen::VectorXd q = s.q, v = s.v;
-  const double end = out.reached;
-  for (int k = 1; k < kLooksInside && !out.terminated; ++k) {
-    const double c = static_cast<double>(k) / kLooksInside;
-    method.inside(c, s.q, s.v);
-    s.drive(from + c * h);
-    seen.look(from + c * h);
-  }
-  s.q = q;
-  s.v = v;
-  s.drive(end);
-  if (!out.terminated) seen.look(end);
-}
+}  // namespace
 
-/// A run, or one part of it between two switches of dry friction.
-Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
-                           const Alive& alive, Control& control, Tape* tape) {
+Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
+                          const Alive& alive, Tape* tape) {
+  problem.check();
+  check_times(t);
+  check_step(step, t);
+  Control control = problem.control();
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   Stepper way(problem, control, method, step, t);
@@ -96,13 +83,8 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   bool going = true;
   const auto after = [&](double from, double h) {
     out.reached = way.reached;
-    bool good = true;
-    if (!method.interpolates()) {
-      seen.look(out.reached);
-    } else {
-      if (!problem.events.empty()) look_inside(s, method, from, h, out, seen);
-      good = record_inside(s, method, from, h, out, t, look, tape);
-    }
+    seen.look_through(from, h);
+    const bool good = !method.interpolates() || record_inside(s, method, from, h, out, t, look, tape);
     way.enough = out.terminated;
     return good ? Status::ok : Status::not_finite;
   };
@@ -138,26 +120,10 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   out.stats.residuals = counts.evaluations - before.evaluations;
   out.stats.jacobians = counts.factorisations - before.factorisations;
   out.stats.newton_iterations = counts.iterations - before.iterations;
-  out.stats.switches = counts.switches - before.switches;
+  out.stats.switches = counts.switches - before.switches + way.switches;
+  out.stats.hasty = way.hasty;
   out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
-}
-
-}  // namespace
-
-Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
-                          const Alive& alive, Tape* tape) {
-  problem.check();
-  check_times(t);
-  check_step(step, t);
-  Control control = problem.control();
-  if (method.rubbing() || rubs(*problem.arm).empty())
-    return simulate_smooth(problem, t, method, step, alive, control, tape);
-  const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>&) {
-    const double left = times[times.size() - 1] - times[0];  // it may be shorter than a step
-    return simulate_smooth(of, times, method, std::min(step, left), alive, control, tape);
-  };
-  return simulate_with_friction(problem, t, part, control, step, {});
 }
 
 }  // namespace flexarm

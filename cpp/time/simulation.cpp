@@ -6,7 +6,8 @@
 
 namespace flexarm {
 
-std::unique_ptr<Step> Method::on(const Arm& arm, double step, DryFriction friction) const {
+std::unique_ptr<Step> Method::on(const Arm& arm, double step) const {
+  constexpr DryFriction friction = DryFriction::left_to_caller;  // which Stepper is
   if (name == "gauss") {
     CollocationOptions options;
     options.stages = stages;
@@ -55,6 +56,8 @@ struct Simulation::Motion {
   const std::unique_ptr<Step> method;
   const double step;
   Stepper way;
+  Trajectory events;  // what has occurred; nothing else of it is used
+  StepEvents seen;
   Status status = Status::ok;
   double anchor;                        // a time from which steps are counted
   long counted = 0;                     // steps since
@@ -66,15 +69,19 @@ struct Simulation::Motion {
         method(by.on(*problem.arm, h)),
         step(h),
         way(problem, control, *method, h, Eigen::VectorXd::Constant(1, t)),
+        seen(way.s, problem.events, events, nullptr, method->interpolates() ? method.get() : nullptr),
         anchor(t) {
+    events.events.resize(problem.events.size());
     if (!std::isfinite(t)) bad_value("t", t, "must be finite");
     way.begin();
     status = way.start();
     if (status != Status::ok) bad_value("q0, v0", "this start", way.reason(status));
+    seen.start(t);
   }
 
   Status go(double until, const Alive& alive) {
     known = false;
+    events.terminated = false;
     if (changed) {
       changed = false;
       way.s.drive(way.reached);
@@ -83,20 +90,45 @@ struct Simulation::Motion {
       status = Status::ok;
     }
     bool going = true;
-    const auto seen = [](double, double) { return Status::ok; };
+    const auto after = [&](double from, double h) {
+      events.reached = way.reached;
+      seen.look_through(from, h);
+      way.enough = events.terminated;
+      return Status::ok;
+    };
     const auto each = [&] { return going = !alive || alive(way.reached); };
-    while (status == Status::ok && going && way.reached < until) {
-      status = way.advance(way.next_stop(until), seen, each);
-      if (status == Status::ok) status = way.sample();
+    while (status == Status::ok && going && way.reached < until && !events.terminated) {
+      status = way.advance(way.next_stop(until), after, each);
+      if (status == Status::ok && !events.terminated) status = way.sample();
     }
+    if (events.terminated) end_at_event();
     if (status != Status::ok) way.s.drive(way.reached);
     return status;
+  }
+
+  /// The state is that of the terminal event, from which the next step goes on.
+  void end_at_event() {
+    for (const EventLog& log : events.events)
+      if (!log.t.empty() && log.t.back() == events.reached) {
+        way.s.q = log.q.back();
+        way.s.v = log.v.back();
+      }
+    way.reached = events.reached;
+    way.s.drive(way.reached);
+    const Status begun = way.jump();
+    if (status == Status::ok) status = begun;
+    seen.start(way.reached);
   }
 
   void look() {
     if (known) return;
     known = way.s.react() == nullptr;
     if (!known) way.s.a.setConstant(std::nan(""));
+  }
+
+  void count_from_here() {
+    anchor = way.reached;
+    counted = 0;
   }
 
   void numbers(const std::function<void(double&)>& f) {
@@ -138,6 +170,7 @@ Status Simulation::step() {
   Motion& m = *motion_;
   const double until = m.anchor + static_cast<double>(m.counted + 1) * m.step;
   if (m.go(until, {}) == Status::ok) ++m.counted;
+  if (m.events.terminated) m.count_from_here();
   return m.status;
 }
 
@@ -145,8 +178,7 @@ Status Simulation::advance(double until, const Alive& alive) {
   Motion& m = *motion_;
   if (!(until >= m.way.reached)) bad_value("until", until, "must not be before t = " + std::to_string(m.way.reached));
   m.go(until, alive);
-  m.anchor = m.way.reached;
-  m.counted = 0;
+  m.count_from_here();
   return m.status;
 }
 
@@ -170,6 +202,8 @@ std::string Simulation::failure() const {
 }
 const Step::Counts& Simulation::counts() const { return motion_->method->counts(); }
 long Simulation::steps() const { return motion_->way.steps; }
+const std::vector<EventLog>& Simulation::events() const { return motion_->events.events; }
+bool Simulation::terminated() const { return motion_->events.terminated; }
 
 void Simulation::set_tau(const Eigen::VectorXd& tau) {
   Motion& m = *motion_;
@@ -237,7 +271,10 @@ void Simulation::restore(const State& state) {
   m.control.recall(state.control);
   m.way.s.drive(state.t);
   m.method->recalled();
+  m.way.recalled();
   m.status = Status::ok;
+  m.events.terminated = false;
+  m.seen.start(state.t);
 }
 
 }  // namespace flexarm

@@ -130,7 +130,7 @@ struct OneStep::Run {
   const std::vector<Rub> rubs;
   const std::vector<AppliedLimit> limits;
   std::vector<int> rubbing, now;         // their rates, those that are not prescribed
-  Contacts<Engine>* contacts = nullptr;  // of a method with friction in its equations
+  Contacts<Engine>* contacts = nullptr;  // of the method
   const Work* work = nullptr;
   const double *q0 = nullptr, *v0 = nullptr;
   Status unsolved = Status::not_converged;
@@ -142,7 +142,8 @@ struct OneStep::Run {
   virtual ~Run() = default;
   virtual void forget() = 0;
   virtual bool begin(const double* q, const double* v, const double* tau, double* x) = 0;
-  virtual bool accelerate(const double* q, const double* v, const double* tau, double* x) = 0;
+  virtual bool accelerate(const double* q, const double* v, const double* tau, double* x, bool between) = 0;
+  virtual bool switches_within() const = 0;
   virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
   virtual bool accept(double h, double* v, double* x) = 0;
   virtual int iterations() const = 0;
@@ -164,7 +165,6 @@ struct OneStep::Run {
     engine.layout = &ws.chain().layout();
     engine.free = ws.free.data();
     engine.free_count = static_cast<int>(ws.free.size());
-    if (!contacts) return;
     now.clear();
     for (const Rub& r : rubs)
       if (std::binary_search(ws.free.begin(), ws.free.end(), r.rate)) now.push_back(r.rate);
@@ -187,15 +187,14 @@ struct OneStep::RunOf final : Run {
   typename Row::template On<Engine> method;
   std::vector<double> numbers;
 
-  RunOf(const Arm& arm, const ImplicitOptions& o)
-      : Run(arm, Row::traits.rubs ? flexarm::rubs(arm) : std::vector<Rub>{}) {
+  RunOf(const Arm& arm, const ImplicitOptions& o) : Run(arm, flexarm::rubs(arm)) {
     const lanes::MethodOptions told{o.spectral_radius, o.rtol, o.max_iterations};
     Room most;
     method.lay_out(most, arm.nq(), arm.nv(), nullptr, static_cast<int>(rubs.size()), told);
     numbers.resize(most.bytes() / sizeof(double));
     Room room(numbers.data());
     method.lay_out(room, arm.nq(), arm.nv(), nullptr, 0, told);
-    contacts = method.friction();
+    contacts = &method.friction();
     work = &method.work;
     q0 = method.q0;
     v0 = method.v0;
@@ -205,9 +204,10 @@ struct OneStep::RunOf final : Run {
   bool begin(const double* q, const double* v, const double* tau, double* x) override {
     return method.begin(engine, q, v, tau, x, true);
   }
-  bool accelerate(const double* q, const double* v, const double* tau, double* x) override {
-    return method.accelerate(engine, q, v, tau, x, true);
+  bool accelerate(const double* q, const double* v, const double* tau, double* x, bool between) override {
+    return method.accelerate(engine, q, v, tau, x, true, between);
   }
+  bool switches_within() const override { return Row::traits.rubs; }
   bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) override {
     const auto set = [&given](double c) {
       if (given) given(c);
@@ -270,6 +270,7 @@ OneStep::~OneStep() = default;
 int OneStep::iterations() const { return run_->iterations(); }
 Stages OneStep::stages() const { return run_->stages(); }
 OneStep* OneStep::rubbing() { return run_->rubs.empty() ? nullptr : this; }
+bool OneStep::switches_within() const { return run_->switches_within(); }
 
 void OneStep::memory(const std::function<void(double&)>& visit) {
   run_->memory(visit);
@@ -301,10 +302,10 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
 }
 
 Status OneStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                           const Eigen::VectorXd& tau, Eigen::VectorXd& friction) {
+                           const Eigen::VectorXd& tau, Eigen::VectorXd& friction, bool between) {
   run_->attach(ws, tau);
   if (run_->rubs.empty()) return forward_dynamics(*arm_, ws, q, v, tau);
-  const bool good = run_->accelerate(q.data(), v.data(), tau.data(), ws.a.data());
+  const bool good = run_->accelerate(q.data(), v.data(), tau.data(), ws.a.data(), between);
   report(v, run_->contacts->force, friction);
   if (!all_finite(q) || !all_finite(v) || !all_finite(tau) || (good && !all_finite(ws.a))) return Status::not_finite;
   return good ? Status::ok : Status::singular;
@@ -323,7 +324,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->lag(h), tape_->points()});
-  if (run_->contacts && run_->contacts->switches()) {
+  if (run_->switches_within() && run_->contacts->switches()) {
     const Contacts<Engine>& c = *run_->contacts;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
@@ -383,7 +384,6 @@ bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q
 
 std::vector<double> OneStep::way() const {
   std::vector<double> out;
-  if (!run_->contacts) return out;
   const Contacts<Engine>& c = *run_->contacts;
   for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
   out.push_back(c.left);
@@ -391,7 +391,6 @@ std::vector<double> OneStep::way() const {
 }
 
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
-  if (!run_->contacts) return;
   const Contacts<Engine>& c = *run_->contacts;
   for (int k = 0; k < c.count; ++k) {
     const double rate = v[c.at[k]], way = c.over[k] > 0.5 ? c.way[k] : instant ? c.sign(rate) : c.sense[k];

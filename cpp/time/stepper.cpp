@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <sstream>
+#include <utility>
 
 #include "flexarm/quadrature.hpp"
 
@@ -12,6 +13,14 @@ namespace {
 constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
 constexpr double kSlow = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
 constexpr double kInBetween = 1e-4;  // the same, at its samples
+constexpr double kStill = 1e-10;     // speed (rad/s, m/s) below which a joint with dry friction may stick
+constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it, at first
+constexpr int kPlaces = 8;           // of an interpolated step, at which switches are looked for
+constexpr double kOneTime = 1e-9;    // parts of a step that are no time
+constexpr int kSearch = 40;          // halvings of the time in which a switch is
+constexpr int kAims = 4;             // steps that try to end where a joint comes to rest
+constexpr double kFewSteps = 3.0;    // that resolve no swing, of a method that knows the ends of its steps alone
+constexpr std::size_t kMany = 100;   // so many switches within a step are no motion
 
 /// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
 /// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
@@ -70,8 +79,20 @@ std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::Vector
 }  // namespace
 
 Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double step_, const Eigen::VectorXd& looks)
-    : s(problem, control), reached(looks[0]), method(method_), step(step_), now_{looks[0], step_, std::nan("")} {
+    : s(problem, control),
+      reached(looks[0]),
+      method(method_),
+      step(step_),
+      now_{looks[0], step_, std::nan("")},
+      ways_(static_cast<std::size_t>(s.arm.nv()), Tape::free),
+      q0_(s.q),
+      v0_(s.v),
+      cubic_(s) {
   s.rubbing = method.rubbing();
+  if (!method.switches_within())
+    for (const Rub& rub : rubs(s.arm))
+      if (!s.ws.prescribed[static_cast<std::size_t>(rub.rate)]) contacts_.push_back({rub, kSlack, -1e300});
+  if (!contacts_.empty()) last_switches_.reserve(kMany + 1);
   s.q = problem.q0;
   s.v = problem.v0;
   if (method.interpolates()) speeds_ = speeds(problem.drives, looks);
@@ -79,6 +100,8 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
 }
 
 void Stepper::begin() {
+  for (const Contact& c : contacts_)
+    if (std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
   s.sample(reached + kSameTime * step);
 }
@@ -106,6 +129,122 @@ Status Stepper::try_step(double from, double h, double last, int level) {
   return visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given_) : Status::not_converged;
 }
 
+Status Stepper::look_at_contacts(Status status) {
+  if (!contacts_.empty() && status == Status::ok) s.rubbing->contacts(s.v, true, ways_.data());
+  return status;
+}
+
+/// Of the system's state, which has been driven, a contact that would no longer do what it does; or null.
+Stepper::Contact* Stepper::broken() {
+  bool held = false;
+  for (Contact& c : contacts_) {
+    const signed char way = ways_[static_cast<std::size_t>(c.of.rate)];
+    held = held || way == Tape::held;
+    if (way != Tape::held && way * s.v[c.of.rate] < -kStill) return &c;
+  }
+  if (!held || s.accelerate(true) != Status::ok) return nullptr;  // the step itself says what is wrong
+  for (Contact& c : contacts_)
+    if (ways_[static_cast<std::size_t>(c.of.rate)] == Tape::held &&
+        std::abs(s.friction[c.of.rate]) > c.of.stiction * (1.0 + c.slack))
+      return &c;
+  return nullptr;
+}
+
+Status Stepper::end_at_switch(double from, double h, double last, int level, double& share) {
+  const Eigen::VectorXd q = s.q, v = s.v;
+  const double end = std::isnan(last) ? from + h : last;
+  const bool inside = method.interpolates();
+  const auto look = [&](double c) {
+    if (c == 1.0) {
+      s.q = q;
+      s.v = v;
+      s.drive(end);
+    } else if (inside) {
+      method.inside(c, s.q, s.v);
+      s.drive(from + c * h);
+    } else if (c == 0.0) {
+      s.q = q0_;
+      s.v = v0_;
+      s.drive(from);
+    } else {
+      cubic_.place(s, from + c * h);
+    }
+    return broken();
+  };
+  double low = 0.0, high = 1.0;
+  switched_ = nullptr;
+  for (int k = inside ? 1 : kPlaces; k <= kPlaces && !switched_; ++k) {
+    const double c = static_cast<double>(k) / kPlaces;
+    switched_ = look(c);
+    (switched_ ? high : low) = c;
+  }
+  if (!switched_) return Status::ok;
+  if (look(0.0)) {  // other forces act than those under which it stuck
+    low = high = 0.0;
+  } else if (!inside) {
+    look(1.0);
+    cubic_.prepare(s, from, q0_, v0_, end, true, [](double) {});
+  }
+  for (int k = 0; k < kSearch && high > low; ++k) {
+    const double middle = 0.5 * (low + high);
+    Contact* const found = look(middle);
+    if (found) switched_ = found;
+    (found ? high : low) = middle;
+  }
+  share = high;
+  const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
+  was_ = way;
+  for (int aim = 0; aim < kAims && share > kOneTime && share < 1.0 - kOneTime; ++aim) {
+    s.q = q0_;
+    s.v = v0_;
+    s.drive(from);
+    if (const Status status = jump(); status != Status::ok) return status;
+    if (way != was_) {  // the step began at the switch
+      share = 0.0;
+      break;
+    }
+    if (const Status status = try_step(from, share * h, std::nan(""), level); status != Status::ok) return status;
+    if (way == Tape::held || std::abs(s.v[switched_->of.rate]) <= kStill || aim + 1 == kAims) return Status::ok;
+    if (const Status status = s.accelerate(true); status != Status::ok) return status;
+    const double late = s.v[switched_->of.rate] / (s.ws.a[switched_->of.rate] * h);
+    if (!(std::abs(late) < 0.1 * share)) return Status::ok;
+    share -= late;
+  }
+  const bool whole = share > 0.5;
+  share = whole ? 1.0 : 0.0;
+  s.q = whole ? q : q0_;
+  s.v = whole ? v : v0_;
+  s.drive(whole ? end : from);
+  return Status::ok;
+}
+
+Status Stepper::settle() {
+  Contact& now = *switched_;
+  switched_ = nullptr;
+  for (const Contact& c : contacts_)
+    if (&c == &now || std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
+  s.drive(reached);
+  const double slack = now.slack;
+  const Status status = jump();
+  last_switches_.push_back(reached);
+  if (last_switches_.size() > kMany) {
+    last_switches_.erase(last_switches_.begin());
+    if (last_switches_.back() - last_switches_.front() <= step) {
+      restless_ = &now;
+      return Status::not_converged;
+    }
+  }
+  now.slack = kSlack;
+  if (ways_[static_cast<std::size_t>(now.of.rate)] == was_) {
+    now.slack = 10.0 * slack;  // it was seen a little early
+    return status;
+  }
+  ++switches;
+  const double few = method.interpolates() ? step : kFewSteps * step;
+  hasty += reached - std::exchange(now.switched, reached) < few;
+  return status;
+}
+
 Status Stepper::sample() { return s.sample(reached + kSameTime * step) ? jump() : Status::ok; }
 
 std::string Stepper::reason(Status status) const {
@@ -113,6 +252,12 @@ std::string Stepper::reason(Status status) const {
   std::ostringstream text;
   switch (status) {
     case Status::not_converged:
+      if (restless_) {
+        text << "the friction of joint coordinate '" << s.arm.coordinates()[restless_->of.rate]
+             << "' switches without end: no state of sticking and sliding lasts, or the motion runs away: take a "
+                "smaller step";
+        break;
+      }
       text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
       break;
     case Status::not_finite:

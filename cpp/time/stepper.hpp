@@ -5,7 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "system.hpp"
+#include "events.hpp"
+#include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 
@@ -13,17 +14,22 @@ constexpr double kSameTime = 1e-6;  // parts of a step by which two times are st
 
 /// A system, the method that moves it, and the time that it has reached. Steps end at stops: samples of drives, loads
 /// and controllers, and the times that the caller asks for; between two stops they are equal, as few as `step` allows.
+/// Of joints with dry friction, each sticks or slides (as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996). A
+/// method that has no switches within its steps holds what sticks exactly still, and pushes with a constant force on
+/// what slides: between two switches the motion is smooth. A step that passes over one is taken again, up to there.
 class Stepper {
  public:
   System s;
   double reached;  ///< time (s)
   long steps = 0, halved = 0;
+  long switches = 0;  ///< of joints between sticking and sliding, at which steps ended
+  long hasty = 0;     ///< of these, within a step (three of rk4) behind one of the same joint
 
   /// @param looks  some times of the run: how fast a prescribed motion is there is a measure of what a step may miss
   Stepper(const Problem& problem, Control& control, Step& method, double step, const Eigen::VectorXd& looks);
   /// Drives, and samples controllers, at the start. The method itself is started by `start`.
   void begin();
-  Status start() { return method.start(s.ws, s.q, s.v, s.tau); }
+  Status start() { return look_at_contacts(method.start(s.ws, s.q, s.v, s.tau)); }
 
   /// The time that steps must end at next, at most `until`.
   double next_stop(double until) const;
@@ -48,7 +54,9 @@ class Stepper {
   /// Lets sampled controllers do what is due at the time reached.
   Status sample();
   /// Other forces act from here on.
-  Status jump() { return method.jump(s.ws, s.q, s.v, s.tau); }
+  Status jump() { return look_at_contacts(method.jump(s.ws, s.q, s.v, s.tau)); }
+  /// To be called when the method and the system have been given another state.
+  void recalled() { look_at_contacts(Status::ok); }
   /// Why a status is not ok, for people.
   std::string reason(Status status) const;
   void record(Tape* tape) { tape_ = tape; }
@@ -57,15 +65,33 @@ class Stepper {
   static constexpr int kSplits = 8;  // halvings of a step whose equations cannot be solved
   static constexpr int kLooks = 5;   // halvings of a step that does not see a motion; then it is taken to jump
 
+  /// A joint with dry friction that is not prescribed.
+  struct Contact {
+    Rub of;
+    double slack;     // parts of its stiction by which it may be held beyond it
+    double switched;  // when, last (s)
+  };
+
   /// One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
   /// method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
   template <class Seen>
   Status part(double from, double h, double last, int level, const Seen& seen) {
-    const Status found = try_step(from, h, last, level);
+    if (!contacts_.empty()) {
+      q0_ = s.q;
+      v0_ = s.v;
+    }
+    double share = 1.0;  // of the step, up to a switch of dry friction
+    Status found = try_step(from, h, last, level);
+    if (found == Status::ok && !contacts_.empty()) found = end_at_switch(from, h, last, level, share);
     if (found == Status::ok) {
-      reached = std::isnan(last) ? from + h : last;
-      ++steps;
-      return seen(from, h);
+      reached = share < 1.0 ? from + share * h : std::isnan(last) ? from + h : last;
+      if (share > 0.0) {
+        ++steps;
+        found = seen(from, share * h);
+      }
+      if (found == Status::ok && switched_) found = settle();
+      if (share == 1.0 || found != Status::ok || enough) return found;
+      return part(from + share * h, (1.0 - share) * h, last, level, seen);
     }
     if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
     ++halved;
@@ -73,6 +99,13 @@ class Stepper {
     const Status half = part(from, 0.5 * h, std::nan(""), level + 1, seen);
     return half == Status::ok && !enough ? part(from + 0.5 * h, 0.5 * h, last, level + 1, seen) : half;
   }
+  /// The first switch of dry friction within the step that has been taken: takes the step again up to there.
+  /// @param share  part of the step up to it
+  Status end_at_switch(double from, double h, double last, int level, double& share);
+  /// Begins anew behind a switch.
+  Status settle();
+  Status look_at_contacts(Status status);
+  Contact* broken();
   Status try_step(double from, double h, double last, int level);
 
   Step& method;
@@ -83,6 +116,14 @@ class Stepper {
     double from, h, last;  // of the step; `last`: the stop when it ends there, so that it is met exactly
   } now_;
   Tape* tape_ = nullptr;
+  std::vector<Contact> contacts_;  // of a method that has no switches within its steps
+  std::vector<signed char> ways_;  // of all rates, what they do until the next switch (Tape::Contact)
+  Contact* switched_ = nullptr;    // in the step that has been taken
+  signed char was_ = Tape::free;   // what that one did before
+  Contact* restless_ = nullptr;    // what switches without end
+  Eigen::VectorXd q0_, v0_;        // where the step began
+  StepCubic cubic_;                // through it, of methods that do not interpolate
+  std::vector<double> last_switches_;
 };
 
 }  // namespace flexarm

@@ -71,8 +71,8 @@ void System::drive(double t) {
   ws.give(tau.data());
 }
 
-Status System::accelerate() {
-  return rubbing ? rubbing->accelerate(ws, q, v, tau, friction) : forward_dynamics(arm, ws, q, v, tau);
+Status System::accelerate(bool between) {
+  return rubbing ? rubbing->accelerate(ws, q, v, tau, friction, between) : forward_dynamics(arm, ws, q, v, tau);
 }
 
 bool System::sample(double t) {

@@ -20,7 +20,7 @@ struct System {
   Workspace ws;
   std::vector<int> free_q;       // coordinates that are not prescribed
   Eigen::VectorXd q, v, a, tau;  // of all coordinates
-  OneStep* rubbing = nullptr;    // the method, where dry friction is in its equations
+  OneStep* rubbing = nullptr;    // knows what dry friction does (Step::rubbing)
   Eigen::VectorXd friction;      // of that
 
   /// @param control  of the problem, which remembers what has been sampled. Both must outlive this
@@ -30,8 +30,8 @@ struct System {
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t);
-  /// Accelerations at the current state, into ws.a.
-  Status accelerate();
+  /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
+  Status accelerate(bool between = false);
   /// Lets the sampled controllers do what is due up to time t, at the current state.
   /// @return whether the forces have changed: then tau is what it is behind that
   bool sample(double t);

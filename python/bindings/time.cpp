@@ -12,11 +12,11 @@ using namespace flexarm;
 namespace {
 
 /// t (n), q (n, nq), v (n, nv) of each event.
-py::list event_rows(const Trajectory& r) {
+py::list occurred(const std::vector<EventLog>& events, Eigen::Index nq, Eigen::Index nv) {
   py::list out;
-  for (const EventLog& log : r.events) {
+  for (const EventLog& log : events) {
     const auto n = static_cast<Eigen::Index>(log.t.size());
-    Rows q(n, r.q.cols()), v(n, r.v.cols());
+    Rows q(n, nq), v(n, nv);
     for (Eigen::Index i = 0; i < n; ++i) {
       q.row(i) = log.q[static_cast<std::size_t>(i)];
       v.row(i) = log.v[static_cast<std::size_t>(i)];
@@ -81,7 +81,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;
-  out["events"] = event_rows(r);
+  out["events"] = occurred(r.events, r.q.cols(), r.v.cols());
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
   if (!r.tangents.empty()) {
@@ -187,7 +187,7 @@ void bind_time(py::module_& m) {
       [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, const py::object& alive, Tape* tape) {
         const std::unique_ptr<Step> method =
-            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step, DryFriction::left_to_caller);
+            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step);
         if (tape) *tape = Tape(method->stages());
         return run(alive, [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, step, look, tape); });
       },
@@ -228,7 +228,7 @@ void bind_time(py::module_& m) {
               const Unlocked free;
               found = s.advance(until, [&lookout](double now) { return lookout(now); });
             }
-            if (found == Status::ok && s.t() < until) {
+            if (found == Status::ok && s.t() < until && !s.terminated()) {
               PyErr_SetNone(PyExc_KeyboardInterrupt);
               throw py::error_already_set();
             }
@@ -243,6 +243,9 @@ void bind_time(py::module_& m) {
       .def_property_readonly("friction", &Simulation::friction, py::return_value_policy::copy)
       .def_property_readonly("failure", &Simulation::failure)
       .def_property_readonly("steps", &Simulation::steps)
+      .def_property_readonly("terminated", &Simulation::terminated)
+      .def_property_readonly("events",
+                             [](const Simulation& s) { return occurred(s.events(), s.q().size(), s.v().size()); })
       .def("set_tau", &Simulation::set_tau, py::arg("tau"))
       .def("set_force", &Simulation::set_force, py::arg("drive"), py::arg("value"))
       .def("set_load", &Simulation::set_load, py::arg("load"), py::arg("wrench"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import flexarm as fa
 import numpy as np
@@ -129,11 +130,12 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
         np.testing.assert_allclose(r.q[:, 0], ida.q[:, 0], atol=1e-6 * np.ptp(ida.q[:, 0]))
 
 
-def test_switches_within_a_step_are_told() -> None:
-    """A controller of 4243 rad/s, in steps of 1 ms, which only the friction holds together."""
+@pytest.mark.parametrize("step", [1e-3, 5e-4, 3e-4])
+def test_switches_within_a_few_steps_are_told(step: float) -> None:
+    """A controller of 4243 rad/s: at rest soon, but in smaller steps it swings on for more than 1 s."""
     control = fa.PD(1.8e7, 0.0, link=0)
-    with pytest.warns(fa.StepWarning, match="dry friction.*within a step.*take a smaller step"):
-        fa.simulate(block(), [0, 1], [0.1], control=control, integrator="rk4", step=1e-3)
+    with pytest.warns(fa.StepWarning, match="dry friction.*within three steps.*take a smaller step"):
+        fa.simulate(block(), [0, 1], [0.1], control=control, integrator="rk4", step=step)
 
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.05])
@@ -366,3 +368,22 @@ def test_interrupted_while_it_sticks_and_slips(options: dict) -> None:
     with pytest.raises(fa.SimulationInterrupted) as caught:
         fa.simulate(arm, t, drive=drive, progress=stop, **options)
     assert caught.value.time < 15_000
+
+
+@pytest.mark.parametrize(("integrator", "step", "order"), [("gauss", 0.05, 7), ("rk4", 0.01, 4)])
+def test_steps_keep_their_order_through_switches(integrator: str, step: float, order: int) -> None:
+    """Two links that swing, stick and are torn loose again, to the digits of IDA and far finer steps."""
+    first = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0.01, 0.05, 0.05), end=(0.6, 0, 0))
+    second = fa.RigidBody(0.6, com=(0.2, 0, 0), inertia=(0.01, 0.02, 0.02))
+    joints = fa.Revolute("z", coulomb=0.2, stiction=0.3), fa.Revolute("z", coulomb=0.05)
+    arm = fa.Arm(list(map(fa.Link, joints, (first, second))), gravity=(0, -9.81, 0))
+
+    def end(**options: Any) -> np.ndarray:
+        r = fa.simulate(arm, [0, 2.0], [0.6, 0.4], **options)
+        assert r.stats["switches"] == 6
+        return r.q[-1]
+
+    truth = end(integrator=fa.Gauss(2e-3, rtol=1e-13))
+    np.testing.assert_allclose(truth, end(rtol=1e-11, atol=1e-13), atol=2e-7)
+    error = [np.abs(end(integrator=integrator, step=h) - truth).max() for h in (step, step / 2)]
+    assert np.log2(error[0] / error[1]) > order - 0.2 and error[1] < 1e-5

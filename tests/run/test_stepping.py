@@ -62,8 +62,22 @@ def test_gauss_and_friction() -> None:
         np.testing.assert_array_equal(sim.q, run.q[k])
         np.testing.assert_allclose(sim.friction, run.friction[k], atol=1e-12)
         sim.step()
-    with pytest.raises(ValueError, match="coulomb"):
-        fa.Simulation(rubs, fa.Gauss(1e-3))
+    for integrator in (fa.Gauss(2e-3), fa.RK4(2e-5)):  # a step ends at each switch
+        run = fa.simulate(rubs, T[:41], integrator=integrator, tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0])
+        sim = fa.Simulation(rubs, integrator, t=T, tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0])
+        ida = fa.simulate(rubs, T[:41], tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0], rtol=1e-9, atol=1e-11)
+        assert run.stats["switches"] == ida.stats["switches"] > 0
+        np.testing.assert_allclose(run.q, ida.q, atol=1e-6)
+        for k in range(1, 41):
+            sim.step(until=T[k])
+            if k == 11:
+                state = sim.state()
+        np.testing.assert_allclose(sim.q, run.q[-1], atol=1e-7)
+        last = sim.q
+        sim.restore(state)
+        for k in range(12, 41):
+            sim.step(until=T[k])
+        np.testing.assert_array_equal(sim.q, last)
     ends = T[[0, -1]]
     run = fa.simulate(arm(), ends, integrator=fa.Gauss(2e-3), loads=[PUSH])
     sim = fa.Simulation(arm(), fa.Gauss(2e-3), t=ends, loads=[PUSH])
@@ -141,3 +155,46 @@ def test_a_step_that_fails_leaves_the_state_of_its_beginning() -> None:
     assert sim.t == e.value.time == before[0]
     np.testing.assert_array_equal(sim.q, before[1])
     assert e.value.result.q.shape == (1, 6)
+
+
+def ground(t: float, q: np.ndarray, v: np.ndarray) -> float:
+    return float(q[0])
+
+
+ground.terminal, ground.direction = True, -1  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("integrator", [fa.Implicit(1e-3), fa.Gauss(0.05), fa.RK4(0.02)], ids=lambda i: i.name)
+def test_a_terminal_event_stops_a_step_and_the_next_goes_on(integrator: fa.Integrator) -> None:
+    """A mass falls from 1 m: it passes zero after sqrt(2/g), and again where gravity has turned a new start round."""
+    mass = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(2.0))], gravity=(-9.81, 0, 0))
+    fall = np.sqrt(2 / 9.81)
+    sim = fa.Simulation(mass, integrator, q0=[1.0], events=[ground, lambda t, q, v: q[0] - 0.5])
+    sim.step(until=0.2)
+    assert not sim.terminated and sim.t == 0.2
+    sim.step(until=2.0)
+    assert sim.terminated
+    np.testing.assert_allclose([sim.t, sim.q[0], sim.v[0]], [fall, 0.0, -9.81 * fall], atol=2e-6)
+    np.testing.assert_allclose(sim.t_events[0], [fall], atol=1e-6)
+    np.testing.assert_allclose(sim.t_events[1], [np.sqrt(1 / 9.81)], atol=1e-6)
+    np.testing.assert_allclose(sim.v_events[1], [[-np.sqrt(9.81)]], atol=1e-5)
+    state = sim.state()
+    sim.step()
+    assert not sim.terminated and sim.t == pytest.approx(fall + integrator.step, abs=1e-5)  # type: ignore[attr-defined]
+    assert sim.q[0] < 0
+    sim.restore(state)
+    assert sim.q[0] == pytest.approx(0, abs=1e-6) and sim.t == pytest.approx(fall, abs=1e-6)
+
+
+def test_a_scene_has_events() -> None:
+    mass = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(2.0))], gravity=(-9.81, 0, 0))
+    scene = fa.Scene(mass, t=np.linspace(0, 1, 11), q0=[1.0], events=ground)
+    r = scene.run()
+    assert r.status == 1 and r.t_events[0] == pytest.approx(np.sqrt(2 / 9.81), abs=1e-6)
+    sim = fa.Simulation(scene)
+    sim.step(until=1.0)
+    assert sim.terminated
+    with pytest.raises(ValueError, match=r"events\[0\].terminal = 1: a choice of models compares whole runs"):
+        fa.economize(scene)
+    with pytest.raises(ValueError, match="events: are Python code, which a scene file cannot hold"):
+        scene.save("nowhere.toml")

@@ -69,7 +69,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     contacts.lay_out(room, rubbing, rubbing_count, nv);
     forget();
   }
-  Contacts<Engine>* friction() { return &contacts; }
+  Contacts<Engine>& friction() { return contacts; }
 
   void forget() {
     h_before = 0.0;
@@ -90,32 +90,14 @@ struct GeneralisedAlpha : AlphaNumbers {
     return good;
   }
   /// Arms without friction get what they get in a pack that has none.
-  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
     const Mask rubs = contacts.anywhere();
     if (!L::any(rubs)) return engine.accelerate(q, v, tau, x);
-    Mask good = settle(engine, q, v, tau, x, where);
+    Mask good = contacts.accelerate(engine, q, v, tau, x, where, tau_own, r, turn, between);
     if (L::all(rubs)) return good;
     for (int i = 0; i < nv; ++i) turn[i] = x[i];
     good = (good & rubs) | (engine.accelerate(q, v, tau, turn) & L::none_of(rubs));
     for (int i = 0; i < nv; ++i) x[i] = L::select(rubs, x[i], turn[i]);
-    return good;
-  }
-
-  /// Accelerations under dry friction, of which what does not move takes what holds it, as far as it may.
-  /// @return where the mass matrix is positive definite; `contacts` has the forces of friction
-  Mask settle(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
-    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = S{};
-    engine.inverse(q, v, x, tau_own, true);
-    S twice;
-    const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
-    contacts.refactored(L::everywhere(true));
-    contacts.begin_instant(v);
-    contacts.take_from(tau_own);
-    for (int k = 0; k < engine.free_count; ++k) r[engine.free[k]] = tau[engine.free[k]] - tau_own[engine.free[k]];
-    if (L::all(L::none_of(good))) return good;
-    engine.solve(r, turn);
-    contacts.resolve(engine, turn, nullptr, nullptr, 1.0, 1.0, where & good, tau_own);
-    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = turn[engine.free[k]];
     return good;
   }
 

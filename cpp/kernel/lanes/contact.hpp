@@ -77,6 +77,39 @@ struct Contacts {
       force[c] = -coulomb[c] * way_now;
     }
   }
+  /// At a state between two switches: what is held stays so, by whatever that needs, and what slides keeps its way.
+  void begin_between() {
+    left = S{};
+    for (int c = 0; c < count; ++c) {
+      held[c] = yes((stiction[c] > 0.0) & (sense[c] == 0.0));
+      over[c] = way[c] = share[c] = S{};
+      force[c] = -coulomb[c] * sense[c];
+    }
+  }
+
+  /// Accelerations under dry friction. `between`: see begin_between; else what does not move takes what holds it, as
+  /// far as it may.
+  /// @param own, rest, turned  memory (nv each)
+  /// @return where the mass matrix is positive definite; `force` has the forces of friction
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, S* own, S* rest,
+                  S* turned, bool between) {
+    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = S{};
+    engine.inverse(q, v, x, own, true);
+    S twice;
+    const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
+    refactored(L::everywhere(true));
+    if (between)
+      begin_between();
+    else
+      begin_instant(v);
+    take_from(own);
+    for (int k = 0; k < engine.free_count; ++k) rest[engine.free[k]] = tau[engine.free[k]] - own[engine.free[k]];
+    if (L::all(L::none_of(good))) return good;
+    engine.solve(rest, turned);
+    resolve(engine, turned, nullptr, nullptr, 1.0, 1.0, where & good, own);
+    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = turned[engine.free[k]];
+    return good;
+  }
 
   /// Forces of friction out of those that a motion needs. @return the largest
   S take_from(S* needed) const {

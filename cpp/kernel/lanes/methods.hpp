@@ -14,11 +14,12 @@
 //                                 @return where `solve` is another from now on
 // What a method offers, a class over the engine, in a header of its own with its row:
 //   lay_out                       takes its memory (room.hpp); the rates that may rub, its options
-//   friction()                    its contacts, whose Coulomb friction and stiction the caller sets; null: it has none
+//   friction()                    its contacts, whose Coulomb friction and stiction the caller sets
 //   forget()                      what it knows of steps before
 //   begin(.., x, where)           begins at a state under these forces; x gets the accelerations.
 //                                 @return where there are such
-//   accelerate(.., x, where)      accelerations as the method has them, dry friction included
+//   accelerate(.., x, where)      accelerations as the method has them, dry friction included; between two switches of
+//                                 it, or not
 //   step(.., given, skip)         from q, v to those at the end; given(c) sets what is given at c of the step.
 //                                 @return where its equations are solved; elsewhere an arm's end is `unsolved`
 //   accept(h, v, x, where)        the step counts; @return where other forces act behind it, so that it must `begin`

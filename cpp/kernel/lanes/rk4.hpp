@@ -1,4 +1,5 @@
-// The classical Runge-Kutta method of fourth order. See methods.hpp for what it asks of an engine, and what it offers.
+// The classical Runge-Kutta method of fourth order; whatever rubs goes on as it does all through a step. See
+// methods.hpp for what it asks of an engine, and what it offers.
 #pragma once
 
 #include "lanes/contact.hpp"
@@ -19,22 +20,30 @@ struct RungeKutta4 {
   static constexpr flexarm::lanes::Ending unsolved = flexarm::lanes::not_finite;  // no arm is singular; it has run away
 
   int nq = 0, nv = 0;
-  S *q0, *q_sum, *dq, *v0, *v_sum;
+  S *q0, *q_sum, *dq, *v0, *v_sum, *own, *rest, *turned;
   static constexpr int iterations = 0;
   Work work;
+  Contacts<Engine> contacts;  // of which none switches within a step
 
-  void lay_out(Room& room, int nq_, int nv_, const int*, int, const MethodOptions&) {
+  void lay_out(Room& room, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions&) {
     nq = nq_;
     nv = nv_;
     room.take_zeros(nq, q0, q_sum, dq);
-    room.take_zeros(nv, v0, v_sum);
+    room.take_zeros(nv, v0, v_sum, own, rest, turned);
+    contacts.lay_out(room, rubbing, rubbing_count, nv);
   }
-  Contacts<Engine>* friction() { return nullptr; }
+  Contacts<Engine>& friction() { return contacts; }
 
   void forget() {}
-  Mask begin(Engine&, const S*, const S*, const S*, S*, const Mask&) { return L::everywhere(true); }
-  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask&) {
-    return engine.accelerate(q, v, tau, x);
+  Mask begin(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+    if (contacts.count == 0) return L::everywhere(true);
+    const Mask good = accelerate(engine, q, v, tau, x, where);
+    contacts.end_instant(v, where & good);
+    return good;
+  }
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
+    if (contacts.count == 0) return engine.accelerate(q, v, tau, x);
+    return contacts.accelerate(engine, q, v, tau, x, where, own, rest, turned, between);
   }
   template <class Given>
   Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
@@ -54,7 +63,7 @@ struct RungeKutta4 {
         for (int i = 0; i < nv; ++i) v[i] = v0[i] + (times[stage] * h) * x[i];
       }
       given(times[stage]);
-      good = good & engine.accelerate(q, v, tau, x);
+      good = good & accelerate(engine, q, v, tau, x, good, true);
       ++work.evaluations;
       if (!L::any(good)) return good;
       engine.rates(q, v, dq);
@@ -67,7 +76,10 @@ struct RungeKutta4 {
     engine.normalise(q);
     return good;
   }
-  Mask accept(double, S*, S*, const Mask&) { return L::everywhere(false); }
+  Mask accept(double, S*, S*, const Mask&) {
+    for (int c = 0; c < contacts.count; ++c) contacts.before[c] = contacts.force[c];
+    return L::everywhere(false);
+  }
 };
 
 struct Rk4 {

@@ -108,11 +108,10 @@ struct Roller {
     arms.laws.given = tau;
     method.lay_out(room, nq, nv, j.rubbing, j.rubs, j.options);
     if (room.counts()) return;
-    if (Contacts<Arms>* contacts = method.friction())
-      for (int c = 0; c < j.rubs; ++c) {
-        contacts->coulomb[c] = arms.of(j.coulomb, c);
-        contacts->stiction[c] = arms.of(j.stiction, c);
-      }
+    for (int c = 0; c < j.rubs; ++c) {
+      method.friction().coulomb[c] = arms.of(j.coulomb, c);
+      method.friction().stiction[c] = arms.of(j.stiction, c);
+    }
   }
 
   void set(long step, long half) {

@@ -20,11 +20,10 @@ from .coordinates import carried_q, carried_v, embed
 
 
 def _simulated(scene: Scene, watch: Watch | bool, progress: bool) -> Result:
-    given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # its modes are enough, as was found
         options = {"watch": watch, "progress": progress, **scene.options}
-        return simulate(scene.arm, scene.t, scene.q0, scene.v0, **given, **options)
+        return simulate(scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), **options)
 
 
 def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:

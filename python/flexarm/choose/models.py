@@ -26,11 +26,12 @@ _MANY = 4  # more beams than this are treated alike where they are alike
 
 
 def read_scene(scene: Scene | str | Path) -> Scene:
-    """A scene, or that of a scene file or of a shipped scene's name."""
+    """A scene, or that of a scene file or of a shipped scene's name, whose runs models are compared by."""
     if isinstance(scene, (str, Path)):
         return load(scene)
     if not isinstance(scene, Scene):
         raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    scene.check_goes_on("a choice of models")
     return scene
 
 

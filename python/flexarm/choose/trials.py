@@ -54,11 +54,11 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
     Args:
         look: called now and then; may raise OutOfTime.
     """
-    given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         used = time.thread_time()
-        result = simulate(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given, **scene.options)
+        given = {**scene.given(), **scene.options}
+        result = simulate(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
         used = time.thread_time() - used
     spent = max(1e-6, min(float(result.stats["wall_time"]), used))  # 0 where nothing is integrated
     return result, spent, "; ".join(str(w.message) for w in said if issubclass(w.category, RangeWarning))

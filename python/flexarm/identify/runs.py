@@ -289,6 +289,7 @@ def made(
         raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
     if len(data) < 3:
         raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
+    scene.check_goes_on("a fit")
     sensors, found = readers(scene, data, asked, inputs)
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
     q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))

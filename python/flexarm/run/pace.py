@@ -15,7 +15,7 @@ from ..analysis.modes import motions_about, small_motions
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
-_HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_HASTY = 10  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
 _TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
@@ -134,14 +134,14 @@ def beyond_explicit(
 
 
 def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
-    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: the joint
-    follows a vibration that the steps do not resolve."""
+    """Warns where `count` of the switches of dry friction came within a step (three of "rk4") behind one of the same
+    joint: the joint follows a vibration that the steps do not resolve."""
     if count <= _HASTY:
         return None
     return StepWarning(
         f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
-        "a step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
-        'may be wrong; take a smaller step, or integrator="implicit"',
+        f"{'three steps' if integrator == 'rk4' else 'a step'} behind another of the same joint: the joint follows a "
+        'vibration too fast for the step, and the motion may be wrong; take a smaller step, or integrator="implicit"',
         step, np.nan,
     )  # fmt: skip
 

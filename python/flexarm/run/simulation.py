@@ -176,8 +176,8 @@ def simulate(
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
 
     Joints with dry friction (`coulomb`, `stiction`) stick and slide; a joint that sticks does not move at all.
-    "implicit" has friction in the equations of its steps, and stays of second order. The other integrators find the
-    times of switching like events, and start again after each; "gauss" takes the points of Radau then (Radau IIA, order
+    "implicit" has friction in the equations of its steps, and stays of second order. A step of "gauss" or "rk4" ends
+    where a joint switches, and "ida" starts again there; "gauss" takes the points of Radau then (Radau IIA, order
     2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
 
     No step passes over a sample of a drive. With "ida" and a drive that is a callable, no step passes over an output
@@ -199,7 +199,8 @@ def simulate(
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
         StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
-            dry friction that switches many times within a step; many steps of "gauss" that had to be halved.
+            dry friction that switches many times within a step (three of "rk4"); many steps of "gauss" that had to be
+            halved.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """

@@ -30,14 +30,17 @@ class Simulation:
         integrator: `Implicit`, `Gauss` or `RK4`, with the step; `Ida` chooses its own steps and is for `simulate`.
         t: times (s): the simulation starts at the first, and functions of time (samples, feed-forwards) are prepared
             until the last, beyond which steps may go. A scene's if None.
-        q0, v0, tau, drive, loads, control: as of `simulate`.
+        q0, v0, tau, drive, loads, control, events: as of `simulate`.
 
     Attributes:
         t: time (s). q: (nq,). v, a: (nv,). tau: generalised forces (N, N m), those applied and the reactions of
             prescribed motions, (nv,). friction: dry friction of the joints, (nv,). All are copies.
         arm, integrator: as given. steps: how many were taken.
+        t_events, q_events, v_events: what has occurred, as in `Result`.
+        terminated: whether a terminal event has ended the last `step`. The state is that of its time, and the next
+            `step` goes on from there: to where the arm goes on from, if you set it, or as if nothing was.
 
-    Events are not looked for. Sampled controllers keep their clock, and what sticks goes on sticking.
+    Sampled controllers keep their clock, and what sticks goes on sticking.
 
     Raises:
         ValueError: bad arguments, a start without accelerations.
@@ -47,15 +50,16 @@ class Simulation:
         self, of: Any, integrator: Integrator | None = None, *, t: ArrayLike | None = None, q0: Any = None,
         v0: ArrayLike | None = None, tau: ArrayLike | None = None,
         drive: Mapping[Any, Motion | Torque | Voltage] | None = None, loads: Sequence[Load] | None = None,
-        control: Controller | Sequence[Controller] | None = None,
+        control: Controller | Sequence[Controller] | None = None, events: Any = None,
     ) -> None:  # fmt: skip
         if not isinstance(of, Arm):
             if not all(hasattr(of, name) for name in ("arm", "drive", "loads", "control")):
                 raise ValueError(f"of = {of!r}: must be an Arm or a Scene")
-            for name, value in (("drive", drive), ("loads", loads), ("control", control)):
+            given = {"drive": drive, "loads": loads, "control": control, "events": events}
+            for name, value in given.items():
                 if value is not None:
                     raise ValueError(f"{name}: is the scene's own; change the scene")
-            drive, loads, control = of.drive, of.loads, of.control
+            drive, loads, control, events = of.drive, of.loads, of.control, of.events
             t, q0 = of.t if t is None else t, of.q0 if q0 is None else q0
             v0 = of.v0 if v0 is None else v0
         self.integrator = Implicit(1e-3) if integrator is None else integrator
@@ -63,7 +67,7 @@ class Simulation:
             raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
-        self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, None)
+        self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
         self._patches = list(split_drives(drive)[1])
         with self._problem.both.naming():
             self._core = _core.Simulation(self._problem.core, **self.integrator.core, t=float(times[0]))
@@ -108,6 +112,22 @@ class Simulation:
     @property
     def steps(self) -> int:
         return self._core.steps
+
+    @property
+    def terminated(self) -> bool:
+        return self._core.terminated
+
+    @property
+    def t_events(self) -> list[Array]:
+        return [t for t, _, _ in self._core.events]
+
+    @property
+    def q_events(self) -> list[Array]:
+        return [q[:, : self.arm.nq] for _, q, _ in self._core.events]
+
+    @property
+    def v_events(self) -> list[Array]:
+        return [v[:, : self.arm.nv] for _, _, v in self._core.events]
 
     @property
     def tau(self) -> Array:

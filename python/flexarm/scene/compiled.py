@@ -21,6 +21,8 @@ def compiled_text(scene: Any) -> str:
     """
     if not hasattr(_core, "scene_text"):
         raise RuntimeError("this flexarm was built without compiled scenes (FLEXARM_SCENES=OFF)")
+    if scene.events:
+        raise ValueError("events: are Python code, which a compiled scene cannot hold")
     integrator = integrator_of(**{"integrator": "ida", **scene.options})
     options = integrator.core if integrator.fixed else {"integrator": integrator.name, **integrator.options}
 

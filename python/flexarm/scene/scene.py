@@ -20,6 +20,7 @@ from ..acting.voltage import Voltage
 from ..arm import Arm
 from ..parts.arguments import arguments
 from ..parts.tables import shallow
+from ..run.problem import read_events
 from ..run.result import Result
 from ..run.simulation import simulate
 from ..run.start import WORDS, start
@@ -63,6 +64,7 @@ class Scene:
         name: the scene's title.
         sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
         control: its controllers.
+        events: callables whose zeros are sought, as `simulate` takes them. A scene file holds none.
     """
 
     arm: Arm
@@ -75,6 +77,7 @@ class Scene:
     name: str = "scene"
     sensors: tuple[Sensor, ...] = ()
     control: tuple[Controller, ...] = ()
+    events: Any = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.drive, Mapping):
@@ -83,6 +86,16 @@ class Scene:
             self.control = (self.control,)
         if isinstance(self.q0, str):
             choice("q0", self.q0, WORDS)
+
+    def given(self) -> dict[str, Any]:
+        """The arguments of `simulate` that say what acts on the arm, and what is looked for."""
+        return {name: getattr(self, name) or None for name in ("drive", "loads", "control", "events")}
+
+    def check_goes_on(self, what: str) -> None:
+        """Raises ValueError where an event may end the scene's run, which `what` compares to its end."""
+        for k, (_, count, _) in enumerate(read_events(self.events)):
+            if count:
+                raise ValueError(f"events[{k}].terminal = {count}: {what} compares whole runs, which this would end")
 
     def start(self) -> Array:
         """Coordinates at the start, (nq,)."""
@@ -121,8 +134,7 @@ class Scene:
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
-        given = {"drive": self.drive, "loads": self.loads, "control": self.control}
-        return simulate(self.arm, self.t, self.q0, self.v0, **given, progress=progress, **self.options)  # type: ignore
+        return simulate(self.arm, self.t, self.q0, self.v0, **self.given(), progress=progress, **self.options)
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Writes a scene file that `load` reads back; functions of time are sampled, which the file then says.

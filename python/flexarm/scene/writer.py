@@ -171,6 +171,8 @@ def scene_text(scene: Mapping[str, Any], comment: str = "") -> str:
     for key, value in options.items():
         if not isinstance(value, (str, int, float, np.generic, type(None))):
             raise ValueError(f"options: {key} = {value!r}: is Python code, which a scene file cannot hold")
+    if scene["events"]:
+        raise ValueError("events: are Python code, which a scene file cannot hold")
     laws = _Laws(arm, t)
     lines = [f"title = {_value(scene['name'])}", f"gravity = {_value(_plain(arm.gravity))}"]
     for name, tables in _tables(scene, laws):

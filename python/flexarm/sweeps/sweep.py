@@ -112,8 +112,8 @@ def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
     outputs = ("q", "v", "tau") if any(quantity(x).forces for x in plan.outputs) else ("q", "v")
     options: dict[str, Any] = {"integrator": "ida", **scene.options}  # what Scene.run takes
     job, count = make_job(
-        scene.arm, scene.t, scene.q0, scene.v0, drive=scene.drive, loads=scene.loads, control=scene.control,
-        parameters=plan.parameters(), outputs=outputs, **options,
+        scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), parameters=plan.parameters(), outputs=outputs,
+        **options,
     )  # fmt: skip
     summary = RunSummary(tuple(plan.outputs), plan.link, plan.band, plan.trajectories, plan.every)
     return replace(job, summary=summary), count

@@ -35,10 +35,8 @@ class CollocationStep final : public Step {
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
-  Status jump(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
-    h_ = 0.0;  // nothing to extrapolate
-    return Status::ok;
-  }
+  Status jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  OneStep* rubbing() override { return rests_ ? &*rests_ : nullptr; }
   bool interpolates() const override { return true; }
   void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
   void memory(const std::function<void(double&)>& visit) override;
@@ -50,9 +48,11 @@ class CollocationStep final : public Step {
   struct Ball {
     Eigen::Index q, v;  ///< its first coordinate and rate
   };
-  bool place(double h, const Workspace& ws);
+  void choose_free();
+  void reduce();
+  bool place(double h);
   bool turn_balls(double h);
-  void predict(double ratio, const Workspace& ws);
+  void predict(double ratio);
   void differentiate(Workspace& ws);
   bool factor(double h);
   void set_forces(int i, Workspace& ws) const;
@@ -63,10 +63,15 @@ class CollocationStep final : public Step {
   const Arm* arm_;
   CollocationOptions options_;
   int s_;
-  Eigen::VectorXd c_, b_;      ///< points and weights of the step
-  Eigen::MatrixXd A_, A2_;     ///< integrals to the points, once and twice
-  Eigen::MatrixXd monomials_;  ///< column j: the Lagrange polynomial of point j, lowest power first
-  std::vector<bool> free_q_;   ///< coordinates that are not prescribed
+  Eigen::VectorXd c_, b_;             ///< points and weights of the step
+  Eigen::MatrixXd A_, A2_;            ///< integrals to the points, once and twice
+  Eigen::MatrixXd monomials_;         ///< column j: the Lagrange polynomial of point j, lowest power first
+  std::vector<int> movable_;          ///< rates that are not prescribed
+  std::vector<int> free_;             ///< of these, those that dry friction does not hold
+  std::vector<bool> free_q_;          ///< whether a coordinate is
+  std::optional<OneStep> rests_;      ///< what dry friction does at an instant
+  std::vector<signed char> contact_;  ///< of each rate, see Tape::Contact
+  Eigen::VectorXd rub_;               ///< friction of what slides (nv)
   std::vector<Ball> balls_;
   Eigen::MatrixXd turn_weights_;  ///< A less half the weights of the step, which end at the middle
   Eigen::MatrixXd q_, v_, a_;     ///< at the points, one column each
@@ -78,7 +83,9 @@ class CollocationStep final : public Step {
   Eigen::VectorXd q0_, v0_, qs_, vs_, as_, middle_;
   mutable Eigen::VectorXd once_, twice_;  ///< of `inside`
   std::optional<InverseDerivatives> derivatives_;
-  Eigen::MatrixXd M_, C_, K_, M_all_, rate_by_q_, rate_by_v_, K_full_;
+  Eigen::MatrixXd M_, C_, K_;              ///< of the free rates
+  Eigen::MatrixXd M_all_, C_all_, K_all_;  ///< of all
+  Eigen::MatrixXd rate_by_q_, rate_by_v_;
   Eigen::MatrixXd newton_;
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
   Eigen::VectorXd residual_, correction_;

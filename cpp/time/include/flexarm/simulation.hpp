@@ -18,9 +18,8 @@ struct Method {
   double spectral_radius = 1.0;   ///< of "implicit"
   int stages = 4;                 ///< of "gauss"
 
-  /// @param friction  whether the method must have the arm's dry friction in its equations
   /// @throws std::invalid_argument naming the field and the value
-  std::unique_ptr<Step> on(const Arm& arm, double step, DryFriction friction = DryFriction::refused) const;
+  std::unique_ptr<Step> on(const Arm& arm, double step) const;
 };
 
 /// After its construction it allocates, locks and throws nothing, as long as the problem's functions do not. (A sampled
@@ -51,6 +50,11 @@ class Simulation {
   std::string failure() const;        ///< why the last step was not ok
   const Step::Counts& counts() const;
   long steps() const;
+  /// What has occurred since the construction, of each event: these grow.
+  const std::vector<EventLog>& events() const;
+  /// Whether a terminal event has ended the last `step` or `advance`: the state is that of its time, and `step` goes on
+  /// from there.
+  bool terminated() const;
 
   // Inputs: from now on, until they are set again, in place of the problem's.
   void set_tau(const Eigen::VectorXd& tau);                     ///< constant generalised forces (nv)

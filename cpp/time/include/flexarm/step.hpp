@@ -43,8 +43,10 @@ class Step {
   /// @return when not ok, q and v are those of the step's beginning
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
-  /// This, if the dry friction of the arm's joints is in its equations.
+  /// Of an arm whose joints have dry friction, the method that knows what of it acts at an instant; else null.
   virtual OneStep* rubbing() { return nullptr; }
+  /// Whether friction may hold, let go or turn a joint within a step. Where not, a step must end there, and `jump`.
+  virtual bool switches_within() const { return false; }
   /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
   virtual bool interpolates() const { return false; }
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
@@ -124,10 +126,12 @@ class OneStep : public Step {
   void memory(const std::function<void(double&)>& visit) override;
   Stages stages() const override;
   OneStep* rubbing() override;
+  bool switches_within() const override;
   /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
-  /// sticks as far as it may.
+  /// sticks as far as it may; or, `between` two switches, what stuck when it last began sticks by whatever that needs,
+  /// and what slid slides on.
   Status accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
-                    Eigen::VectorXd& friction);
+                    Eigen::VectorXd& friction, bool between = false);
   /// Forces of dry friction behind the last step (nv; N, N m): what opposes sliding, or holds what sticks.
   const Eigen::VectorXd& friction() const { return friction_; }
   /// What rubs, and is free to, at the last step's end, or where `accelerate` was asked (nv of Tape::Contact).

@@ -18,7 +18,7 @@ struct SimulationStats {
   long linear_iterations = 0;  ///< of the Krylov solver
   long failed_steps = 0;
   long switches = 0;       ///< of joints between sticking and sliding
-  long hasty = 0;          ///< of these, within a fixed step behind one of the same joint
+  long hasty = 0;          ///< of these, within a fixed step (three of rk4) behind one of the same joint
   double wall_time = 0.0;  ///< s
 };
 

@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
-#include <map>
 #include <memory>
 #include <optional>
-#include <utility>
 
 #include "arrays.hpp"
 #include "flexarm/ab.hpp"
@@ -23,7 +21,7 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
-constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
+constexpr double kShort = 1e-6;  // in so small a part of the time simulated are no motion
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;
@@ -258,7 +256,7 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 }  // namespace
 
 Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
-                                  Control& control, double step, const std::vector<Parameter>& parameters) {
+                                  Control& control, const std::vector<Parameter>& parameters) {
   Sliding sliding(problem, control, parameters);
   const Arm& arm = *problem.arm;
   const std::vector<Event>& events = problem.events;
@@ -267,7 +265,6 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
   out.rubs = true;
   Eigen::VectorXd q = problem.q0, v = problem.v0;
   const Contact* switched = nullptr;
-  std::map<const Contact*, double> last;  // switch of each contact
   Trajectory part;
   std::deque<double> switches;
   try {
@@ -312,15 +309,12 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
       // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
       while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
       ++out.stats.switches;
-      if (const auto [at, first] = last.try_emplace(switched, out.reached); !first)
-        out.stats.hasty += out.reached - std::exchange(at->second, out.reached) < step;
       switches.push_back(out.reached);
       if (switches.size() <= kMany) continue;
       switches.pop_front();
-      if (switches.back() - switches.front() > std::max(step, kShort * (t[t.size() - 1] - t[0]))) continue;
+      if (switches.back() - switches.front() > kShort * (t[t.size() - 1] - t[0])) continue;
       out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
-                    "' switches without end: no state of sticking and sliding lasts" +
-                    (step > 0.0 ? ", or the motion runs away: take a smaller step" : "");
+                    "' switches without end: no state of sticking and sliding lasts";
       return out;
     }
   } catch (const Interrupted&) {

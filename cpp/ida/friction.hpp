@@ -1,13 +1,11 @@
-// Coulomb friction of joints, with stiction (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996).
-// Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is held exactly
-// still by what that needs, up to the stiction. ImplicitStep has that in its equations. For the other integrators the
-// arm is a hybrid system: between two switches the motion is smooth, so that each keeps its order and none meets a sign
-// function; the times of switching are found as events.
+// Coulomb friction of joints, with stiction, for IDA (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer &
+// Glocker 1996). Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is
+// held exactly still by what that needs, up to the stiction. Between two switches the motion is smooth; their times are
+// found as events. Fixed steps have it in Stepper, and the implicit method in its equations.
 #pragma once
 
 #include <functional>
 
-#include "flexarm/dry_friction.hpp"
 #include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -19,11 +17,10 @@ using SmoothPart =
 
 /// `integrate` from one switch of a joint's friction to the next, over all times of t. In the trajectory `tau` is what
 /// is applied, and `friction` what the friction adds.
-/// @param step  of a fixed-step method: a hundred switches within one are no motion
 /// @param parameters  of Trajectory::tangents, which `integrate` must then give; at a switch they jump, because the
 ///                    time of the switch depends on the parameters, too (saltation: Aizerman & Gantmakher 1958).
 ///                    Between the switches what sticks is held. There must be no sampled controllers then
 Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
-                                  Control& control, double step, const std::vector<Parameter>& parameters);
+                                  Control& control, const std::vector<Parameter>& parameters);
 
 }  // namespace flexarm
