@@ -19,7 +19,22 @@ from typing import NoReturn
 from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
-from . import batch, chart, cmake, compile, completion, demo, economize, examples, identify, modes, place, run, validate, view
+from . import (
+    batch,
+    chart,
+    cmake,
+    compile,
+    completion,
+    demo,
+    economize,
+    examples,
+    identify,
+    modes,
+    place,
+    run,
+    validate,
+    view,
+)
 
 COMMANDS = {
     "demo": demo,
