@@ -30,7 +30,9 @@ int print(const char* path) {
   return 1;
 }
 #else
-int print(const char*) { throw std::invalid_argument("this flexarm was built without nlohmann/json: it reads no scenes"); }
+int print(const char*) {
+  throw std::invalid_argument("this flexarm was built without nlohmann/json: it reads no scenes");
+}
 #endif
 
 }  // namespace
