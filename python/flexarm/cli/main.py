@@ -19,22 +19,8 @@ from typing import NoReturn
 from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
-from . import (
-    batch,
-    chart,
-    cmake,
-    compile,
-    completion,
-    demo,
-    economize,
-    examples,
-    identify,
-    modes,
-    place,
-    run,
-    validate,
-    view,
-)
+from . import batch, chart, cmake, completion, demo, economize, examples, identify, modes, place, run, validate, view
+from . import compile as compiling
 
 COMMANDS = {
     "demo": demo,
@@ -44,7 +30,7 @@ COMMANDS = {
     "chart": chart,
     "economize": economize,
     "place": place,
-    "compile": compile,
+    "compile": compiling,
     "batch": batch,
     "identify": identify,
     "validate": validate,
