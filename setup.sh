@@ -6,8 +6,8 @@
 #   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
 #   ./setup.sh asan          the C++ tests, and scenes drawn at random, under the address and undefined-behaviour sanitizers
 # Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
-# FLEXARM_VENV chooses where the virtual environment goes (.venv unless set). FLEXARM_SCENES=OFF goes without toml++: the
-# C++ library then has no load_arm.
+# FLEXARM_VENV chooses where the virtual environment goes (.venv unless set). FLEXARM_SCENES=OFF goes without
+# nlohmann/json: there is then no load_scene in C++, and no `flexarm compile`.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 command=${1:-}
@@ -51,18 +51,6 @@ has_cmake_package() { # FILE DIRECTORY: a CMake package in one of the usual pref
   return 1
 }
 
-has_tomlplusplus() {
-  local prefixes prefix
-  ${CXX:-c++} -std=c++17 -fsyntax-only -x c++ - <<<'#if !__has_include(<toml++/toml.h>)
-    #error
-    #endif' 2>/dev/null && return
-  IFS=':;' read -ra prefixes <<<"${CMAKE_PREFIX_PATH:-}"
-  for prefix in "${prefixes[@]}" ${CONDA_PREFIX:+"$CONDA_PREFIX"}; do
-    [[ -f $prefix/include/toml++/toml.h ]] && return
-  done
-  return 1
-}
-
 find_missing() { # fills the array missing with Debian's package names
   missing=()
   if ! find_python >/dev/null; then
@@ -75,7 +63,7 @@ find_missing() { # fills the array missing with Debian's package names
     int main() { if constexpr (true) return std::optional<int>(0).value(); }' 2>/dev/null || missing+=(g++)
   has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
   has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
-  [[ $scenes == OFF ]] || has_tomlplusplus || missing+=(libtomlplusplus-dev)
+  [[ $scenes == OFF ]] || has_cmake_package nlohmann_jsonConfig.cmake nlohmann_json || missing+=(nlohmann-json3-dev)
   [[ $extra != '[test]' ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
 }
 
@@ -88,8 +76,8 @@ install_missing() {
     echo "flexarm needs system packages that are missing here: ${missing[*]}" >&2
     echo "On Debian or Ubuntu, as root:  apt-get install --no-install-recommends ${missing[*]}" >&2
     echo "If they are in an unusual place, put its prefix into CMAKE_PREFIX_PATH." >&2
-    [[ " ${missing[*]} " != *" libtomlplusplus-dev "* ]] ||
-      echo "To go without flexarm::load_arm in C++, for which libtomlplusplus-dev is: FLEXARM_SCENES=OFF $0 $command" >&2
+    [[ " ${missing[*]} " != *" nlohmann-json3-dev "* ]] ||
+      echo "To go without compiled scenes, for which nlohmann-json3-dev is: FLEXARM_SCENES=OFF $0 $command" >&2
     exit 1
   fi
   say "installing ${missing[*]} (apt)"

@@ -6,6 +6,7 @@
 #include <unsupported/Eigen/MatrixFunctions>
 
 #include "flexarm/check.hpp"
+#include "flexarm/drive.hpp"
 
 namespace flexarm {
 
@@ -50,7 +51,11 @@ LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double l
   law.reach = law.limit;
   for (const AppliedLimit& l : torque_limits(arm))
     if (loop.column[l.rate] != 0.0) law.reach[0] = std::min(law.reach[0], l.most / std::abs(loop.column[l.rate]));
-  law.reference = [reference](double t) { return Eigen::VectorXd::Constant(1, reference ? reference(t) : 0.0); };
+  const auto* numbers = reference.target<PolynomialValue>();
+  if (reference && !numbers)
+    law.reference = [reference](double t) { return Eigen::VectorXd::Constant(1, reference(t)); };
+  else
+    law.reference = PolynomialValues<Eigen::VectorXd>{{numbers ? numbers->of : PiecewisePolynomial::constant(0.0)}};
   law.windup = s.windup;
   return law;
 }
@@ -129,7 +134,10 @@ Feedback pd(const Arm& arm, int i, double kp, double kd, const std::function<dou
   const int q = coordinate(arm, i);
   Feedback law{Eigen::VectorXd::Unit(arm.nv(), i), finite_number("kp", kp) * Eigen::VectorXd::Unit(arm.nq(), q),
                finite_number("kd", kd) * Eigen::VectorXd::Unit(arm.nv(), i)};
-  if (reference) law.reference = [kp, reference](double t) { return kp * reference(t); };
+  if (const auto* p = reference.target<PolynomialValue>())
+    law.reference = PolynomialValue{{p->of.breaks(), kp * p->of.coefficients()}};
+  else if (reference)
+    law.reference = [kp, reference](double t) { return kp * reference(t); };
   law.limit = limit_of(limit);
   return law;
 }
@@ -143,12 +151,12 @@ LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
 
 LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period) {
   return law_of(arm, sampled_law(continuous_law(gains, period), period), loop, gains.limit,
-                [r = finite_number("reference", gains.reference)](double) { return r; });
+                PolynomialValue{PiecewisePolynomial::constant(finite_number("reference", gains.reference))});
 }
 
 LinearLaw integral_resonant(const Arm& arm, const Loop& loop, const IntegralResonantGains& gains, double period) {
   return law_of(arm, sampled_law(continuous_law(gains), period), loop, gains.limit,
-                [r = finite_number("reference", gains.reference)](double) { return r; });
+                PolynomialValue{PiecewisePolynomial::constant(finite_number("reference", gains.reference))});
 }
 
 }  // namespace flexarm

@@ -54,9 +54,9 @@ std::vector<Link> strips() {
 std::vector<Link> links_of(const std::string& scene) {
   if (scene.empty()) return strips();
 #ifdef FLEXARM_SCENES
-  return load_arm(scene).links();
+  return load_problem(scene).arm->links();
 #else
-  throw std::invalid_argument("--scene: this flexarm was built without toml++");
+  throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif
 }
 

@@ -78,9 +78,9 @@ flexarm::Arm chain(int links, double payload) {
 
 flexarm::Arm plant_of(const Arguments& a) {
 #ifdef FLEXARM_SCENES
-  if (!a.scene.empty()) return flexarm::load_arm(a.scene);
+  if (!a.scene.empty()) return *flexarm::load_problem(a.scene).arm;
 #else
-  if (!a.scene.empty()) throw std::invalid_argument("--scene: this flexarm was built without toml++");
+  if (!a.scene.empty()) throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif
   return chain(a.links, 0.25);
 }

@@ -115,8 +115,6 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   return enough_when_straight(o, shapes, length, tapers, part) + points_at_rest(o.curvature, length);
 }
 
-namespace {
-
 void check_options(const BeamOptions& o, bool shears) {
   for (int s = 0; s < kStrains; ++s)
     if (o.modes[s] < 0 || o.modes[s] > kMostModes)
@@ -136,6 +134,8 @@ void check_options(const BeamOptions& o, bool shears) {
   if (needs_shear && !shears)
     bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
 }
+
+namespace {
 
 void check_damping(const MatrixXd& D, int ne) {
   if (D.rows() != ne || D.cols() != ne)
@@ -233,17 +233,11 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
     if (options_.shapes[s].size() > 0) options_.modes[s] = static_cast<int>(options_.shapes[s].cols());
   check_options(options_, profile.shears);
   if (profile.uniform) check_section(profile.at(0.0), 0.0);
-  for (int s = 0; s < kStrains; ++s) {
-    const int n = options_.modes[s];
-    if (options_.shapes[s].size() > 0)
-      shapes_.emplace_back(s, options_.shapes[s], length_);
-    else if (options_.basis == Basis::loaded && n > 0)
-      shapes_.emplace_back(s, kept_loaded_modes(profile, options_.tip, s, n, length_), length_);
-    else
-      shapes_.emplace_back(s, options_.basis, n, length_);
-    first_[s] = ne_;
-    ne_ += n;
-  }
+  std::array<MatrixXd, kStrains> loaded;
+  for (int s = 0; s < kStrains; ++s)
+    if (options_.basis == Basis::loaded && options_.modes[s] > 0 && options_.shapes[s].size() == 0)
+      loaded[s] = kept_loaded_modes(profile, options_.tip, s, options_.modes[s], length_);
+  take_shapes(loaded);
   plane_ = plane_of(options_.modes, options_.order);
   if (profile.matrices && off_axis(profile)) {
     if (options_.order <= 2 && ne_ > 0)
@@ -251,7 +245,7 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
                 "must be 3 or \"exact\" where the section's inertia has a centre of mass off the axis or products");
     plane_ = Plane::none;
   }
-  if (options_.curvature.size() > 0) curve(profile);
+  if (options_.curvature.size() > 0) curve(&profile);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);
@@ -260,13 +254,25 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
   for (Eigen::Index k = 0; k < patch_forces_.cols(); ++k) {
     const Patch& p = patches[static_cast<std::size_t>(k)];
     patch_forces_.col(k) = patch_force(p, &patch_capacitances_[k]);
-    if (p.mass) {
+    if (p.mass && p.at(0.5 * (p.start + p.end)).mass > 0.0) {
       add_patch_slices(p, slices);
       uniform_ = false;
     }
   }
-  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  keep(std::move(slices));
   build_stiffness(profile, patches);
+}
+
+void Beam::take_shapes(const std::array<MatrixXd, kStrains>& loaded) {
+  for (int s = 0; s < kStrains; ++s) {
+    const MatrixXd& given = options_.shapes[s].size() > 0 ? options_.shapes[s] : loaded[s];
+    if (given.size() > 0)
+      shapes_.emplace_back(s, given, length_);
+    else
+      shapes_.emplace_back(s, options_.basis, options_.modes[s], length_);
+    first_[s] = ne_;
+    ne_ += shapes_.back().size();
+  }
 }
 
 /// That the strains which the beam has are all resisted.

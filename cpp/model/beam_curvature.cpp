@@ -54,21 +54,22 @@ struct RestShape {
 
 namespace {
 
-/// Of the shape at rest: whether it can be, and whether it can be integrated.
-void check_bend(const RestShape& shape, const Along<SectionLaw>& sections, double length) {
+/// Of the shape at rest: whether it can be, of sections that are known, and whether it can be integrated.
+void check_bend(const RestShape& shape, const Along<SectionLaw>* sections, double length) {
   const GaussRule rule(kLooks, length);
   double turned = 0.0;
   for (Index j = 0; j < rule.points.size(); ++j) {
     const double X = rule.points[j];
     const Vector3d k = shape.at(X, false);
-    const SectionLaw law = sections.at(X);
+    turned += rule.weights[j] * k.norm();
+    if (!sections) continue;
+    const SectionLaw law = sections->at(X);
     const double stretch = law.rigidity_of(extension), flap = law.rigidity_of(bending_z),
                  edge = law.rigidity_of(bending_y);  // over the former, squares of radii of gyration
     const double folded = stretch > 0.0 ? std::sqrt(3.0 / stretch * (flap * k[1] * k[1] + edge * k[2] * k[2])) : 0.0;
     if (!(folded < 1.0))
       bad_value("curvature", k.transpose(),
                 "at x = " + std::to_string(X) + " m folds the beam: its radius must be above half the section's size");
-    turned += rule.weights[j] * k.norm();
   }
   if (!(turned < kMostTurned))
     bad_value("curvature", shape.at(0.0, false).transpose(),
@@ -101,7 +102,7 @@ SliceAtRest Beam::rest_at(double X) const {
 }
 
 /// R' = R K~ as a quaternion, p' = p (0, K) / 2, and J_R' = R dK/dq, J_T' = J_R x x' + R dphi/dq.
-void Beam::curve(const Profile& profile) {
+void Beam::curve(const Profile* profile) {
   const MatrixXd& given = options_.curvature;
   if (given.cols() != 3 || !given.allFinite())
     bad_value("curvature", "", "must be finite, with a column for each of K1, K2, K3");

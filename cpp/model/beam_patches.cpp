@@ -68,14 +68,14 @@ void Beam::add_patch_slices(const Patch& p, std::vector<MassSlice>& slices) {
   int n = enough_gauss_points(options_, shapes_, length_, tapers_, (p.end - p.start) / length_);
   if (options_.gauss_points > 0) n = std::min(n, options_.gauss_points);
   const GaussRule rule = rule_along(p, n);
-  const std::vector<SliceTable> all = tables({rule.points.data(), rule.points.data() + rule.points.size()});
+  const Eigen::VectorXd parts = rule.points / length_;
+  places_.emplace_back(parts.data(), parts.data() + parts.size());
+  const std::vector<SliceTable> all = tables_at(places_.back());
   for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
     const PatchSection section = p.at(rule.points[g]);
     const double mass = rule.weights[g] * section.mass;
-    if (!(mass > 0.0)) continue;
     slices.push_back({all[static_cast<std::size_t>(g)], mass});
     if (options_.rotary_inertia) slices.back().inertia = (rule.weights[g] * section.inertia).asDiagonal();
-    mass_ += mass;
   }
 }
 

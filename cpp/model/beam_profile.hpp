@@ -23,4 +23,8 @@ struct Beam::Profile : Along<SectionLaw> {
   GaussRule fine(int n, double length) const { return GaussRule(n, length, breaks); }
 };
 
+/// @throws std::invalid_argument naming the field and the value
+/// @param shears  whether the beam has a shear modulus
+void check_options(const BeamOptions& options, bool shears);
+
 }  // namespace flexarm

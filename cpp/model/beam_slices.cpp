@@ -70,19 +70,25 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
   }
   const Eigen::VectorXd parts = profile.uniform ? GaussRule(n).points : Eigen::VectorXd(masses.points / length_);
   std::vector<double> stations(parts.data(), parts.data() + n);
+  places_ = {stations};
   stations.push_back(1.0);
   std::vector<SliceTable> all = tables_at(stations);
-  mass_ = masses.weights.sum();
+  const bool heavy = masses.weights.sum() > 0.0;
   std::vector<MassSlice> slices;
   for (int g = 0; g < n; ++g) {
     const SectionLaw law = profile.at(masses.points[g]);
     slices.push_back({all[g], masses.weights[g], law.com});
-    if (options_.rotary_inertia && mass_ > 0.0) slices.back().inertia = masses.weights[g] / law.mass * law.inertia;
+    if (options_.rotary_inertia && heavy) slices.back().inertia = masses.weights[g] / law.mass * law.inertia;
     if (profile.uniform && options_.order > 2) slices.back().table.point = g;
   }
   if (shares.size() > 0) share_inertia(laws, shares, options_.rotary_inertia, slices);
   tip_ = all[n];
   return slices;
+}
+
+void Beam::keep(std::vector<MassSlice> slices) {
+  for (const MassSlice& s : slices) mass_ += s.mass;
+  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
 }
 
 /// Whether the centres of mass lie off it, or sections have products of inertia.

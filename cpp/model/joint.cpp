@@ -10,8 +10,9 @@ namespace {
 
 Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
-  if (!(axis.stableNorm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
-  return axis.stableNormalized();
+  const double size = axis.stableNorm();
+  if (!(size > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
+  return std::abs(size - 1.0) < 1e-15 ? axis : axis.stableNormalized();  // the same when it is asked again
 }
 
 void check_placement(const char* side, const Placement& place) {

@@ -1,212 +1,445 @@
-// Gravity, links, joints and bodies of a scene. Keys and checks are those of the Python reader.
-#include <algorithm>
-#include <iterator>
+#include "flexarm/scene.hpp"
 
-#include "flexarm/spatial.hpp"
-#include "scene_arm.hpp"
-#include "scene_parts.hpp"
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <set>
+#include <sstream>
+#include <tuple>
+
+#include "flexarm/check.hpp"
+#include "flexarm/computed_torque.hpp"
+#include "node.hpp"
 
 namespace flexarm {
 
+// Every class of a file has its fields here, once: `fields` writes or reads them, as the node does.
+
 namespace {
 
-const Names kForces{"stiffness",       "rest",          "damping", "lower",    "upper",
-                    "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia",
-                    "torque_limit"};
-Eigen::Vector3d unit(char axis) { return Eigen::Vector3d::Unit(axis - 'x'); }
+constexpr const char* kFormat = "flexarm scene";
+constexpr int kVersion = 1;
+constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
 
-Eigen::Vector3d read_axis(const At& joint, char otherwise) {
-  if (!joint.has("axis")) return unit(otherwise);
-  const At axis = joint["axis"];
-  if (!axis.is(Value::Kind::text)) return axis.vector();
-  const std::string& name = axis.value().text;
-  if (name != "x" && name != "y" && name != "z") axis.bad("must be \"x\", \"y\", \"z\" or three numbers");
-  return unit(name[0]);
+}  // namespace
+
+void fields(Node& a, Placement& x) {
+  a("position", x.position);
+  a("rotation", x.rotation);
 }
 
-/// A kind of joint: its elementary motions, and whether a ball ends them. A further kind is a row of kKinds.
-struct Kind {
-  static constexpr char own = 0;  ///< the axis that the joint's table gives
-  static constexpr bool turn = true, slide = false;
-  struct Motion {
-    const char* name;
-    bool rotation;
-    char axis;
-  };
-  const char* type;
-  std::vector<Motion> motions = {};
-  bool ball = false;
-  char axis = 0;  ///< its own, where the table gives none; 0: it has none of its own
+void fields(Node& a, ElementaryMotion& x) {
+  a("rotation", x.rotation);
+  a("axis", x.axis);
+}
+
+void fields(Node& a, JointForce& x) {
+  a("stiffness", x.stiffness);
+  a("rest", x.rest);
+  a("damping", x.damping);
+  a.limit("lower", x.lower);
+  a.limit("upper", x.upper);
+  a("limit_stiffness", x.limit_stiffness);
+  a("limit_damping", x.limit_damping);
+  a("coulomb", x.coulomb);
+  a("stiction", x.stiction);
+  a("reflected_inertia", x.reflected_inertia);
+  a.limit("torque_limit", x.torque_limit);
+}
+
+void fields(Node& a, std::optional<Joint>& x) {
+  auto all =
+      x ? std::tuple(x->motions(), x->has_ball(), x->labels(), x->forces(), x->inboard(), x->outboard())
+        : decltype(std::tuple(x->motions(), x->has_ball(), x->labels(), x->forces(), x->inboard(), x->outboard()))();
+  auto& [motions, ball, labels, forces, inboard, outboard] = all;
+  a("motions", motions);
+  a("ball", ball);
+  a("labels", labels);
+  a("forces", forces);
+  a("inboard", inboard);
+  a("outboard", outboard);
+  a.make(x, [&] { return std::make_from_tuple<Joint>(all); });
+}
+
+void fields(Node& a, RigidBody& x) {
+  a("mass", x.mass);
+  a("com", x.com);
+  a("inertia", x.inertia);
+  a("end", x.end);
+}
+
+void fields(Node& a, MassSlice& x) {
+  a("mass", x.mass);
+  a("com", x.com);
+  a("inertia", x.inertia);
+}
+
+namespace {
+
+/// Something of each strain, by their names.
+template <class T>
+struct ByStrain {
+  std::array<T, kStrains>& of;
 };
-const Kind kKinds[] = {
-    {"fixed"},
-    {"revolute", {{"", Kind::turn, Kind::own}}, false, 'z'},
-    {"prismatic", {{"", Kind::slide, Kind::own}}, false, 'x'},
-    {"cylindrical", {{"translation", Kind::slide, Kind::own}, {"rotation", Kind::turn, Kind::own}}, false, 'z'},
-    {"universal", {{"x", Kind::turn, 'x'}, {"y", Kind::turn, 'y'}}},
-    {"planar", {{"x", Kind::slide, 'x'}, {"y", Kind::slide, 'y'}, {"rotation", Kind::turn, 'z'}}},
-    {"spherical", {}, true},
-    {"free", {{"x", Kind::slide, 'x'}, {"y", Kind::slide, 'y'}, {"z", Kind::slide, 'z'}}, true},
-    {"axes"},  // of the motions that its table lists
-};
 
-/// The freedoms of a joint before its ball, and their names.
-struct Freedoms {
-  std::vector<ElementaryMotion> motions;
-  Names names;
-
-  void add(const std::string& name, bool rotation, const Eigen::Vector3d& axis) {
-    motions.push_back({rotation, axis});
-    names.push_back(name);
-  }
-};
-
-void read_axes(const At& list, Freedoms& f) {
-  std::vector<At> names;
-  if (list.is(Value::Kind::text))
-    names.push_back(list);
-  else
-    names = list.list("tx, ty, tz, rx, ry, rz");
-  for (const At& at : names) {
-    const std::string name = at.choice({"tx", "ty", "tz", "rx", "ry", "rz"});
-    f.add(name, name[0] == 'r', unit(name[1]));
-  }
-}
-
-Freedoms read_freedoms(const At& joint, const Kind& kind) {
-  Freedoms f;
-  const Eigen::Vector3d own = kind.axis ? read_axis(joint, kind.axis) : Eigen::Vector3d::Zero();
-  for (const Kind::Motion& m : kind.motions) f.add(m.name, m.rotation, m.axis == Kind::own ? own : unit(m.axis));
-  if (joint.has("axes")) read_axes(joint["axes"], f);
-  return f;
-}
-
-std::vector<JointForce> read_forces(const At& joint, std::size_t n) {
-  bool any = false;
-  for (const std::string& name : kForces) any = any || joint.has(name);
-  std::vector<JointForce> forces(any ? n : 0);
-  if (!any) return forces;
-  const auto read = [&](const std::string& name, double JointForce::* field) {
-    if (!joint.has(name)) return;
-    const At at = joint[name];
-    const std::vector<double> values = at.is(Value::Kind::list) ? at.numbers(n) : std::vector<double>(n, at.number());
-    for (std::size_t k = 0; k < n; ++k) forces[k].*field = values[k];
-  };
-  read("stiffness", &JointForce::stiffness);
-  read("rest", &JointForce::rest);
-  read("damping", &JointForce::damping);
-  read("lower", &JointForce::lower);
-  read("upper", &JointForce::upper);
-  read("limit_stiffness", &JointForce::limit_stiffness);
-  read("limit_damping", &JointForce::limit_damping);
-  read("coulomb", &JointForce::coulomb);
-  read("stiction", &JointForce::stiction);
-  for (const JointForce& f : forces)
-    if (joint.has("stiction") && std::isnan(f.stiction)) joint["stiction"].bad("must be finite, and at least coulomb");
-  read("reflected_inertia", &JointForce::reflected_inertia);
-  read("torque_limit", &JointForce::torque_limit);
-  return forces;
-}
-
-Placement read_placement(const At& joint, const std::string& side) {
-  Placement place;
-  if (!joint.has(side)) return place;
-  const At table = joint[side];
-  table.known_keys({"position", "rotation"});
-  place.position = table.vector("position");
-  if (!table.has("rotation")) return place;
-  const At at = table["rotation"];
-  if (const auto matrix = at.square()) {
-    place.rotation = *matrix;
-    return place;
-  }
-  if (!at.is(Value::Kind::list) || at.size() != 3) at.bad("must be a rotation vector (rad) or a 3 x 3 matrix");
-  const Eigen::Vector3d turn = at.vector();
-  place.rotation = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
-  return place;
-}
-
-Joint read_joint(const At& joint) {
-  Names kinds;
-  std::string all;
-  for (const Kind& k : kKinds) {
-    kinds.push_back(k.type);
-    all += (all.empty() ? "" : ", ") + kinds.back();
-  }
-  if (!joint.is(Value::Kind::table) || !joint.has("type")) joint.bad("must be a table with a type: " + all);
-  const std::string type = joint["type"].choice(kinds);
-  const Kind& kind = *std::find_if(std::begin(kKinds), std::end(kKinds), [&](const Kind& k) { return k.type == type; });
-  Names known = kForces;
-  known.insert(known.end(), {"type", "inboard", "outboard", "name"});
-  if (kind.axis) known.push_back("axis");
-  if (type == "axes") known.push_back("axes");
-  joint.known_keys(known);
-
-  const Freedoms f = read_freedoms(joint, kind);
-  Names labels;
-  for (const std::string& name : f.names) labels.push_back(name.empty() ? type : type + " " + name);
-  if (kind.ball)
-    for (const char* w : {" wx", " wy", " wz"}) labels.push_back(type + w);
-  const std::vector<JointForce> forces = read_forces(joint, labels.size());
-  const Placement inboard = read_placement(joint, "inboard"), outboard = read_placement(joint, "outboard");
-  return within(joint.where(), [&] { return Joint(f.motions, kind.ball, labels, forces, inboard, outboard); });
-}
-
-/// What a link looks like, which Python draws: its keys are checked, nothing is kept.
-void pass_look(const At& look) {
-  look.known_keys({"shape", "size", "file", "at", "on", "colour"});
-  read_placement(look, "at");
-}
-
-Link read_link(const At& table) {
-  table.known_keys({"joint", "hub", "beam", "tip", "name", "looks"});
-  if (table.has("looks"))
-    for (const At& look : table["looks"].list("tables")) pass_look(look);
-  table.needs({"joint"});
-  const Joint joint = read_joint(table["joint"]);
-  std::optional<RigidBody> hub, tip;
-  std::optional<Beam> beam;
-  if (table.has("hub")) hub = read_body(table["hub"]);
-  if (table.has("beam")) beam = read_beam(table["beam"]);
-  if (table.has("tip")) tip = read_body(table["tip"]);
-  return within(table.where(), [&] { return Link(joint, hub, beam, tip); });
+template <class T>
+void fields(Node& a, ByStrain<T>& x) {
+  for (int s = 0; s < kStrains; ++s) a(kStrainFields[s].name, x.of[static_cast<std::size_t>(s)]);
 }
 
 }  // namespace
 
-RigidBody read_body(const At& table) {
-  table.known_keys({"mass", "com", "inertia", "end"});
-  RigidBody body;
-  body.mass = table.number("mass", 0.0);
-  body.com = table.vector("com");
-  body.end = table.vector("end");
-  if (table.has("inertia")) {
-    const At at = table["inertia"];
-    const char* right = "must be 3 numbers, 6 (xx yy zz xy xz yz) or a 3 x 3 matrix";
-    if (const auto matrix = at.square()) {
-      body.inertia = *matrix;
-    } else {
-      if (!at.is(Value::Kind::list) || (at.size() != 3 && at.size() != 6)) at.bad(right);
-      const std::vector<double> i = at.numbers();
-      body.inertia = Eigen::Vector3d(i[0], i[1], i[2]).asDiagonal();
-      if (i.size() == 6) body.inertia << i[0], i[3], i[4], i[3], i[1], i[5], i[4], i[5], i[2];
-    }
-  }
-  within(table.where(), [&] {
-    body.check();
-    return 0;
+void fields(Node& a, std::optional<Beam>& x) {
+  BeamNumbers n;
+  if (x) n = x->numbers();
+  BeamOptions& o = n.options;
+  std::string basis = kBases[static_cast<int>(o.basis)];
+  ByStrain<int> modes{o.modes};
+  ByStrain<Eigen::MatrixXd> shapes{o.shapes}, loaded{n.loaded};
+  a("length", n.length);
+  a("modes", modes);
+  a("basis", basis);
+  a("shapes", shapes);
+  a("loaded", loaded);
+  a("curvature", o.curvature);
+  a("order", o.order);
+  a("rotary_inertia", o.rotary_inertia);
+  a("gauss_points", o.gauss_points);
+  a("uniform", n.uniform);
+  a("planar", n.planar);
+  a("points", n.points);
+  a("places", n.places);
+  a("slices", n.slices);
+  a("stiffness", n.stiffness);
+  a("damping", n.damping);
+  a("patch_capacitances", n.patch_capacitances);
+  Eigen::Index ne = 0;
+  for (const int count : o.modes) ne += count;
+  a.sized("patch_forces", n.patch_forces, ne, n.patch_capacitances.size());
+  a.make(x, [&] {
+    o.basis = basis_from_name(basis);
+    return Beam(n);
   });
-  return body;
 }
 
-Arm read_arm(const Value& value) {
-  const At scene(value, "");
-  At(value, "scene").known_keys({"title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"});
-  if (!scene.has("link") || !scene["link"].is(Value::Kind::list) || scene["link"].size() == 0)
-    throw std::invalid_argument("link: must be a list of at least one table, [[link]]");
+void fields(Node& a, std::optional<Link>& x) {
+  std::optional<Joint> joint;
+  RigidBody hub, tip;
+  std::optional<Beam> beam;
+  if (x) {
+    joint = x->joint();
+    hub = x->hub();
+    tip = x->tip();
+    beam = x->beam();
+  }
+  a.made("joint", joint);
+  a("hub", hub);
+  a("beam", beam);
+  a("tip", tip);
+  a.make(x, [&] { return Link(*joint, hub, beam, tip); });
+}
+
+void fields(Node& a, std::optional<Arm>& x) {
+  Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
-  for (const At& table : scene["link"].list("tables")) links.push_back(read_link(table));
-  return Arm(std::move(links), scene.vector("gravity"));
+  if (x) links = x->links();
+  a("gravity", gravity);
+  a("links", links);
+  a.make(x, [&] { return Arm(std::move(links), gravity); });
+}
+
+void fields(Node& a, std::optional<PiecewisePolynomial>& x) {
+  Eigen::VectorXd breaks;
+  Eigen::MatrixXd coefficients;
+  if (x) {
+    breaks = x->breaks();
+    coefficients = x->coefficients();
+  }
+  a("breaks", breaks);
+  a("coefficients", coefficients);
+  a.make(x, [&] { return PiecewisePolynomial(breaks, coefficients); });
+}
+
+namespace {
+
+PiecewisePolynomial& numbers_of(PiecewisePolynomial& law) { return law; }
+PiecewisePolynomial& numbers_of(PolynomialValue& law) { return law.of; }
+template <class Vector>
+std::vector<PiecewisePolynomial>& numbers_of(PolynomialValues<Vector>& law) {
+  return law.of;
+}
+
+/// A law of time, which is polynomials, or none.
+template <class Law, class Function>
+void law_of_time(Node& a, const char* key, Function& f) {
+  using Numbers = std::decay_t<decltype(numbers_of(std::declval<Law&>()))>;
+  Law* law = f.template target<Law>();
+  if (!a.reads() && f && !law)
+    a.wrong(key, "a function", "a file holds numbers: give samples, or a piecewise polynomial");
+  std::optional<Numbers> numbers;
+  if (law) numbers = numbers_of(*law);
+  a(key, numbers);
+  if (a.reads() && numbers) f = Law{*numbers};
+}
+
+}  // namespace
+
+void fields(Node& a, Drive& x) {
+  a("rate", x.coordinate);
+  law_of_time<PiecewisePolynomial>(a, "motion", x.motion);
+  law_of_time<PolynomialValue>(a, "force", x.force);
+  a("breaks", x.breaks);
+  a("column", x.column);
+}
+
+void fields(Node& a, Load::Point& x) {  // of the slice its place alone
+  a("x", x.slice.X);
+  a("weight", x.weight);
+}
+
+void fields(Node& a, LoadDrive& x) {
+  int link = static_cast<int>(x.load.link);
+  a("link", link);
+  a("world_axes", x.load.world_axes);
+  a("points", x.load.points);
+  law_of_time<PolynomialValues<Vec6<double>>>(a, "wrench", x.wrench);
+  a("breaks", x.breaks);
+  x.load.link = static_cast<std::size_t>(link);
+}
+
+void fields(Node& a, Feedback& x) {
+  a("column", x.column);
+  a("by_q", x.by_q);
+  a("by_v", x.by_v);
+  law_of_time<PolynomialValue>(a, "reference", x.reference);
+  a("breaks", x.breaks);
+  a.limit("limit", x.limit);
+}
+
+void fields(Node& a, LinearLaw& x) {
+  if (x.read) a.wrong("read", "a function", "a file holds numbers: give what is measured by by_q and by_v");
+  a("A", x.A);
+  a.limits("limit", x.limit);
+  law_of_time<PolynomialValues<Eigen::VectorXd>>(a, "reference", x.reference);
+  if (!x.reference) a.wrong("reference", "null", "must be a list of polynomials, one for each number that is measured");
+  const Eigen::Index nx = x.A.rows(), nu = x.limit.size(), ny = x.reference(0.0).size();
+  a.sized("B", x.B, nx, ny);
+  a.sized("C", x.C, nu, nx);
+  a.sized("D", x.D, nu, ny);
+  a("columns", x.columns);
+  a("by_q", x.by_q);
+  a("by_v", x.by_v);
+  a.sized("u0", x.u0, nu);
+  a.sized("windup", x.windup, nx, nu);
+  a.limits("reach", x.reach);
+  a.sized("x", x.x, nx);
+}
+
+void fields(Node& a, ComputedTorque::Axis& x) {
+  a("rate", x.rate);
+  law_of_time<PiecewisePolynomial>(a, "reference", x.reference);
+  a("kp", x.kp);
+  a("kv", x.kv);
+  a.limit("limit", x.limit);
+}
+
+void fields(Node& a, TorqueLaw::Place& x) {
+  a("q", x.q);
+  a("v", x.v);
+}
+
+void fields(Node& a, std::optional<TorqueLaw>& x) {
+  std::optional<Arm> arm;
+  std::vector<ComputedTorque::Axis> axes;
+  std::vector<TorqueLaw::Place> places;
+  bool sags = true;
+  int rates = 0;
+  if (x) {
+    arm = *x->arm;
+    axes = x->of.axes();
+    places = x->places;
+    sags = x->of.sags();
+    rates = x->rates;
+  }
+  a.made("arm", arm);
+  a("axes", axes);
+  a("sags", sags);
+  a("places", places);
+  a("rates", rates);
+  a.make(x, [&] { return TorqueLaw(std::make_shared<const Arm>(*arm), axes, sags, places, rates); });
+}
+
+void fields(Node& a, Sampler& x) {
+  a("first", x.first);
+  a("period", x.period);
+  a("delay", x.delay);
+  std::optional<LinearLaw> linear;
+  std::optional<TorqueLaw> torque;
+  if (const LinearLaw* law = x.law.target<LinearLaw>()) linear = *law;
+  if (const TorqueLaw* law = x.law.target<TorqueLaw>()) torque = *law;
+  if (!a.reads() && !linear && !torque)
+    a.wrong("law", "a function", "a file holds numbers: give a LinearLaw or a TorqueLaw");
+  a("linear", linear);
+  a("computed_torque", torque);
+  if (!linear == !torque) a.wrong("linear", linear ? "a law" : "null", "give it or computed_torque");
+  if (linear) x.law = *linear;
+  if (torque) x.law = *torque;
+}
+
+void fields(Node& a, Scene& x) {
+  Problem& p = x.problem;
+  a("q0", p.q0);
+  a("v0", p.v0);
+  a("tau", p.tau);
+  a("drives", p.drives);
+  a("loads", p.loads);
+  a("feedback", p.feedback);
+  a("samplers", p.samplers);
+  if (!p.events.empty()) a.wrong("events", "functions", "a file holds numbers alone: leave events out");
+  a("t", x.t);
+  a("integrator", x.method.name);
+  a("rtol", x.method.name == "ida" ? x.ida.rtol : x.method.rtol);
+  if (x.method.name == "ida") {
+    constexpr const char* kSolvers[] = {"auto", "dense", "chain"};  // in the order of LinearSolver
+    std::string solver = kSolvers[static_cast<int>(x.ida.linear_solver)];
+    a("atol", x.ida.atol);
+    a("max_order", x.ida.max_order);
+    a("linear_solver", solver);
+    const auto* found = std::find(std::begin(kSolvers), std::end(kSolvers), solver);
+    if (found == std::end(kSolvers)) a.wrong("linear_solver", solver, "must be \"auto\", \"dense\" or \"chain\"");
+    x.ida.linear_solver = static_cast<LinearSolver>(found - std::begin(kSolvers));
+    return;
+  }
+  a("step", x.step);
+  a("spectral_radius", x.method.spectral_radius);
+  a("stages", x.method.stages);
+}
+
+namespace {
+
+/// What a file is made of, in order.
+struct File {
+  std::string format = kFormat;
+  int version = kVersion;
+  std::optional<Arm> arm;
+  std::optional<Scene> scene;
+};
+
+void check_size(const std::string& name, Eigen::Index size, int right) {
+  if (size != right)
+    throw std::invalid_argument(name + " has " + std::to_string(size) + " numbers: must be " + std::to_string(right));
+}
+
+/// What of a scene depends on its arm.
+void complete(Node& a, Scene& scene) {
+  Problem& p = scene.problem;
+  const Arm& arm = *p.arm;
+  const auto each = [&](const char* name, auto& all, const auto& check) {
+    for (std::size_t k = 0; k < all.size(); ++k)
+      a.guard(std::string(name) + "[" + std::to_string(k) + "]", [&] { check(all[k]); });
+  };
+  each("loads", p.loads, [&](LoadDrive& x) {
+    if (x.load.link >= arm.size()) throw std::invalid_argument("link: there is no such link");
+    if (!x.wrench) throw std::invalid_argument("wrench = null: must be a list of six polynomials");
+    check_size("wrench", static_cast<Eigen::Index>(x.wrench.target<PolynomialValues<Vec6<double>>>()->of.size()), 6);
+    for (Load::Point& point : x.load.points) point.slice = arm.link(x.load.link).slice_at(point.slice.X);
+  });
+  each("samplers", p.samplers, [&](const Sampler& x) {
+    if (const TorqueLaw* law = x.law.target<TorqueLaw>()) {
+      check_size("computed_torque, whose rates,", law->rates, arm.nv());
+      for (const TorqueLaw::Place& place : law->places)
+        if (place.q >= arm.nq()) bad_value("computed_torque.places: q", place.q, "must be a coordinate of the arm");
+      return;
+    }
+    const LinearLaw& law = *x.law.target<LinearLaw>();
+    check_size("linear.columns", law.columns.rows(), arm.nv());
+    check_size("linear.columns[0]", law.columns.cols(), static_cast<int>(law.limit.size()));
+    for (const Eigen::MatrixXd* m : {&law.by_q, &law.by_v}) {
+      check_size(m == &law.by_q ? "linear.by_q" : "linear.by_v", m->rows(), static_cast<int>(law.B.cols()));
+      check_size(m == &law.by_q ? "linear.by_q[0]" : "linear.by_v[0]", m->cols(), m == &law.by_q ? arm.nq() : arm.nv());
+    }
+  });
+  each("feedback", p.feedback, [&](const Feedback& x) {
+    check_size("column", x.column.size(), arm.nv());
+    check_size("by_q", x.by_q.size(), arm.nq());
+    check_size("by_v", x.by_v.size(), arm.nv());
+  });
+  a.guard("", [&] {
+    p.check();
+    p.control();
+    check_times(scene.t);
+    if (scene.method.name != "ida") scene.method.on(arm, positive("step", scene.step));
+  });
+}
+
+}  // namespace
+
+void fields(Node& a, File& x) {
+  a("format", x.format);
+  a("version", x.version);
+  if (x.format != kFormat) a.wrong("format", "\"" + x.format + "\"", std::string("must be \"") + kFormat + "\"");
+  if (x.version != kVersion)
+    a.wrong("version", std::to_string(x.version),
+            "this flexarm reads " + std::to_string(kVersion) +
+                "; compile the scene again, by a flexarm of the same version");
+  a.made("arm", x.arm);
+  if (a.reads()) x.scene.emplace(Scene{Problem(*x.arm)});
+  fields(a, *x.scene);
+  if (a.reads()) complete(a, *x.scene);
+}
+
+namespace {
+
+/// The file's content; a key that is there twice is an error.
+Json parsed(const std::string& text) {
+  std::vector<std::set<std::string>> keys;
+  const auto look = [&](int, Json::parse_event_t event, Json& what) {
+    if (event == Json::parse_event_t::object_start) keys.emplace_back();
+    if (event == Json::parse_event_t::object_end) keys.pop_back();
+    if (event == Json::parse_event_t::key && !keys.back().insert(what.get<std::string>()).second)
+      throw std::invalid_argument("the key '" + what.get<std::string>() + "' is there twice in one object");
+    return true;
+  };
+  try {
+    return Json::parse(text, look);
+  } catch (const Json::exception& e) {
+    const std::string what = e.what();
+    throw std::invalid_argument("is no JSON: " + what.substr(std::min(what.size(), what.find("] ") + 2)));
+  }
+}
+
+}  // namespace
+
+Scene parse_scene(const std::string& json) {
+  Json root = parsed(json);
+  File file;
+  Node(root, true, "").value(file);
+  return std::move(*file.scene);
+}
+
+Scene load_scene(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  const std::string where = "scene '" + path + "': ";
+  if (!(text << in.rdbuf())) throw std::invalid_argument(where + "cannot be read");
+  const bool toml = path.size() > 5 && path.compare(path.size() - 5, 5, ".toml") == 0;
+  if (toml) throw std::invalid_argument(where + "is a scene file: compile it, by 'flexarm compile " + path + "'");
+  try {
+    return parse_scene(text.str());
+  } catch (const std::invalid_argument& e) {
+    throw std::invalid_argument(where + e.what());
+  } catch (const std::bad_alloc&) {
+    throw std::invalid_argument(where + "needs more memory than there is");
+  }
+}
+
+std::string scene_text(const Scene& scene) {
+  Json root;
+  File file;
+  file.arm = *scene.problem.arm;
+  file.scene = scene;
+  Node(root, false, "").value(file);
+  return root.dump() + "\n";
 }
 
 }  // namespace flexarm

@@ -70,10 +70,10 @@ Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& a
   Drive d{rate, {}, {}, {}, column};
   all.push_back(nullptr);
   if (py::isinstance<PiecewisePolynomial>(law)) {
-    const auto p = std::make_shared<const PiecewisePolynomial>(law.cast<PiecewisePolynomial>());
-    d.breaks = py::hasattr(law, "kinks") ? law.attr("kinks").cast<Eigen::VectorXd>() : p->breaks();
-    if (is_motion) d.motion = [p](double t) { return (*p)(t); };
-    if (!is_motion) d.force = [p](double t) { return (*p)(t).q; };
+    const auto p = law.cast<PiecewisePolynomial>();
+    d.breaks = py::hasattr(law, "kinks") ? law.attr("kinks").cast<Eigen::VectorXd>() : p.breaks();
+    if (is_motion) d.motion = p;
+    if (!is_motion) d.force = PolynomialValue{p};
   } else if (is_motion) {
     d.motion = [f = make_law<3>(law, times, all, "Motion", "must give three numbers (q, v, a)")](double t) {
       const auto m = f(t);
@@ -93,14 +93,9 @@ LoadDrive make_load(const PyLoad& given, const Eigen::VectorXd& times, AllAsked&
   LoadDrive d{given.place, {}, {}};
   all.push_back(nullptr);
   if (py::isinstance<py::tuple>(law)) {
-    const auto parts =
-        std::make_shared<const std::vector<PiecewisePolynomial>>(law.cast<std::vector<PiecewisePolynomial>>());
-    d.breaks = parts->at(0).breaks();
-    d.wrench = [parts](double t) {
-      Vec6<double> w;
-      for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts->at(k)(t).q;
-      return w;
-    };
+    const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
+    d.breaks = parts.at(0).breaks();
+    d.wrench = PolynomialValues<Vec6<double>>{parts};
   } else {
     d.wrench = [f = make_law<6>(law, times, all, "Load", "must give six numbers")](double t) {
       return Vec6<double>(Eigen::Map<const Vec6<double>>(f(t).data()));
@@ -123,11 +118,7 @@ Sampler make_sampler(const PySampler& given, int nv) {
   const auto& [first, period, delay, law] = given;
   using Vector = Eigen::VectorXd;
   if (py::isinstance<LinearLaw>(law)) return {first, period, delay, law.cast<LinearLaw>()};
-  if (py::isinstance<ComputedLaw>(law))
-    return {first, period, delay,
-            [own = law.cast<ComputedLaw>()](double t, const Vector& q, const Vector& v, const Vector&) mutable {
-              return own(t, q, v);
-            }};
+  if (py::isinstance<TorqueLaw>(law)) return {first, period, delay, law.cast<TorqueLaw>()};
 #ifdef FLEXARM_MPC
   if (py::isinstance<MpcLaw>(law))
     return {first, period, delay,

@@ -103,18 +103,6 @@ struct PyParameter {
 };
 std::vector<flexarm::Parameter> in_core(const std::vector<PyParameter>& given);
 
-/// A computed torque, of an arm that may be another than the one it moves.
-struct ComputedLaw {
-  struct Axis {
-    int q, v, own_q, own_v;  ///< coordinate and rate of the arm that is moved, and of its own
-  };
-  flexarm::ComputedTorque of;
-  std::vector<Axis> axes;
-  Eigen::Index size;  ///< of the forces
-  /// @throws std::invalid_argument where it gives no forces
-  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
-};
-
 /// A drive, whose callable's calls are noted.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// Lists, by event, of t (n), q (n, nq) and v (n, nv), of which the first coordinates are kept.

@@ -18,12 +18,13 @@ using Output =
 /// A piecewise polynomial for each output, which stands still outside its breaks; or a callable t -> (2, ny).
 Mpc::Reference make_reference(const py::object& given, std::size_t count) {
   if (py::isinstance<py::list>(given)) {
-    const auto parts = given.cast<std::vector<PiecewisePolynomial>>();
+    auto parts = given.cast<std::vector<PiecewisePolynomial>>();
+    for (PiecewisePolynomial& p : parts) p = p.standing();
     if (parts.size() != count) bad_value("reference", parts.size(), "must be one for each output");
     return [parts](double t, Eigen::VectorXd& value, Eigen::VectorXd& rate) {
       Eigen::Index k = 0;
       for (const PiecewisePolynomial& p : parts) {
-        const MotionValue at = p.within(t);
+        const MotionValue at = p(t);
         value[k] = at.q;
         rate[k++] = at.v;
       }

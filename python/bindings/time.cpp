@@ -2,6 +2,7 @@
 
 #include "flexarm/check.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/scene.hpp"
 #include "flexarm/simulate.hpp"
 #include "flexarm/simulation.hpp"
 #include "laws.hpp"
@@ -19,6 +20,10 @@ py::list event_slopes(const Trajectory& r) {
     out.append(all);
   }
   return out;
+}
+
+LinearSolver solver_of(const std::string& name) {
+  return name == "dense" ? LinearSolver::dense : name == "chain" ? LinearSolver::chain : LinearSolver::automatic;
 }
 
 /// The trajectory that integrate(alive) makes without the interpreter's lock, looking around ten times a second:
@@ -104,13 +109,16 @@ void bind_time(py::module_& m) {
                  return call(*r, t).cast<Eigen::VectorXd>();
                };
              else if (py::isinstance<py::list>(reference))
-               law.reference = [parts = reference.cast<std::vector<PiecewisePolynomial>>()](double t) {
-                 Eigen::VectorXd r(static_cast<Eigen::Index>(parts.size()));
-                 for (std::size_t k = 0; k < parts.size(); ++k) r[static_cast<Eigen::Index>(k)] = parts[k].within(t).q;
-                 return r;
-               };
-             else
-               law.reference = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
+             else {
+               PolynomialValues<Eigen::VectorXd> values;
+               if (py::isinstance<py::list>(reference))
+                 for (const auto& part : reference.cast<std::vector<PiecewisePolynomial>>())
+                   values.of.push_back(part.standing());
+               else
+                 for (const double r : reference.cast<Eigen::VectorXd>())
+                   values.of.push_back(PiecewisePolynomial::constant(r));
+               law.reference = values;
+             }
              if (!read.is_none())
                law.read = [r = std::make_shared<py::object>(read)](double t, const Eigen::VectorXd& q,
                                                                    const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
@@ -135,10 +143,7 @@ void bind_time(py::module_& m) {
       [](const PyProblem& of, const Eigen::VectorXd& t, double rtol, double atol, int max_order,
          const std::string& linear_solver, const py::object& slow, const py::object& alive,
          const std::vector<PyParameter>& parameters) {
-        const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
-                                    : linear_solver == "chain" ? LinearSolver::chain
-                                                               : LinearSolver::automatic;
-        IdaOptions options{rtol, atol, max_order, solver};
+        IdaOptions options{rtol, atol, max_order, solver_of(linear_solver)};
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
             const Locked lock;
@@ -161,6 +166,22 @@ void bind_time(py::module_& m) {
       },
       py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
       py::arg("spectral_radius"), py::arg("stages"), py::arg("alive"), py::arg("tape") = nullptr);
+
+#ifdef FLEXARM_SCENES
+  m.def(
+      "scene_text",
+      [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double rtol, double step,
+         double spectral_radius, int stages, double atol, int max_order, const std::string& linear_solver) {
+        return scene_text({of.problem,
+                           t,
+                           {integrator, rtol, spectral_radius, stages},
+                           step,
+                           {rtol, atol, max_order, solver_of(linear_solver)}});
+      },
+      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("rtol") = 0.0,
+      py::arg("step") = 0.0, py::arg("spectral_radius") = 1.0, py::arg("stages") = 4, py::arg("atol") = 0.0,
+      py::arg("max_order") = 5, py::arg("linear_solver") = "auto");
+#endif
 
   py::class_<Simulation::State>(m, "State").def_readonly("t", &Simulation::State::t);
   py::class_<Simulation>(m, "Simulation")

@@ -567,6 +567,19 @@ class KalmanFilter:
     @property
     def used(self) -> int: ...
 
+def scene_text(
+    problem: Problem,
+    t: ArrayLike,
+    *,
+    integrator: str,
+    rtol: float = ...,
+    step: float = ...,
+    spectral_radius: float = ...,
+    stages: int = ...,
+    atol: float = ...,
+    max_order: int = ...,
+    linear_solver: str = ...,
+) -> str: ...
 def simulate_fixed(
     problem: Problem,
     t: ArrayLike,

@@ -1,14 +1,15 @@
-"""The C++ package: built against from an installed tree, outside the sources; scenes read as Python reads them."""
+"""The C++ package: built against from an installed tree, outside the sources; compiled scenes run as in Python."""
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from arms import random_arm, random_state
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "python/flexarm/scenes").glob("*.toml"))
+SHIPPED = ROOT / "cpp/examples/ist_control.json"
 TOOLS = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 CMAKE, NINJA = (shutil.which(name, path=TOOLS) for name in ("cmake", "ninja"))
 COMPILER = os.environ.get("CXX") or shutil.which("c++")
@@ -57,28 +59,32 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "build"
 
 
-@pytest.fixture(scope="module")
-def reader(examples: Path) -> Path:
-    done = run(examples / "dynamics", SCENES[0], ok=False)
-    if "built without toml++" in done.stderr:
-        pytest.skip("SKIPPED, not passed: the library was built without toml++ (libtomlplusplus-dev)")
-    return examples / "dynamics"
-
-
 # -- scenes ------------------------------------------------------------------------------------------------------------
 
 
-def toml(value: Any) -> str:
-    """A value of a scene, in one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml(v) for v in value) + "]"
-    return json.dumps(value) if isinstance(value, (str, bool)) else repr(value)
+@pytest.fixture(scope="module")
+def runner(examples: Path) -> Path:
+    """The example that runs compiled scenes."""
+    done = run(examples / "run_scene", SHIPPED, ok=False)
+    if "built without nlohmann/json" in done.stderr:
+        pytest.skip("SKIPPED, not passed: the library was built without nlohmann/json (nlohmann-json3-dev)")
+    return examples / "run_scene"
 
 
-def scene_text(arm: fa.Arm) -> str:
-    return "".join(f"{key} = {toml(value)}\n" for key, value in arm.to_dict().items())
+def rows(runner: Path, file: Path) -> np.ndarray:
+    """Time and coordinates, as C++ prints them."""
+    return np.array([[float(x) for x in line.split()] for line in run(runner, file).stdout.splitlines()])
+
+
+def compare(runner: Path, scene: fa.Scene, folder: Path) -> None:
+    """That C++ runs the compiled scene as Python runs the scene, to the last bit."""
+    scene.compile(folder / "scene.json")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fa.ModelWarning)
+        want = scene.run()
+    got = rows(runner, folder / "scene.json")
+    np.testing.assert_array_equal(got[:, 0], want.t)
+    np.testing.assert_array_equal(got[:, 1 : 1 + scene.arm.nq], want.q)
 
 
 ALUMINIUM = fa.Material(2700, 70e9, shear_modulus=26e9)
@@ -139,110 +145,104 @@ def rich_arms() -> dict[str, fa.Arm]:
     }
 
 
-def compare(reader: Path, scene: Path, arm: fa.Arm, seed: int = 0) -> None:
-    q, v, tau = random_state(np.random.default_rng(seed), arm)
+def posed(arm: fa.Arm, seed: int, **options: Any) -> fa.Scene:
+    """A scene that begins somewhere, and lasts some steps."""
+    q, v, _ = random_state(np.random.default_rng(seed), arm)
     for _, ball in arm.quaternions():
         q[ball] /= np.linalg.norm(q[ball])
-    numbers = " ".join(repr(float(x)) for x in (*q, *v, *tau))
-    lines = run(reader, scene, text=numbers).stdout.splitlines()
-    assert lines[0] == f"{arm.nq} {arm.nv}"
-    got = np.array([[float(x) for x in line.split()] for line in lines[1:]])
-    M, a = arm.mass_matrix(q), arm.forward_dynamics(q, v, tau)
-    np.testing.assert_allclose(got[:-1], M, rtol=1e-10, atol=1e-11 * abs(M).max())
-    np.testing.assert_allclose(got[-1], a, rtol=1e-7, atol=1e-9 * abs(a).max())
+    return fa.Scene(arm, t=np.linspace(0, 2e-4, 3), q0=0.1 * q + 0.9 * arm.zero, v0=0.1 * v, options=options)
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda p: p.stem)
-def test_shipped_scenes_are_the_same_arms(reader: Path, scene: Path) -> None:
-    compare(reader, scene, fa.load(scene).arm)
+def everything() -> fa.Scene:
+    """Motion, torques, voltage, loads, controllers of each kind, friction, a stop and motors' limits."""
+    t = np.linspace(0, 0.3, 7)
+    piezo = fa.Patch(0.02, 0.1, width=0.008, thickness=3e-4, material=fa.Piezo(6e10, 0.3, 7800, d31=-1.8e-10))
+    rough = fa.Revolute("z", coulomb=0.02, stiction=0.03, damping=0.01, upper=0.05, limit_stiffness=50, torque_limit=2)
+    hub = fa.RigidBody(0.4, (0, 0.01, 0), np.diag([1e-3, 2e-3, 2e-3]), (0.05, 0, 0))
+    beam = fa.Beam(**ROD, modes={"bending_y": 2, "bending_z": 1}, patches=[piezo], damping_ratio=0.01)
+    link = fa.Link(rough, hub, beam)
+    arm = fa.Arm([link, link, fa.Link(fa.Revolute("y"), hub, beam), fa.Link(fa.Revolute("z"), hub)], (0, 0.3, -9.81))
+    held = fa.LinearController(
+        [[0.9]],
+        [[0.1]],
+        [[1.0]],
+        [[2.0]],
+        measure=[("joint", 2)],
+        actuate=[2],
+        rate=300,
+        delay=1e-3,
+        reference=(t, np.sin(9 * t)),
+        limit=0.4,
+    )
+    continuous = fa.LinearController([[-3.0]], [[1.0]], [[0.5]], [[0.2]], measure=[("joint", 0)], actuate=[0])
+    return fa.Scene(
+        arm,
+        drive={3: fa.Motion(t, 0.1 * t**3), 1: fa.Torque(t, 0.3 * np.cos(20 * t)), ("patch", 0, 0): fa.Voltage(90)},
+        loads=(
+            fa.Load(force=(0, 1, 0.2)),
+            fa.Load(0, along=(0.1, 0.3), t=t, force=np.outer(t, (1, 2, 3))),
+            fa.Load(1, 0.2, moment=(0.1, 0, 0), axes="section"),
+        ),
+        control=(
+            fa.PD(3, 0.1, 0, reference=(t, t), limit=0.5),
+            fa.LinearController.pid(1, 2, 0.01, link=1, rate=400, reference=0.1),
+            fa.StrainFeedback(2, 0.1, 0.01, 1, x=0.01, washout=5.0),
+            held,
+            continuous,
+        ),
+        t=np.linspace(0, 0.3, 31),
+        q0={0: 0.03},
+    )
+
+
+@pytest.mark.parametrize("scene", [p.stem for p in SCENES])
+def test_shipped_scenes_run_as_in_python(runner: Path, tmp_path: Path, scene: str) -> None:
+    compare(runner, fa.load(scene), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"integrator": "implicit", "step": 2e-3}, {"integrator": "gauss", "step": 5e-3}, {"rtol": 1e-5}],
+    ids=["implicit", "gauss", "ida"],
+)
+def test_a_scene_with_everything_runs_as_in_python(runner: Path, tmp_path: Path, options: dict[str, Any]) -> None:
+    compare(runner, replace(everything(), options=options), tmp_path)
+
+
+def test_computed_torque_runs_as_in_python(runner: Path, tmp_path: Path) -> None:
+    scene = replace(everything(), drive={}, q0=None, options={"integrator": "gauss", "step": 1e-3})
+    law = fa.ComputedTorque(30.0, reference=[0.1, fa.Motion(scene.t, 0.2 * scene.t), 0.0, 0.1], rate=200, limit=3.0)
+    compare(runner, replace(scene, t=np.linspace(0, 0.05, 6), control=(law,)), tmp_path)
 
 
 @pytest.mark.parametrize("name", rich_arms())
-def test_rich_scenes_are_the_same_arms(reader: Path, tmp_path: Path, name: str) -> None:
-    arm = rich_arms()[name]
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene_text(arm))
-    compare(reader, scene, arm)
+def test_rich_arms_are_the_same(runner: Path, tmp_path: Path, name: str) -> None:
+    compare(runner, posed(rich_arms()[name], 0, integrator="gauss", step=1e-4), tmp_path)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_random_scenes_are_the_same_arms(reader: Path, tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_random_arms_are_the_same(runner: Path, tmp_path: Path, seed: int) -> None:
     arm = random_arm(np.random.default_rng(seed), 3)
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene_text(arm))
-    compare(reader, scene, arm, seed)
+    compare(runner, posed(arm, seed, integrator="gauss", step=1e-4), tmp_path)
 
 
-JOINT = 'joint = {type = "revolute"}'
-BEAM = """beam = {length = 0.5, section = {type = "circle", radius = 0.01}, modes = {bending_y = 1},
-material = {density = 1e3, youngs_modulus = 1e9}}""".replace("\n", " ")
-HUB = "hub = {mass = 1, inertia = [1, 1, 1]}"
-BAD = [  # a link's lines, or all of a scene; what both readers must name
-    ("gravity = [0, 0]\n[[link]]\n" + JOINT, ["gravity"]),
-    ("gravitiy = [0, 0, 0]\n[[link]]\n" + JOINT, ["gravitiy", "gravity"]),
-    ("link = []", ["link"]),
-    ("title = 'no arm'", ["link"]),
-    ("[[link]\n", ["line 1"]),
-    (HUB, ["link[0]", "missing joint"]),
-    ("joint = 3", ["link[0].joint", "must be a table with a type"]),
-    ('joint = {type = "revolut"}', ["link[0].joint.type", "did you mean 'revolute'?"]),
-    ('joint = {type = "fixed", axis = "z"}', ["link[0].joint", "unknown key 'axis'"]),
-    ('joint = {type = "revolute", axis = "u"}', ["link[0].joint.axis"]),
-    ('joint = {type = "revolute", axis = [0, 0, 0]}', ["link[0].joint.axis"]),
-    ('joint = {type = "revolute", dampng = 1}', ["link[0].joint", "did you mean 'damping'?"]),
-    ('joint = {type = "revolute", damping = -1}', ["link[0].joint.damping"]),
-    ('joint = {type = "universal", damping = [1, 2, 3]}', ["link[0].joint.damping"]),
-    ('joint = {type = "revolute", upper = 1}', ["link[0].joint.limit_stiffness"]),
-    ('joint = {type = "spherical", coulomb = 1}', ["link[0].joint.coulomb"]),
-    ('joint = {type = "axes", axes = ["rx", "rw"]}', ["link[0].joint.axes"]),
-    ('joint = {type = "revolute", inboard = {rotation = [1, 2]}}', ["link[0].joint.inboard.rotation"]),
-    ('joint = {type = "revolute", outboard = {rotation = [[1,0,0],[0,1,0],[0,0,2]]}}', ["link[0].joint", "rotation"]),
-    (JOINT + "\nhub = {mass = -1}", ["link[0].hub.mass"]),
-    (JOINT + "\nhub = {mass = true}", ["link[0].hub.mass", "must be a number"]),
-    (JOINT + "\nhub = {mass = 1, com = [nan, 0, 0]}", ["link[0].hub.com", "finite"]),
-    (JOINT + "\nhub = {mass = 1, inertia = [1, 1]}", ["link[0].hub.inertia"]),
-    (JOINT, ["coordinate 'link 0 revolute'"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("radius", "raduis"), ["link[0].beam.section", "did you mean 'radius'?"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace(", radius = 0.01", ""), ["link[0].beam.section", "missing radius"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("0.01", "-1"), ["link[0].beam.section.radius"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("1e9", '"steel"'), ["link[0].beam.material.youngs_modulus"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("0.5", "-0.5"), ["link[0].beam.length"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("bending_y = 1", "bending = 1"), ["modes", "did you mean 'bending_"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("bending_y = 1", "bending_y = 1.5"), ["modes.bending_y", "whole number"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("bending_y = 1", "bending_y = 99"), ["link[0].beam", "bending_y"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", '{basis = "legender", length'), ["basis", "mean 'legendre'?"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{order = 4, length"), ["link[0].beam.order"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{gauss_points = 0, length"), ["link[0].beam.gauss_points"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{rotary_inertia = 1, length"), ["link[0].beam.rotary_inertia"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = -1, length"), ["link[0].beam.damping_ratio"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = 2, length"), ["damping_ratio", "per cent"]),
-    (f"{JOINT}\n{BEAM}\nhub = {{inertia = [1, 1, 5]}}", ["link[0].hub.inertia", "no body has"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{basis_tip = {mass = 1}, length"), ["link[0].beam.basis_tip"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{patches = [{start = 0}], length"), ["beam.patches[0]", "missing"]),
-]
+def test_the_compiled_scene_among_the_examples_is_up_to_date(runner: Path) -> None:
+    got, want = rows(runner, SHIPPED), fa.load("ist_control").run()
+    np.testing.assert_allclose(got[:, 1:], want.q, atol=1e-9)
 
 
-@pytest.mark.parametrize("text, named", BAD, ids=[f"{k} {named[-1]}" for k, (_, named) in enumerate(BAD)])
-def test_bad_scenes_are_named_as_python_names_them(reader: Path, tmp_path: Path, text: str, named: list[str]) -> None:
-    scene = tmp_path / "bad.toml"
-    whole = "link" in text.split("=")[0] or text.startswith(("gravit", "title"))
-    scene.write_text(text if whole else "[[link]]\n" + text)
-    done = run(reader, scene, ok=False)
-    assert done.returncode == 2
-    with pytest.raises(ValueError) as python:
-        fa.load(scene)
-    for word in named:
-        assert word in done.stderr
-        assert word in str(python.value)
-
-
-def test_what_only_python_reads_is_an_error_that_says_so(reader: Path, tmp_path: Path) -> None:
-    scene = tmp_path / "samples.toml"
-    scene.write_text(f"[[link]]\n{JOINT}\n{HUB}\n{BEAM}".replace("bending_y = 1", "bending_y = [[1, 0.5, 0]]"))
-    assert fa.load(scene).arm.nv == 2
-    done = run(reader, scene, ok=False)
-    assert done.returncode == 2 and "link[0].beam.modes.bending_y[0]" in done.stderr and "to_dict" in done.stderr
-    missing = run(reader, tmp_path / "none.toml", ok=False)
+def test_bad_files_are_refused_in_one_line(runner: Path, tmp_path: Path) -> None:
+    text = SHIPPED.read_text()
+    for file, content, named in [
+        ("version.json", text.replace('"version":1', '"version":7'), "version = 7: this flexarm reads 1"),
+        ("key.json", text.replace('"coulomb"', '"columb"'), "arm.links[0].joint.forces[0]: missing key 'coulomb'"),
+        ("cut.json", text[:9000], "is no JSON"),
+        ("scene.toml", SCENES[0].read_text(), "compile it, by 'flexarm compile"),
+    ]:
+        (tmp_path / file).write_text(content)
+        done = run(runner, tmp_path / file, ok=False)
+        assert done.returncode == 2 and named in done.stderr and done.stderr.count("\n") == 1
+    missing = run(runner, tmp_path / "none.json", ok=False)
     assert missing.returncode == 2 and "cannot be read" in missing.stderr
 
 
@@ -252,8 +252,8 @@ def test_what_only_python_reads_is_an_error_that_says_so(reader: Path, tmp_path:
 @pytest.mark.parametrize("options", [["--free"], ["--free", "--links", "2"], ["--links", "1"], ["--free", "--scene"]])
 def test_realtime_loop(examples: Path, options: list[str], request: pytest.FixtureRequest) -> None:
     if options[-1] == "--scene":
-        request.getfixturevalue("reader")
-        options = [*options, str(ROOT / "python/flexarm/scenes/ist_control.toml")]
+        request.getfixturevalue("runner")
+        options = [*options, str(SHIPPED)]
     out = run(examples / "realtime_loop", "--seconds", "0.5", *options).stdout
     assert re.search(r"^500 cycles of 1 ms", out, re.M)
     assert re.search(r"^computation \(us\): median [\d.]+  p99.9 [\d.]+  max [\d.]+$", out, re.M)
@@ -331,7 +331,7 @@ def test_as_a_subproject_it_installs_and_tests_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "prefix").exists()
 
 
-def test_fetched_without_sundials_and_toml(tmp_path: Path) -> None:
+def test_fetched_without_sundials_and_json(tmp_path: Path) -> None:
     how = (
         f'include(FetchContent)\nFetchContent_Declare(flexarm SOURCE_DIR "{ROOT}")\nFetchContent_MakeAvailable(flexarm)'
     )
@@ -383,11 +383,12 @@ def test_shared_where_asked_for(tmp_path: Path) -> None:
         assert f"kind {kind}_LIBRARY" in said
 
 
-def test_a_build_without_toml_is_refused_unless_asked_for(tmp_path: Path) -> None:
-    hidden = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF", "-DFLEXARM_TOML_INCLUDE="]
+def test_a_build_without_json_is_refused_unless_asked_for(tmp_path: Path) -> None:
+    hidden = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF"]
+    hidden += ["-DCMAKE_DISABLE_FIND_PACKAGE_nlohmann_json=ON"]
     done = run(CMAKE, *hidden, "-S", ROOT, "-B", tmp_path / "build", ok=False)
     assert done.returncode != 0
-    assert "libtomlplusplus-dev" in done.stderr and "FLEXARM_SCENES=OFF" in done.stderr
+    assert "nlohmann-json3-dev" in done.stderr and "FLEXARM_SCENES=OFF" in done.stderr
     run(CMAKE, *hidden, "-DFLEXARM_SCENES=OFF", "-S", ROOT, "-B", tmp_path / "build")
 
 

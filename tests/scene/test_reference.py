@@ -9,7 +9,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.parts.arguments import Argument, arguments, kinds
-from flexarm.parts.tables import ArmFile
 from flexarm.scene.grammar import SAMPLES, SIMULATION, SceneFile
 from flexarm.scene.reference import page
 
@@ -34,14 +33,6 @@ def below(make: Any, found: dict[Any, dict[str, Argument]]) -> dict[Any, dict[st
 def test_every_key_is_explained_and_on_the_page(made: Any, known: dict[str, Argument]) -> None:
     assert all(argument.meaning for argument in known.values())
     assert all(f"`{name}`" in page() for name in known)
-
-
-def test_cpp_reads_every_key_of_an_arm() -> None:
-    """Its reader has its own list of keys and types; what it makes of them, tests/cpp compares."""
-    source = "".join(path.read_text(encoding="utf-8") for path in (PAGE.parents[1] / "cpp").rglob("scene*.cpp"))
-    for made, known in below(ArmFile, {}).items():
-        for word in {*known, getattr(made, "type", "")} - {""}:
-            assert f'"{word}"' in source, (made, word)
 
 
 def test_every_kind_is_known() -> None:

@@ -1,5 +1,5 @@
-"""The command line: `flexarm demo`, `run`, `view`, `modes`, `chart`, `economize`, `place`, `batch`, `identify`,
-`validate`, `examples`, `completion`, each with --help.
+"""The command line: `flexarm demo`, `run`, `view`, `modes`, `chart`, `economize`, `place`, `compile`, `batch`,
+`identify`, `validate`, `examples`, `completion`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
@@ -20,6 +20,7 @@ from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
 from . import batch, chart, cmake, completion, demo, economize, examples, identify, modes, place, run, validate, view
+from . import compile as compiling
 
 COMMANDS = {
     "demo": demo,
@@ -29,6 +30,7 @@ COMMANDS = {
     "chart": chart,
     "economize": economize,
     "place": place,
+    "compile": compiling,
     "batch": batch,
     "identify": identify,
     "validate": validate,

@@ -17,7 +17,8 @@ HEAD = """# The scene file
 Every table and key of a scene file, which `fa.load` and `flexarm run` read and `scene.save` writes. The file is
 [TOML](https://toml.io); [ist.toml](../python/flexarm/scenes/ist.toml) is one. SI units and radians throughout. A table
 holds the arguments of what is made of it: `help(fa.Beam)` says what stands here under `beam`. What is not required may
-be left out, which is what None means. Callables are for Python alone. C++'s `load_arm` reads `gravity` and `[[link]]`.
+be left out, which is what None means. Callables are for Python alone. C++ reads what `flexarm
+compile` makes of a scene: [cpp.md](cpp.md#scenes).
 
 **Samples** are laws of time, in place, `torque = { t = [0, 1], tau = [0, 2] }`, or in a file of comma-separated values
 whose first line names the columns, `torque = { file = "torque.csv" }`; see `fa.load` for where that file may be.

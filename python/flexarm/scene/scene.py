@@ -27,6 +27,7 @@ from ..run.start import WORDS, start
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from ..store.files import write_whole
+from .compiled import compiled_text
 from .grammar import SceneFile
 from .reader import scene_fields
 from .samples import Files
@@ -150,6 +151,17 @@ class Scene:
             raise ValueError(f"this scene cannot be saved, its file would not be read back: {e}") from None
         if back.arm != self.arm:
             raise ValueError("this scene cannot be saved: its file would be read back as another arm")
+        write_whole(file, lambda f: f.write(content), "path")
+
+    def compile(self, path: str | Path) -> None:
+        """Writes the scene as resolved numbers (JSON), which `flexarm::load_scene` of C++ reads: the arm, what acts on
+        it, its controllers, its start, its times and its integrator, to the last bit. Sensors are left out.
+
+        Raises:
+            ValueError: a drive, load or controller that is Python code, which it names; a name that promises another
+                format.
+        """
+        file, content = named(path, ".json"), compiled_text(self).encode()
         write_whole(file, lambda f: f.write(content), "path")
 
     def readings(self, result: Result) -> dict[str, Reading]:

@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <memory>
+#include <utility>
 #include <vector>
 
 namespace flexarm {
@@ -12,21 +14,38 @@ struct MotionValue {
 };
 
 /// A smooth function of time in polynomial pieces: on [breaks_k, breaks_k+1] the sum of coefficients(i, k)
-/// (t - breaks_k)^(d - i), highest power d first.
+/// (t - breaks_k)^(d - i), highest power d first. Copies share the numbers. As a `Drive::motion` it is one that a file
+/// can hold; its value, as any other law of time, is a PolynomialValue.
 class PiecewisePolynomial {
  public:
   /// @throws std::invalid_argument when the sizes do not fit or the breaks do not increase
   PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd coefficients);
+  /// The same at all times.
+  static PiecewisePolynomial constant(double value);
   /// Value and derivatives at t; outside the breaks the first or last piece goes on.
   MotionValue operator()(double t) const;
   /// The same, but outside the breaks it stands still at its first or last value.
-  MotionValue within(double t) const;
-  const Eigen::VectorXd& breaks() const { return breaks_; }
-  const Eigen::MatrixXd& coefficients() const { return coefficients_; }
+  PiecewisePolynomial standing() const;
+  const Eigen::VectorXd& breaks() const { return numbers_->first; }
+  const Eigen::MatrixXd& coefficients() const { return numbers_->second; }
 
  private:
-  Eigen::VectorXd breaks_;
-  Eigen::MatrixXd coefficients_;
+  std::shared_ptr<const std::pair<Eigen::VectorXd, Eigen::MatrixXd>> numbers_;
+};
+
+struct PolynomialValue {
+  PiecewisePolynomial of;
+  double operator()(double t) const { return of(t).q; }
+};
+/// Several, as a vector.
+template <class Vector>
+struct PolynomialValues {
+  std::vector<PiecewisePolynomial> of;
+  Vector operator()(double t) const {
+    Vector out(static_cast<Eigen::Index>(of.size()));
+    for (std::size_t k = 0; k < of.size(); ++k) out[static_cast<Eigen::Index>(k)] = of[k](t).q;
+    return out;
+  }
 };
 
 /// A drive of one velocity coordinate: a motion, or a force or torque (N, N m). Or of several at once, in proportion.

@@ -52,6 +52,21 @@ struct BeamOptions {
   int gauss_points = 0;     ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
+/// All that a beam is made of, once its section and material are integrated: what a file of a beam holds.
+struct BeamNumbers {
+  double length = 0.0;
+  BeamOptions options{};                         ///< but for damping and the loaded basis' tip, which have been used
+  std::array<Eigen::MatrixXd, kStrains> loaded;  ///< shapes of the loaded basis, as `BeamOptions::shapes`
+  bool uniform = true;                           ///< whether the section is the same from end to end
+  bool planar = true;                            ///< whether the beam stays in a plane that its strains have in common
+  int points = 0;                                ///< see Beam::points
+  /// Where the slices are, in parts of the length: those of the beam, then those of each patch with mass.
+  std::vector<std::vector<double>> places;
+  std::vector<MassSlice> slices;  ///< without their tables
+  Eigen::MatrixXd stiffness, damping, patch_forces;
+  Eigen::VectorXd patch_capacitances;
+};
+
 struct SectionLaw;
 struct UnitShapes;
 struct RestShape;
@@ -68,6 +83,9 @@ class Beam {
        const std::vector<Patch>& patches = {});
   Beam(double length, const SectionMatrixProfile& section, const BeamOptions& options,
        const std::vector<Patch>& patches = {});
+  /// What `numbers` gave, to the last bit.
+  explicit Beam(const BeamNumbers& numbers);
+  BeamNumbers numbers() const;
 
   double length() const { return length_; }
   const BeamOptions& options() const { return options_; }
@@ -115,10 +133,14 @@ class Beam {
   struct Profile;
   Beam(double length, const Profile& profile, const BeamOptions& options, const std::vector<Patch>& patches);
   std::vector<MassSlice> build_slices(const Profile& profile);
+  void keep(std::vector<MassSlice> slices);
   bool off_axis(const Profile& profile) const;
   void check_section(const SectionLaw& law, double X) const;
   void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
-  void curve(const Profile& profile);
+  /// @param loaded  of the loaded basis
+  void take_shapes(const std::array<Eigen::MatrixXd, kStrains>& loaded);
+  /// @param profile  null: is not known
+  void curve(const Profile* profile);
   SliceAtRest rest_at(double X) const;
   void check_patch(const Patch& patch) const;
   void add_patch_slices(const Patch& patch, std::vector<MassSlice>& slices);
@@ -131,6 +153,7 @@ class Beam {
   bool uniform_ = true, tapers_ = false;
   BeamOptions options_;
   std::vector<ShapeSet> shapes_;  ///< one for each strain
+  std::vector<std::vector<double>> places_;
   Plane plane_ = Plane::none;
   int ne_ = 0;
   StrainCounts first_{};

@@ -1,30 +1,44 @@
-// Scene files: TOML in, Arm out. The same tables as Python's `flexarm.load` reads: gravity and [[link]], which hold all
-// that an Arm is; those of a run (drive, load, control, sensor, simulation) are passed over.
+// Compiled scenes: a whole problem, and how it is run, in one file of resolved numbers (JSON). Python's `flexarm
+// compile` and `Scene.compile` write it of a scene file; so does `scene_text`, of a problem that was made in C++.
 #pragma once
 
 #include <string>
 
-#include "flexarm/arm.hpp"
+#include "flexarm/ida.hpp"
+#include "flexarm/problem.hpp"
+#include "flexarm/simulation.hpp"
 
 namespace flexarm {
 
+struct Scene {
+  Problem problem;
+  Eigen::VectorXd t = {};  ///< output times (s)
+  Method method = {};      ///< or its name is "ida", and `ida` tells how
+  double step = 0.0;       ///< longest step (s), of a fixed-step method
+  IdaOptions ida = {};
+};
+
 #ifdef FLEXARM_SCENES
 
-/// The arm of a scene file, for set-up: it allocates and throws.
-/// @param path  of a TOML file; the scenes that come with the Python package are found there by their paths, not by
-///              bare names
-/// @throws std::invalid_argument naming the file, the key, its value and what would be right, and of an unknown key the
-///         nearest known one; also where the file cannot be read or is not TOML. What Python reads and this does not,
-///         shapes of modes given as samples, is such an error too
-Arm load_arm(const std::string& path);
-
+/// For set-up: it allocates and throws. All numbers are those that were saved, to the last bit.
+/// @throws std::invalid_argument naming the file, the key by its path in it, the value and what would be right: of keys
+///         that are missing, unknown or twice there, and of wrong types, sizes, values and versions
+Scene load_scene(const std::string& path);
 /// The same from the text of such a file.
-Arm parse_arm(const std::string& toml);
+Scene parse_scene(const std::string& json);
+/// The problem alone.
+inline Problem load_problem(const std::string& path) { return load_scene(path).problem; }
+/// The text of such a file. Laws must be numbers: of drives, loads and references piecewise polynomials
+/// (PiecewisePolynomial, PolynomialValue, PolynomialValues), of samplers LinearLaw or TorqueLaw.
+/// @throws std::invalid_argument naming what is a function, or not finite
+std::string scene_text(const Scene& scene);
 
-#else  // this flexarm was built without toml++ (on Debian: libtomlplusplus-dev)
+#else  // this flexarm was built without nlohmann/json (on Debian: nlohmann-json3-dev)
 
-Arm load_arm(const std::string& path) = delete;   // this flexarm was built without toml++
-Arm parse_arm(const std::string& toml) = delete;  // this flexarm was built without toml++
+Scene load_scene(const std::string& path) = delete;      // this flexarm was built without nlohmann/json
+Scene parse_scene(const std::string& json) = delete;     // this flexarm was built without nlohmann/json
+Problem load_problem(const std::string& path) = delete;  // this flexarm was built without nlohmann/json
+std::string scene_text(const Scene& scene) = delete;     // this flexarm was built without nlohmann/json
 
 #endif
 

@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "flexarm/derivatives.hpp"
@@ -40,6 +41,8 @@ class ComputedTorque {
   /// Where the last call looked at the arm: its joints, and the elastic coordinates at rest there (nq).
   const Eigen::VectorXd& q() const { return q_; }
   const Arm& arm() const { return *arm_; }
+  const std::vector<Axis>& axes() const { return axes_; }
+  bool sags() const { return sags_; }
 
  private:
   Status forces();
@@ -60,6 +63,28 @@ class ComputedTorque {
   Eigen::MatrixXd K_;
   Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
   bool sags_, factored_ = false;
+};
+
+/// The law of a Sampler: a computed torque of an arm that may be another than the one it moves.
+struct TorqueLaw {
+  /// A coordinate and a rate of the arm that is moved.
+  struct Place {
+    int q, v;
+  };
+  /// @param places  of the axes, in their order
+  /// @param rates   of the arm that is moved
+  /// @throws std::invalid_argument naming what does not fit
+  TorqueLaw(std::shared_ptr<const Arm> arm, std::vector<ComputedTorque::Axis> axes, bool sags,
+            std::vector<Place> places, int rates);
+  /// Forces (`rates`). @throws std::invalid_argument where it gives none
+  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// @throws std::invalid_argument saying why there are no forces
+  static void check(Status status, double t);
+
+  std::shared_ptr<const Arm> arm;
+  ComputedTorque of;
+  std::vector<Place> places;
+  int rates;
 };
 
 }  // namespace flexarm

@@ -1,0 +1,31 @@
+"""`flexarm compile SCENE`: its options and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .._console import json_text
+from ..scene.scene import load
+from . import options
+
+SUMMARY = "write a scene as numbers, for C++"
+TEXT = (
+    "flexarm::load_scene of C++ reads the file and runs the whole scene: drives, loads, controllers, friction, and the "
+    "integrator with its step."
+)
+
+
+def arguments(p: argparse.ArgumentParser) -> None:
+    """Adds the command's arguments to its parser."""
+    options.scene(p)
+    p.add_argument("-o", "--output", metavar="FILE", help="file to write (SCENE.json, in this folder)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compiles, writes and prints."""
+    scene = load(args.scene)
+    file = Path(args.output or f"{Path(args.scene).stem}.json")
+    scene.compile(file)
+    print(json_text({"file": str(file)}) if args.json else f"{scene.name}: {file}")
+    return 0
