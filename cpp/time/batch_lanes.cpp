@@ -76,12 +76,14 @@ void LaneGroup::set(long half, double* q, double* v, double* a, double* tau, dou
     const bool forces = forced_ || fresh_;
     for (Index l = 0; l < width_; ++l) {
       const Index b = asked_ = scenario(l);
-      if (l == 0 || (p_.problems.size() > 1 && b != scenario(l - 1))) act(problem(b), t);
+      if (p_.problems.size() == 1 ? l == 0 && (varies_ || half == 0) : l == 0 || b != scenario(l - 1))
+        act(problem(b), t);
       if (forces) {
-        for (Index i = 0; i < now_.tau.size(); ++i) tau[i * width_ + l] = now_.tau[i];
-        for (Index i = 0; i < p_.row_v() && p_.tau.data; ++i) tau[i * width_ + l] += held(b)[i];
-        for (Index i = 0; i < now_.tau.size() && !alone_.empty(); ++i)
-          tau[i * width_ + l] += alone(l).control.held()[i];
+        const Index nv = now_.tau.size(), rows = p_.tau.data ? p_.row_v() : 0;
+        const double* row = held(b);
+        for (Index i = 0; i < rows; ++i) tau[i * width_ + l] = now_.tau[i] + row[i];
+        for (Index i = rows; i < nv; ++i) tau[i * width_ + l] = now_.tau[i];
+        for (Index i = 0; i < nv && !alone_.empty(); ++i) tau[i * width_ + l] += alone(l).control.held()[i];
       }
       for (int i : moved_) {
         const MotionValue& m = now_.motions[static_cast<std::size_t>(i)];

@@ -159,8 +159,10 @@ struct Roller {
   Mask change(long step) {
     const int due = job.scenarios->due(step);
     if (due == 0) return L::everywhere(false);
-    for (int i = 0; i < arms.nv; ++i) y[i] = x[i];
-    if (due > 1) method.accelerate(arms, q, v, tau, y, L::everywhere(true));
+    if (due > 1) {
+      for (int i = 0; i < arms.nv; ++i) y[i] = x[i];
+      method.accelerate(arms, q, v, tau, y, L::everywhere(true));
+    }
     if (!job.scenarios->change(step, raw(q), raw(v), raw(y), raw(changed))) return L::everywhere(false);
     set(2 * step);
     return *changed > 0.5;

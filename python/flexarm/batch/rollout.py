@@ -299,7 +299,7 @@ def rollout(
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
     count = scenario_count(sizes | {"drive": len(drives)})
     check_balls(one, q)
-    made = max(len(arms), len(controls), len(drives))
+    made = max(len(arms) if drive or loads or control else 1, len(controls), len(drives))
 
     def setup(k: int) -> Setup:
         law = controls[k % len(controls)]
