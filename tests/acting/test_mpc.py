@@ -233,6 +233,7 @@ def test_numbers_of_the_page(page_of_docs: Callable[[str], Ran]) -> None:
     names = page_of_docs("docs/mpc.md").names
     assert names["swing"].failures == names["mpc"].failures == 0
     assert np.abs(names["run"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
+    assert np.abs(names["met"].q[-1, [0, 3]] - [0.2, -0.3]).max() < 1e-4
     assert np.abs(names["seen"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
 
 

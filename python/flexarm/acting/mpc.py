@@ -42,9 +42,9 @@ class MPC(Controller):
         weight (y - r)² + rate_weight (dy/dt - dr/dt)² + effort (u - u_held)² + rate_effort (du/dt)²
 
     where y is what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm where it is
-    against gravity and what else is known to act. The law needs the whole state; with sensors, estimate it by a KalmanFilter and give it to `step`. If a
-    sample cannot be solved, the law warns once (MPCWarning) and continues with its last plan, within the limits:
-    `failures` counts these samples.
+    against gravity and what else is known to act. The law needs the whole state; with sensors, estimate it by a
+    KalmanFilter and give it to `step`. If a sample cannot be solved, the law warns once (MPCWarning) and continues with
+    its last plan, within the limits: `failures` counts these samples.
 
     Args:
         model: the arm that it knows: links and joints as the plant's, elastic coordinates of its own, such as fewer of

@@ -15,8 +15,8 @@ void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::Vec
 /// Their Jacobians by q (nq x nq) and v (nq x nv).
 void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v);
-/// q0 displaced by u (nv), rates times time, into q: the coordinates themselves, and the quaternion of a ball, which turns
-/// by its part of u, a rotation vector in the axes that turn.
+/// q0 displaced by u (nv), rates times time, into q: the coordinates themselves, and the quaternion of a ball, which
+/// turns by its part of u, a rotation vector in the axes that turn.
 void displace(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& u, Eigen::VectorXd& q);
 /// The u that displaces q0 to q, with turns of balls up to pi.
 void displacement(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& q, Eigen::VectorXd& u);
