@@ -17,7 +17,6 @@ from .drive import Motion, Torque, standing
 from .load import at_time
 from .voltage import patch_laws, split_drives
 
-
 _KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that are not Python's
 
 

@@ -137,8 +137,8 @@ def _quiet(arm: Chain, q: Array) -> bool:
                 rows.append(row)
                 limits.append(limit)
         _QUIET[arm._core] = np.array(rows).reshape(-1, arm.nq), np.array(limits)
-    sizes, most = _QUIET[arm._core]
-    return bool((sizes @ np.abs(q).max(axis=0, initial=0.0) <= most).all())
+    by_q, bounds = _QUIET[arm._core]
+    return bool((by_q @ np.abs(q).max(axis=0, initial=0.0) <= bounds).all())
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
