@@ -108,17 +108,16 @@ void bind_time(py::module_& m) {
                  const Locked lock;
                  return call(*r, t).cast<Eigen::VectorXd>();
                };
-             else if (py::isinstance<py::list>(reference))
-               else {
-                 PolynomialValues<Eigen::VectorXd> values;
-                 if (py::isinstance<py::list>(reference))
-                   for (const auto& part : reference.cast<std::vector<PiecewisePolynomial>>())
-                     values.of.push_back(part.standing());
-                 else
-                   for (const double r : reference.cast<Eigen::VectorXd>())
-                     values.of.push_back(PiecewisePolynomial::constant(r));
-                 law.reference = values;
-               }
+             else {
+               PolynomialValues<Eigen::VectorXd> values;
+               if (py::isinstance<py::list>(reference))
+                 for (const auto& part : reference.cast<std::vector<PiecewisePolynomial>>())
+                   values.of.push_back(part.standing());
+               else
+                 for (const double r : reference.cast<Eigen::VectorXd>())
+                   values.of.push_back(PiecewisePolynomial::constant(r));
+               law.reference = values;
+             }
              if (!read.is_none())
                law.read = [r = std::make_shared<py::object>(read)](double t, const Eigen::VectorXd& q,
                                                                    const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
