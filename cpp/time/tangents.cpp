@@ -14,6 +14,7 @@ using Eigen::VectorXd;
 
 Nears::Nears(const std::vector<Parameter>& parameters) {
   for (const Parameter& p : parameters) {
+    if (p.neighbours.empty()) bad_value("neighbours of parameter " + std::to_string(size()), 0, "must be one or more");
     emplace_back();
     for (const Neighbour& n : p.neighbours) back().push_back(std::make_unique<Near>(n));
   }
