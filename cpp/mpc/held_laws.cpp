@@ -14,12 +14,12 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kSame = 1e-6;  // parts of a period by which two times are still one
+constexpr double kOneTime = 1e-6;  // parts of a period by which two times are still one
 
 /// Which of the times first + k period is t; -1: none.
 long number(double t, double first, double period) {
   const double k = std::round((t - first) / period);
-  return k >= 0.0 && std::abs(first + k * period - t) <= kSame * period ? static_cast<long>(k) : -1;
+  return k >= 0.0 && std::abs(first + k * period - t) <= kOneTime * period ? static_cast<long>(k) : -1;
 }
 
 }  // namespace
@@ -31,7 +31,7 @@ HeldLaws::HeldLaws(const std::vector<Sampler>& samplers, int nv) : columns_(nv, 
     if (!law || law->read)
       bad_value("samplers[" + std::to_string(k) + "]", "a law of its own", "must be a LinearLaw that reads no sensors");
     const Index nx = law->x.size(), nu = law->columns.cols();
-    const long slots = s.delay > 0.0 ? static_cast<long>(std::floor(s.delay / s.period + kSame)) + 1 : 0;
+    const long slots = s.delay > 0.0 ? static_cast<long>(std::floor(s.delay / s.period + kOneTime)) + 1 : 0;
     lines_.push_back({*law, s.first, s.period, s.delay, size_, size_ + nx, size_ + nx + nu, slots});
     const Index before = columns_.cols();
     columns_.conservativeResize(Eigen::NoChange, before + nu);
@@ -45,7 +45,7 @@ double HeldLaws::next(double t) const {
   double found = std::numeric_limits<double>::infinity();
   for (const Line& l : lines_)
     for (const double first : {l.first, l.first + l.delay}) {
-      const double k = std::max(0.0, std::floor((t - first) / l.period + kSame) + 1.0);
+      const double k = std::max(0.0, std::floor((t - first) / l.period + kOneTime) + 1.0);
       found = std::min(found, first + k * l.period);
     }
   return found;

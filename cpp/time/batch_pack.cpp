@@ -19,7 +19,7 @@ using Index = Eigen::Index;
 /// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.2 to
 /// 3 times what an arm by itself costs (bench/batch/few.py).
 constexpr double kFew = 0.25;
-constexpr double kMostSteps = 1e8;
+constexpr double kTooLong = 1e8;
 
 bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) { return a.size() == b.size() && a == b; }
 
@@ -40,7 +40,7 @@ bool same_clock(const Problem& a, const Problem& b) {
 
 BatchSteps::BatchSteps(const Problem& problem, const Eigen::VectorXd& t, double step) {
   const Index last = t.size() - 1;
-  if (const double most = (t[last] - t[0]) / step; !(most <= kMostSteps))
+  if (const double most = (t[last] - t[0]) / step; !(most <= kTooLong))
     bad_value("step", step, "asks for " + std::to_string(most) + " steps; must ask for at most 1e+08");
   bool functions = false;
   std::vector<double> stops = sample_times(problem.drives, problem.loads, problem.control(), t, functions);
