@@ -38,7 +38,7 @@ std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, cons
 Eigen::VectorXd deviations(const KalmanFilter& f) { return f.root().rowwise().norm(); }
 
 /// Over rows: readings at each time, forces from it to the next.
-py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y, int links) {
+py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links) {
   const Eigen::Index n = tau.rows(), nv = f.v().size(), m = f.parameters().size(), k = y.cols();
   Rows q(n, f.q().size()), v(n, nv), p(n, m), std(n, f.states()), innovations(n, k), expected(n, k), tip(n, 3),
       tip_std(n, 3);
@@ -100,7 +100,7 @@ void bind_kalman(py::module_& m) {
       .def(
           "update", [](KalmanFilter& f, const Eigen::VectorXd& y) { return static_cast<int>(f.update(y)); },
           py::arg("y"))
-      .def("run", &run, py::arg("tau"), py::arg("y"), py::arg("links"))
+      .def("run", &run_filter, py::arg("tau"), py::arg("y"), py::arg("links"))
       .def(
           "place",
           [](KalmanFilter& f, std::size_t link, std::optional<double> x) {
