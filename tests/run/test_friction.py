@@ -130,7 +130,7 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
         np.testing.assert_allclose(r.q[:, 0], ida.q[:, 0], atol=1e-6 * np.ptp(ida.q[:, 0]))
 
 
-@pytest.mark.parametrize("step", [1e-3, 5e-4, 3e-4])
+@pytest.mark.parametrize("step", [5e-4, 3e-4])
 def test_switches_within_a_few_steps_are_told(step: float) -> None:
     """A controller of 4243 rad/s: at rest soon, but in smaller steps it swings on for more than 1 s."""
     control = fa.PD(1.8e7, 0.0, link=0)

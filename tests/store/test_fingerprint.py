@@ -346,6 +346,7 @@ def test_laws_of_scenes_and_installed_packages_are_looked_into():
     assert mark("x".upper) != mark("y".upper) and mark(functools.lru_cache(scaled)) != mark(scaled)
 
 
+@pytest.mark.filterwarnings("ignore:drive of.*the steps passed that by")  # which is true of noise
 def test_the_batch_of_the_report(tmp_path):
     arm, t = fa.load("ist").arm, np.linspace(0, 0.02, 5)
 

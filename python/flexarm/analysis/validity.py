@@ -136,7 +136,7 @@ def _quiet(arm: Chain, q: Array) -> bool:
                 row[first : first + beam.ne] = sizes
                 rows.append(row)
                 limits.append(limit)
-        _QUIET[arm._core] = np.array(rows).reshape(-1, arm.nq), np.array(limits)
+        _QUIET[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
     by_q, bounds = _QUIET[arm._core]
     return bool((by_q @ np.abs(q).max(axis=0, initial=0.0) <= bounds).all())
 

@@ -15,7 +15,7 @@ from ..analysis.modes import motions_about, small_motions
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
-_HASTY = 10  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
 _TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
