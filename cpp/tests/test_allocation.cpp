@@ -222,6 +222,24 @@ TEST_CASE("joints that stick and slide within steps ask nothing of the system") 
   }
 }
 
+TEST_CASE("steps of rk4 that end at switches of dry friction ask nothing of the system") {
+  JointForce rough;
+  rough.coulomb = 0.2;
+  rough.stiction = 0.3;
+  std::vector<Link> links;
+  links.emplace_back(Joint({{true, {0, 0, 1}}}, false, {"z"}, {rough}), flexarm_test::body(0.3, {0.1, 0, 0}),
+                     std::nullopt, std::nullopt);
+  Problem problem{Arm(std::move(links))};
+  problem.drives = {{0, {}, [](double t) { return 0.6 * std::sin(20.0 * t); }}};
+  Simulation sim(problem, {"rk4"}, 1e-3);
+  Status status = sim.step();
+  check_nothing("rk4 with friction", [&] {
+    for (int k = 0; k < 1000 && status == Status::ok; ++k) status = sim.step();
+  });
+  CHECK(status == Status::ok);
+  CHECK(sim.steps() > 1005);  // some end at switches
+}
+
 TEST_CASE("a simulation asks nothing of the system, and goes on from a state to the last bit") {
   Problem problem(flexarm_test::spatial_arm());
   const Arm& arm = *problem.arm;

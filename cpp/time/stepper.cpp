@@ -87,6 +87,8 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
       ways_(static_cast<std::size_t>(s.arm.nv()), Tape::free),
       q0_(s.q),
       v0_(s.v),
+      q1_(s.q),
+      v1_(s.v),
       cubic_(s) {
   s.rubbing = method.rubbing();
   if (!method.switches_within())
@@ -162,13 +164,14 @@ Stepper::Contact* Stepper::broken() {
 }
 
 Status Stepper::end_at_switch(double from, double h, double last, int level, double& share) {
-  const Eigen::VectorXd q = s.q, v = s.v;
+  q1_ = s.q;
+  v1_ = s.v;
   const double end = std::isnan(last) ? from + h : last;
   const bool inside = method.interpolates();
   const auto look = [&](double c) {
     if (c == 1.0) {
-      s.q = q;
-      s.v = v;
+      s.q = q1_;
+      s.v = v1_;
       s.drive(end);
     } else if (inside) {
       method.inside(c, s.q, s.v);
@@ -223,8 +226,8 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   }
   const bool whole = share > 0.5;
   share = whole ? 1.0 : 0.0;
-  s.q = whole ? q : q0_;
-  s.v = whole ? v : v0_;
+  s.q = whole ? q1_ : q0_;
+  s.v = whole ? v1_ : v0_;
   s.drive(whole ? end : from);
   return Status::ok;
 }

@@ -124,6 +124,7 @@ class Stepper {
   signed char was_ = Tape::free;   // what that one did before
   Contact* restless_ = nullptr;    // what switches without end
   Eigen::VectorXd q0_, v0_;        // where the step began
+  Eigen::VectorXd q1_, v1_;        // where it ended, before it was looked into
   StepCubic cubic_;                // through it, of methods that do not interpolate
   std::vector<double> last_switches_;
 };
