@@ -28,6 +28,8 @@ void joint_stiffness(Workspace& ws, Eigen::VectorXd& slopes);
 
 /// E(p) of a ball's quaternion, dp/dt = E w; E^T E is a quarter of the unit matrix.
 Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p);
+/// The turn of a ball from quaternion p0 to p, of any lengths: a rotation vector in the axes that turn, up to pi.
+Eigen::Vector3d ball_turn(const Eigen::Vector4d& p0, const Eigen::Vector4d& p);
 /// d(dp/dt)/dp of a quaternion at an angular velocity w, see `ball_rates`.
 Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d& w);
 

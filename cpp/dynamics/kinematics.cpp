@@ -4,6 +4,7 @@
 #include "flexarm/check.hpp"
 #include "lanes/ball.hpp"
 #include "lanes/single.hpp"
+#include "turning.hpp"
 
 namespace flexarm {
 
@@ -21,6 +22,12 @@ Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d
   Q.block<3, 1>(1, 0) += 0.5 * w;
   Q.block<3, 3>(1, 1) -= 0.5 * tilde(w);
   return Q;
+}
+
+Eigen::Vector3d ball_turn(const Eigen::Vector4d& p0, const Eigen::Vector4d& p) {
+  Eigen::Vector4d seen;  // of p from p0, of whatever length
+  seen << p0.dot(p), 2.0 * ball_rate_matrix(p0.data()).transpose() * p;
+  return Eigen::Vector3d(BallTurn<double>(seen.data()).vector);
 }
 
 namespace {
@@ -52,30 +59,17 @@ void displace(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& 
 void displacement(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& q, Eigen::VectorXd& u) {
   for_coordinates(
       layout_of(arm), [&](int i, int j, bool) { u[j] = q[i] - q0[i]; },
-      [&](int i, int j) {
-        Eigen::Vector4d p;  // of q seen from q0, of whatever length
-        p << q0.segment<4>(i).dot(q.segment<4>(i)), 2.0 * ball_rate_matrix(q0.data() + i).transpose() * q.segment<4>(i);
-        const BallTurn<double> turn(p.data());
-        for (int k = 0; k < 3; ++k) u[j + k] = turn.vector[k];
-      });
+      [&](int i, int j) { u.segment<3>(j) = ball_turn(q0.segment<4>(i), q.segment<4>(i)); });
 }
 
-/// Derivatives of the exponential of rotations (Hairer, Lubich & Wanner, Geometric Numerical Integration, III.4).
 void displace_slopes(const Arm& arm, const Eigen::VectorXd& u, Eigen::MatrixXd& back, Eigen::MatrixXd& turn) {
   back.setIdentity();
   turn.setIdentity();
   for_coordinates(
       layout_of(arm), [](int, int, bool) {},
       [&](int, int j) {
-        const Eigen::Vector3d w = u.segment<3>(j);
-        const double angle = w.norm(), x = angle * angle;
-        const bool small = angle < 1e-4;
-        const double a = small ? 1.0 - x / 6.0 : std::sin(angle) / angle;
-        const double b = small ? 0.5 - x / 24.0 : (1.0 - std::cos(angle)) / x;
-        const double c = small ? 1.0 / 6.0 - x / 120.0 : (1.0 - a) / x;
-        const Eigen::Matrix3d W = tilde(w), square = W * W;
-        back.block<3, 3>(j, j) += -a * W + b * square;
-        turn.block<3, 3>(j, j) += -b * W + c * square;
+        back.block<3, 3>(j, j) = turned_back(u.segment<3>(j));
+        turn.block<3, 3>(j, j) = turn_slopes(u.segment<3>(j));
       });
 }
 

@@ -98,11 +98,7 @@ class Turns {
 
   /// Turned by exp(u), u being an integral of rates.
   Turn exponential(const Ball& ball, Index entry) const {
-    const Eigen::Vector4d p = quaternion(place_before(tape_, entry), ball), p1 = quaternion(entry_->point, ball);
-    const Eigen::Vector3d sine = 2.0 * ball_rate_matrix(p.data()).transpose() * p1;  // of half the turn
-    const double cosine = p.dot(p1), size = sine.norm();
-    const double factor = size > 1e-9 ? 2.0 * std::atan2(cosine < 0.0 ? -size : size, std::abs(cosine)) / size : 2.0;
-    const Eigen::Vector3d u = factor * sine;
+    const Eigen::Vector3d u = ball_turn(quaternion(place_before(tape_, entry), ball), quaternion(entry_->point, ball));
     const Eigen::Matrix3d by_u = turn_slopes(u) - Eigen::Matrix3d::Identity();
     const double h = entry_->h;
     return {ball.v,
