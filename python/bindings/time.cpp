@@ -93,6 +93,7 @@ void bind_time(py::module_& m) {
                       [](const py::tuple& t) {
                         return PiecewisePolynomial(t[0].cast<Eigen::VectorXd>(), t[1].cast<Eigen::MatrixXd>());
                       }))
+      .def("standing", &PiecewisePolynomial::standing)
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
       .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
 

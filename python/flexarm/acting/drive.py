@@ -77,13 +77,7 @@ def standing(law: Any) -> Any:
     are."""
     if isinstance(law, tuple):
         return tuple(standing(part) for part in law)
-    if not isinstance(law, _core.PiecewisePolynomial):
-        return law
-    first, last = law.breaks[[0, -1]].tolist()
-    still = np.zeros((len(law.coefficients), 2))
-    still[-1] = law(first)[0], law(last)[0]
-    pieces = np.hstack([still[:, :1], law.coefficients, still[:, 1:]])
-    return _core.PiecewisePolynomial(np.r_[first - 1.0, law.breaks, last + 1.0], pieces)
+    return law.standing() if isinstance(law, _core.PiecewisePolynomial) else law
 
 
 class Law:
