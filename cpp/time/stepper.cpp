@@ -208,6 +208,15 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   share = high;
   const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
   was_ = way;
+  const auto leave = [&](bool whole) {
+    share = whole ? 1.0 : 0.0;
+    s.q = whole ? q1_ : q0_;
+    s.v = whole ? v1_ : v0_;
+    s.drive(whole ? end : from);
+    return Status::ok;
+  };
+  // Gets faster where it should come to rest: the step that found this was too long for the motion.
+  const auto unseen = [&] { return inside && level < kSplits && way * s.ws.a[switched_->of.rate] > 0.0; };
   for (int aim = 0; aim < kAims && share > kOneTime && share < 1.0 - kOneTime; ++aim) {
     s.q = q0_;
     s.v = v0_;
@@ -218,18 +227,20 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
       break;
     }
     if (const Status status = try_step(from, share * h, std::nan(""), level); status != Status::ok) return status;
-    if (way == Tape::held || std::abs(s.v[switched_->of.rate]) <= kStill || aim + 1 == kAims) return Status::ok;
+    if (way == Tape::held) return Status::ok;
     if (const Status status = s.accelerate(true); status != Status::ok) return status;
+    if (unseen()) {
+      leave(false);
+      return Status::not_converged;
+    }
+    if (std::abs(s.v[switched_->of.rate]) <= kStill || aim + 1 == kAims) return Status::ok;
     const double late = s.v[switched_->of.rate] / (s.ws.a[switched_->of.rate] * h);
     if (!(std::abs(late) < 0.1 * share)) return Status::ok;
     share -= late;
   }
-  const bool whole = share > 0.5;
-  share = whole ? 1.0 : 0.0;
-  s.q = whole ? q1_ : q0_;
-  s.v = whole ? v1_ : v0_;
-  s.drive(whole ? end : from);
-  return Status::ok;
+  leave(share > 0.5);
+  const bool begun = share == 0.0 && high > 0.0 && way == was_ && way != Tape::held;
+  return begun && s.accelerate(true) == Status::ok && unseen() ? Status::not_converged : Status::ok;
 }
 
 Status Stepper::settle() {
