@@ -361,10 +361,11 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
       q += h * of.v_by_a(i, j) * dq.col(j);
     }
     if (given) given(of.c[i]);
-    forward_dynamics(*arm_, ws, q, v, tau);
+    accelerate(ws, q, v, tau, friction_, true);
     a.col(i) = ws.a;
     run_->engine.rates(q.data(), v.data(), dq.col(i).data());
     tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
+    contacts(v, false, tape_->last_contacts());
   }
   q = q1;
   v = v1;
@@ -394,7 +395,8 @@ std::vector<double> OneStep::way() const {
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
   const Contacts<Engine>& c = *run_->contacts;
   for (int k = 0; k < c.count; ++k) {
-    const double rate = v[c.at[k]], way = c.over[k] > 0.5 ? c.way[k] : instant ? c.sign(rate) : c.sense[k];
+    const double now = instant ? c.sign(v[c.at[k]]) : 0.0;
+    const double way = c.over[k] > 0.5 ? c.way[k] : now != 0.0 ? now : c.sense[k];
     out[c.at[k]] = c.held[k] > 0.5 ? Tape::held : way > 0.0 ? Tape::ahead : way < 0.0 ? Tape::back : Tape::free;
   }
 }

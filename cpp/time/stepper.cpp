@@ -1,6 +1,8 @@
 #include "stepper.hpp"
 
 #include <algorithm>
+#include <limits>
+#include <optional>
 #include <sstream>
 #include <utility>
 
@@ -18,6 +20,7 @@ constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint m
 constexpr int kPlaces = 8;           // of an interpolated step, at which switches are looked for
 constexpr double kOneTime = 1e-9;    // parts of a step that are no time
 constexpr int kSearch = 40;          // halvings of the time in which a switch is
+constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
 constexpr int kAims = 4;             // steps that try to end where a joint comes to rest
 constexpr double kFewSteps = 3.0;    // that resolve no swing, of a method that knows the ends of its steps alone
 constexpr std::size_t kMany = 100;   // so many switches within a step are no motion
@@ -208,49 +211,83 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   share = high;
   const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
   was_ = way;
-  const auto leave = [&](bool whole) {
-    share = whole ? 1.0 : 0.0;
-    s.q = whole ? q1_ : q0_;
-    s.v = whole ? v1_ : v0_;
-    s.drive(whole ? end : from);
-    return Status::ok;
-  };
-  // Gets faster where it should come to rest: the step that found this was too long for the motion.
-  const auto unseen = [&] { return inside && level < kSplits && way * s.ws.a[switched_->of.rate] > 0.0; };
-  for (int aim = 0; aim < kAims && share > kOneTime && share < 1.0 - kOneTime; ++aim) {
+  const auto rewind = [&] {
     s.q = q0_;
     s.v = v0_;
     s.drive(from);
+    if (tape_) tape_->take_back();
+  };
+  // Gets faster where it should come to rest: the step that found this was too long for the motion.
+  const auto unseen = [&] { return inside && level < kSplits && way * s.ws.a[switched_->of.rate] > 0.0; };
+  for (int aim = 0;; ++aim) {
+    rewind();
+    if (share <= kOneTime) {
+      share = 0.0;
+      const bool slid = high > 0.0 && way != Tape::held;
+      return slid && s.accelerate(true) == Status::ok && unseen() ? Status::not_converged : Status::ok;
+    }
     if (const Status status = jump(); status != Status::ok) return status;
     if (way != was_) {  // the step began at the switch
       share = 0.0;
-      break;
+      return Status::ok;
     }
-    if (const Status status = try_step(from, share * h, std::nan(""), level); status != Status::ok) return status;
+    if (share >= 1.0 - kOneTime) share = 1.0;
+    const double stop = share == 1.0 ? last : std::nan("");
+    if (const Status status = try_step(from, share * h, stop, level); status != Status::ok) return status;
     if (way == Tape::held) return Status::ok;
     if (const Status status = s.accelerate(true); status != Status::ok) return status;
     if (unseen()) {
-      leave(false);
+      rewind();
       return Status::not_converged;
     }
-    if (std::abs(s.v[switched_->of.rate]) <= kStill || aim + 1 == kAims) return Status::ok;
-    const double late = s.v[switched_->of.rate] / (s.ws.a[switched_->of.rate] * h);
-    if (!(std::abs(late) < 0.1 * share)) return Status::ok;
+    const double speed = s.v[switched_->of.rate], late = speed / (s.ws.a[switched_->of.rate] * h);
+    if (share == 1.0 || std::abs(speed) <= kStill || aim + 1 == kAims || !(std::abs(late) < 0.1 * share))
+      return Status::ok;
     share -= late;
   }
-  leave(share > 0.5);
-  const bool begun = share == 0.0 && high > 0.0 && way == was_ && way != Tape::held;
-  return begun && s.accelerate(true) == Status::ok && unseen() ? Status::not_converged : Status::ok;
+}
+
+/// Of the switch that has ended a step; in the tape its place, and a leap.
+Saltation Stepper::saltation(const Contact& now) {
+  const int i = now.of.rate;
+  s.drive(reached);
+  if (s.accelerate(true) != Status::ok) s.ws.a.setZero();  // the next step says why
+  const Eigen::VectorXd q = s.q, v = s.v, a = s.ws.a;
+  tape_->entries.push_back({0.0, 1.0, tape_->add(reached, q, v, a)});
+  signed char* contacts = tape_->last_contacts();
+  std::copy(ways_.begin(), ways_.end(), contacts);
+  if (was_ != Tape::held) return Saltation::at_rest(i, a);
+  const auto force = [&](double t, const Eigen::VectorXd& at, const Eigen::VectorXd& rates) {
+    s.q = at;
+    s.v = rates;
+    s.drive(t);
+    s.accelerate(true);
+    return s.friction[i];
+  };
+  const double d = std::min(kDifference * step, 0.25 * (reached - now_.from));
+  const Saltation out = Saltation::torn(i, now.of.stiction, reached, q, v, a, std::max(d, 0.01 * kDifference * step), force);
+  s.q = q;
+  s.v = v;
+  contacts[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;
+  return out;
 }
 
 Status Stepper::settle() {
   Contact& now = *switched_;
+  const signed char& way = ways_[static_cast<std::size_t>(now.of.rate)];
   switched_ = nullptr;
+  std::optional<Saltation> leap;
+  if (tape_ && way == was_ && s.arm.nq() == s.arm.nv()) leap = saltation(now);
   for (const Contact& c : contacts_)
     if (&c == &now || std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
   const double slack = now.slack;
   const Status status = jump();
+  if (leap) {
+    if (way == was_) leap->gap_rate = std::numeric_limits<double>::infinity();
+    leap->end(s.ws.a);
+    tape_->leaps.push_back(*std::move(leap));
+  }
   last_switches_.push_back(reached);
   if (last_switches_.size() > kMany) {
     last_switches_.erase(last_switches_.begin());
@@ -260,7 +297,7 @@ Status Stepper::settle() {
     }
   }
   now.slack = kSlack;
-  if (ways_[static_cast<std::size_t>(now.of.rate)] == was_) {
+  if (way == was_) {
     now.slack = 10.0 * slack;  // it was seen a little early
     return status;
   }

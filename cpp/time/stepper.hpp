@@ -104,6 +104,7 @@ class Stepper {
   Status end_at_switch(double from, double h, double last, int level, double& share);
   /// Begins anew behind a switch.
   Status settle();
+  Saltation saltation(const Contact& now);
   Status look_at_contacts(Status status);
   Contact* broken();
   Status try_step(double from, double h, double last, int level);
