@@ -12,18 +12,18 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
-constexpr double kCrawl = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
-constexpr double kInBetween = 1e-4;  // the same, at its samples
-constexpr double kStill = 1e-10;     // speed (rad/s, m/s) below which a joint with dry friction may stick
-constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it, at first
-constexpr int kPlaces = 8;           // of an interpolated step, at which switches are looked for
-constexpr double kOneTime = 1e-9;    // parts of a step that are no time
-constexpr int kSearch = 40;          // halvings of the time in which a switch is
+constexpr double kResolved = 1e-6;    // parts of a motion's velocity that a step may miss
+constexpr double kCrawl = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kInBetween = 1e-4;   // the same, at its samples
+constexpr double kStill = 1e-10;      // speed (rad/s, m/s) below which a joint with dry friction may stick
+constexpr double kSlack = 1e-9;       // parts of its stiction by which a joint may be held beyond it, at first
+constexpr int kPlaces = 8;            // of an interpolated step, at which switches are looked for
+constexpr double kOneTime = 1e-9;     // parts of a step that are no time
+constexpr int kSearch = 40;           // halvings of the time in which a switch is
 constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
-constexpr int kAims = 4;             // steps that try to end where a joint comes to rest
-constexpr double kFewSteps = 3.0;    // that resolve no swing, of a method that knows the ends of its steps alone
-constexpr std::size_t kMany = 100;   // so many switches within a step are no motion
+constexpr int kAims = 4;              // steps that try to end where a joint comes to rest
+constexpr double kFewSteps = 3.0;     // that resolve no swing, of a method that knows the ends of its steps alone
+constexpr std::size_t kMany = 100;    // so many switches within a step are no motion
 
 /// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
 /// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
@@ -209,6 +209,7 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
     (found ? high : low) = middle;
   }
   share = high;
+  forced_ = high == 0.0;
   const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
   was_ = way;
   const auto rewind = [&] {
@@ -265,7 +266,8 @@ Saltation Stepper::saltation(const Contact& now) {
     return s.friction[i];
   };
   const double d = std::min(kDifference * step, 0.25 * (reached - now_.from));
-  const Saltation out = Saltation::torn(i, now.of.stiction, reached, q, v, a, std::max(d, 0.01 * kDifference * step), force);
+  const Saltation out =
+      Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, std::max(d, 0.01 * kDifference * step), force);
   s.q = q;
   s.v = v;
   contacts[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;

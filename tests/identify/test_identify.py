@@ -278,8 +278,6 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"noise": {"torque": 1.0}}, "unknown key 'torque'"),
         ([MASS], {"starts": 0}, "starts = 0"),
         ([MASS], {"integrator": "euler"}, "integrator"),
-        ({"link.0.joint.coulomb": 0.01}, {"integrator": "gauss"},
-         r'"gauss": a fit through dry friction .* identify integrator="implicit", step=0.005 \(s'),
         (["q0.0"], {"inputs": {0: (fa.Motion, "angle")}}, "motion of that joint is prescribed"),
         ([MASS, "link.0.tip"], {}, "is no number"),
     ],

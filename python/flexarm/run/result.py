@@ -172,7 +172,7 @@ class Result:
 
         Raises:
             ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
-                go through: dry friction with "gauss" and "rk4", or together with balls; laws in Python that remember;
+                go through: dry friction together with balls; laws in Python that remember;
                 sensors of controllers that read in steps; of a result that is not one of `simulate`.
         """
         return self._made().sensitivities(parameters)

@@ -102,7 +102,8 @@ struct Tape {
   }
   /// Forgets the step that was added last.
   void take_back() {
-    const auto left = static_cast<std::size_t>(entries.back().point), nq = q.size() / t.size(), nv = v.size() / t.size();
+    const auto left = static_cast<std::size_t>(entries.back().point), nq = q.size() / t.size(),
+               nv = v.size() / t.size();
     entries.pop_back();
     t.resize(left);
     q.resize(left * nq);
