@@ -210,7 +210,7 @@ def test_steps_that_end_at_switches_have_the_derivatives_of_ida() -> None:
     by_stiction = (more.q - less.q) / 2e-5
     rng = np.random.default_rng(3)
     weights = {name: rng.normal(size=getattr(ida, name).shape) for name in ("q", "v", "a", "tau")}
-    for by in (("gauss", {"step": 2e-3}), ("rk4", {"step": 5e-5})):
+    for by in (("gauss", {"step": 2e-3}), ("rk4", {"step": 2e-4})):
         run = sticking(*by)
         assert run.stats["switches"] == ida.stats["switches"] >= 6
         found = run.sensitivities(paths)
@@ -218,10 +218,10 @@ def test_steps_that_end_at_switches_have_the_derivatives_of_ida() -> None:
         gradient = run.gradient(weights, [*paths, "drive.0.samples", "v0"])
         for k, path in enumerate(paths):
             for rows in ("q", "v"):
-                expected = getattr(tangents, rows)[k]
-                assert np.abs(getattr(found, rows)[k] - expected).max() <= 1e-5 * np.abs(expected).max(), (by, path)
+                expected, mine = (getattr(x, rows)[k][1:] for x in (tangents, found))
+                assert np.abs(mine - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-9, (by, path)
             parts = [(w * getattr(found, rows)[k]).sum() for rows, w in weights.items()]
-            assert abs(gradient[path] - sum(parts)) <= 1e-9 * max(np.abs(parts)), path
+            assert abs(gradient[path] - sum(parts)) <= 1e-9 * max(*np.abs(parts), 1.0), path
         scaled = gradient["drive.0.samples"] @ (0.5 * np.sin(4 * np.pi * run.t))
         assert scaled == pytest.approx(gradient["drive.0.scale"], rel=1e-9)
 
@@ -233,7 +233,7 @@ def turning(at: float, by: str = "gauss") -> fa.Result:
         hub = fa.RigidBody(0.3, com=(0.03, 0, 0), inertia=(1e-3, 1e-3, 2e-3), end=(0.3, 0, 0))
         links.append(fa.Link(fa.Revolute("z", coulomb=c, stiction=1.3 * c), hub))
     arm = fa.Arm(links, gravity=(0, -9.81, 0))
-    law = fa.LinearController([], D=[[3.0, 0.4]], rate=50, measure=[("joint", 0), ("rate", 0)], reference=[0.3, 0.0])
+    law = fa.LinearController.pid(3.0, 0.0, 0.2, 0, rate=100, reference=0.3)
 
     def passes(t: float, q: Any, v: Any) -> float:
         return float(q[1] - v[0])
