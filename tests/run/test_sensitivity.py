@@ -227,7 +227,7 @@ def test_steps_that_end_at_switches_have_the_derivatives_of_ida() -> None:
 
 
 def turning(at: float, by: str = "gauss") -> fa.Result:
-    """Two joints: one is torn loose by a sampled law, slides, and its stop tears the other one loose; an event looks on."""
+    """Two joints under friction, a law that samples and tears loose, and an event."""
     links = []
     for c in (0.1, at):
         hub = fa.RigidBody(0.3, com=(0.03, 0, 0), inertia=(1e-3, 1e-3, 2e-3), end=(0.3, 0, 0))
