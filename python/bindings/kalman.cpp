@@ -20,7 +20,7 @@ using State = std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eige
 
 std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, const std::vector<Row>& rows,
                                           const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
-                                          double spectral_radius, double friction_speed) {
+                                          double friction_speed) {
   std::vector<KalmanSensor> sensors;
   for (const auto& [by_q, by_v, offset, noise, place, along, F, before, after] : rows) {
     sensors.push_back({by_q, by_v, offset, noise, {}, along, F, before, after});
@@ -30,7 +30,6 @@ std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, cons
   for (const auto& [kind, rate, start, deviation, drift] : unknowns)
     parameters.push_back({static_cast<KalmanParameter::Kind>(kind), rate, start, deviation, drift});
   KalmanOptions options;
-  options.spectral_radius = spectral_radius;
   options.friction_speed = friction_speed;
   return std::make_unique<KalmanFilter>(of.problem, step, sensors, parameters, force_noise, options);
 }
@@ -91,7 +90,7 @@ py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links) 
 void bind_kalman(py::module_& m) {
   py::class_<KalmanFilter>(m, "KalmanFilter")
       .def(py::init(&make_kalman), py::arg("problem"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
-           py::arg("force_noise"), py::arg("spectral_radius"), py::arg("friction_speed"), py::keep_alive<1, 2>())
+           py::arg("force_noise"), py::arg("friction_speed"), py::keep_alive<1, 2>())
       .def("start", &KalmanFilter::start, py::arg("q"), py::arg("v"), py::arg("q_deviation"), py::arg("v_deviation"),
            py::arg("t"))
       .def(
@@ -110,11 +109,11 @@ void bind_kalman(py::module_& m) {
             return py::make_tuple(p, covariance);
           },
           py::arg("link"), py::arg("x"))
-      .def("transition", [](KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
+      .def("transition", [](const KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
       .def("state",
            [](const KalmanFilter& f) {
              const KalmanFilter::State s = f.state();
-             return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.inertia,
+             return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.memory,
                                    s.root, s.t, s.nis, s.used);
            })
       .def(

@@ -536,7 +536,6 @@ class KalmanFilter:
         sensors: Sequence[Any],
         parameters: Sequence[tuple[int, int, float, float, float]],
         force_noise: ArrayLike,
-        spectral_radius: float,
         friction_speed: float,
     ) -> None: ...
     def start(self, q: ArrayLike, v: ArrayLike, q_deviation: ArrayLike, v_deviation: ArrayLike, t: float) -> None: ...
