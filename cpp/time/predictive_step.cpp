@@ -20,6 +20,7 @@ constexpr double kFloor = 1e-7;              // the same of an iteration that st
 constexpr double kBest = 1e-3;               // contraction that is believed without having been measured
 constexpr double kStill = 1e-10;             // twice the kinetic energy of what does not matter (J)
 constexpr double kSame = 1e-3;               // of the length of a step, by which a matrix still serves
+constexpr double kTurned = 1e-3;             // of a matrix, by which slopes of friction may be off
 constexpr int kChords = 4, kIterations = 25;
 
 std::vector<Link> with_a_kilogram(std::vector<Link> links) {
@@ -73,7 +74,7 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
     E_ = MatrixXd::Zero(arm_.nq(), n);
     E_by_q_ = MatrixXd::Zero(arm_.nq(), arm_.nq());
   }
-  stage.a = VectorXd::Zero(n);
+  stage.a = stage.slopes = VectorXd::Zero(n);
   stage.cut.assign(s_.ws.limits.size(), 0);
   stage.factor = Eigen::PartialPivLU<MatrixXd>(n);
   stages_.assign(2 * count, stage);
@@ -234,9 +235,11 @@ Status PredictiveStep::differentiate(Stage& stage, double h) {
 
 /// @param slopes  of Coulomb friction by v
 void PredictiveStep::factor(Stage& stage, double h, const VectorXd& slopes) {
-  first_.leftCols(r_.size()) = stage.S;
-  first_.leftCols(r_.size()).diagonal() += h * slopes;
-  stage.factor.compute(first_.leftCols(r_.size()));
+  stage.slopes = slopes;
+  auto S = first_.leftCols(slopes.size());
+  S = stage.S;
+  S.diagonal() += h * slopes;
+  stage.factor.compute(S);
 }
 
 /// From from_q_, from_u_ and from_v_ to the system's q and v, at time t.
@@ -245,29 +248,27 @@ void PredictiveStep::factor(Stage& stage, double h, const VectorXd& slopes) {
 /// an unknown of its own: the law f = c v / w, w = sqrt(v^2 + speed^2), is linearised as w f = c v (Chan, Golub & Mulet
 /// 1999), which has the slope (c - f v / w) / w.
 Status PredictiveStep::solve(Stage& stage, double t, double h, double slack) {
-  const bool rubs = !coulomb_.isZero(0.0);
   bool known = std::abs(stage.h - h) <= kSame * h;
   if (stage.h == 0.0) stage.a.setZero();
   drive(stage, t);
   Newton<double> newton{stage.contraction};
-  newton.begin(rubs ? 1.0 : kBest);
+  newton.begin(kBest);
   for (int k = 1; k <= kIterations; ++k) {
     residual(stage.a, h);
-    if (!known || k > kChords) {
+    bool anew = !known || k > kChords;
+    if (anew)
       if (const Status status = differentiate(stage, h); status != Status::ok) return status;
-      if (!rubs) factor(stage, h, coulomb_);
-      known = true;
+    known = true;
+    for (Index i = 0; i < r_.size(); ++i) {
+      const double w = coulomb_[i] != 0.0 ? std::hypot(s_.v[i], speed_) : 1.0;
+      rubbing_[i] = (coulomb_[i] - rub_[i] * s_.v[i] / w) / w;
+      anew = anew || h * std::abs(rubbing_[i] - stage.slopes[i]) > kTurned * std::abs(stage.S(i, i));
     }
-    if (rubs) {
-      for (Index i = 0; i < r_.size(); ++i) {
-        const double w = std::hypot(s_.v[i], speed_);
-        rubbing_[i] = (coulomb_[i] - rub_[i] * s_.v[i] / w) / w;
-      }
-      factor(stage, h, rubbing_);
-    }
+    if (anew) factor(stage, h, rubbing_);
     d_ = stage.factor.solve(r_);
     stage.a -= d_;
-    for (Index i = 0; rubs && i < r_.size(); ++i) {
+    for (Index i = 0; i < r_.size(); ++i) {
+      if (coulomb_[i] == 0.0) continue;
       const double most = std::abs(coulomb_[i]);
       rub_[i] = std::clamp(coulomb_[i] * sliding(s_.v[i]) - rubbing_[i] * h * d_[i], -most, most);
     }
@@ -370,23 +371,25 @@ void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
 }
 
 VectorXd PredictiveStep::memory() const {
-  const Index n = arm_.nv(), each = n * (n + 1) + 2;
+  const Index n = arm_.nv(), each = n * (n + 2) + 2;
   VectorXd out(each * static_cast<Index>(stages_.size()));
-  for (std::size_t k = 0; k < stages_.size(); ++k)
-    out.segment(static_cast<Index>(k) * each, each) << stages_[k].S.reshaped(), stages_[k].a, stages_[k].h,
-        stages_[k].contraction;
+  for (std::size_t k = 0; k < stages_.size(); ++k) {
+    const Stage& s = stages_[k];
+    out.segment(static_cast<Index>(k) * each, each) << s.S.reshaped(), s.a, s.slopes, s.h, s.contraction;
+  }
   return out;
 }
 
 void PredictiveStep::recall(const VectorXd& memory) {
-  const Index n = arm_.nv(), each = n * (n + 1) + 2;
+  const Index n = arm_.nv(), each = n * (n + 2) + 2;
   for (std::size_t k = 0; k < stages_.size(); ++k) {
     const auto mine = memory.segment(static_cast<Index>(k) * each, each);
-    stages_[k].S = mine.head(n * n).reshaped(n, n);
-    stages_[k].a = mine.segment(n * n, n);
-    stages_[k].h = mine[each - 2];
-    stages_[k].contraction = mine[each - 1];
-    stages_[k].factor.compute(stages_[k].S);
+    Stage& s = stages_[k];
+    s.S = mine.head(n * n).reshaped(n, n);
+    s.a = mine.segment(n * n, n);
+    s.h = mine[each - 2];
+    s.contraction = mine[each - 1];
+    factor(s, s.h, mine.segment(n * n + n, n));
   }
 }
 
