@@ -417,22 +417,25 @@ void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matri
   }
 }
 
-KalmanFilter::State KalmanFilter::state() const {
-  return {q_, v_, p_, f_, innovations_, innovation_deviations_, step_->memory(), L_, t_, nis_, used_};
+VectorXd KalmanFilter::state() const {
+  const VectorXd memory = step_->memory();
+  VectorXd out(q_.size() + v_.size() + p_.size() + f_.size() + 2 * innovations_.size() + L_.size() + 3 + memory.size());
+  out << q_, v_, p_, f_, innovations_, innovation_deviations_, L_.reshaped(), t_, nis_, used_, memory;
+  return out;
 }
 
-void KalmanFilter::resume(const State& state) {
-  q_ = state.q;
-  v_ = state.v;
-  p_ = state.parameters;
-  f_ = state.filters;
-  innovations_ = state.innovations;
-  innovation_deviations_ = state.innovation_deviations;
-  step_->recall(state.memory);
-  L_ = state.root;
-  t_ = state.t;
-  nis_ = state.nis;
-  used_ = state.used;
+void KalmanFilter::resume(const VectorXd& state) {
+  const double* at = state.data();
+  for (VectorXd* x : {&q_, &v_, &p_, &f_, &innovations_, &innovation_deviations_}) {
+    *x = Eigen::Map<const VectorXd>(at, x->size());
+    at += x->size();
+  }
+  L_ = Eigen::Map<const Eigen::MatrixXd>(at, L_.rows(), L_.cols());
+  at += L_.size();
+  t_ = *at++;
+  nis_ = *at++;
+  used_ = static_cast<int>(*at++);
+  step_->recall(state.tail(state.data() + state.size() - at));
 }
 
 }  // namespace flexarm

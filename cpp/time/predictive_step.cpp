@@ -23,11 +23,14 @@ constexpr double kSame = 1e-3;               // of the length of a step, by whic
 constexpr double kTurned = 1e-3;             // of a matrix, by which slopes of friction may be off
 constexpr int kChords = 4, kIterations = 25;
 
-std::vector<Link> with_a_kilogram(std::vector<Link> links) {
+/// Of the arm with 1 kg at its end.
+Problem with_a_kilogram(Problem problem) {
+  std::vector<Link> links = problem.arm->links();
   RigidBody point;
   point.mass = 1.0;
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  return links;
+  problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity());
+  return problem;
 }
 
 }  // namespace
@@ -45,14 +48,6 @@ void PredictiveStep::Moving::differentiate(const VectorXd& q, const VectorXd& v,
   composite_mass_matrix(s.arm, s.ws, q);
 }
 
-PredictiveStep::Loaded::Loaded(const Problem& bare)
-    : problem([&] {
-        Problem out = bare;
-        out.arm = std::make_shared<const Arm>(with_a_kilogram(bare.arm->links()), bare.arm->gravity());
-        return out;
-      }()),
-      moving(problem) {}
-
 PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const std::vector<KalmanParameter>& parameters,
                                double friction_speed, std::size_t count)
     : arm_(*problem.arm),
@@ -64,7 +59,7 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
       balls_(arm_.nq() != arm_.nv()) {
   const Index n = arm_.nv(), np = static_cast<Index>(parameters.size()), m = 2 * n + columns_.cols() + np;
   for (const KalmanParameter& p : parameters)
-    if (p.kind == KalmanParameter::payload) loaded_.emplace(problem);
+    if (p.kind == KalmanParameter::payload) more_.emplace(heavier_.emplace(with_a_kilogram(problem)));
   Stage stage;
   stage.by_q = stage.by_v = MatrixXd::Zero(n, n);
   stage.S = MatrixXd::Identity(n, n);
@@ -78,12 +73,12 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
   stage.cut.assign(s_.ws.limits.size(), 0);
   stage.factor = Eigen::PartialPivLU<MatrixXd>(n);
   stages_.assign(2 * count, stage);
-  own_ = coulomb_ = damping_ = rub_ = rubbing_ = slope_ = from_u_ = from_v_ = given_v_ = tau_ = u_ = r_ = d_ =
-      forces_ = commanded_ = VectorXd::Zero(n);
+  own_ = coulomb_ = damping_ = rub_ = rubbing_ = slope_ = from_u_ = from_v_ = given_v_ = tau_ = u_ = r_ = d_ = forces_ =
+      commanded_ = VectorXd::Zero(n);
   from_q_ = given_q_ = arm_.zero();
   p_ = VectorXd::Zero(np);
   by_ = first_ = du_ = dv_ = dq_ = MatrixXd::Zero(n, m);
-  if (loaded_) {
+  if (more_) {
     bend_ = by_;
     kilogram_ = kilogram_by_q_ = kilogram_by_v_ = stage.by_q;
   }
@@ -91,8 +86,7 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
     if (d.motion) given_.emplace_back(d.coordinate, arm_.coordinate_of(d.coordinate));
   for (std::size_t link = 0; link < arm_.size(); ++link) {
     const std::vector<JointForce>& forces = arm_.link(link).joint().forces();
-    for (std::size_t k = 0; k < forces.size(); ++k)
-      own_[arm_.first(link) + static_cast<Index>(k)] = forces[k].coulomb;
+    for (std::size_t k = 0; k < forces.size(); ++k) own_[arm_.first(link) + static_cast<Index>(k)] = forces[k].coulomb;
   }
   inertia_ = s_.ws.M.diagonal();
 }
@@ -127,9 +121,9 @@ void PredictiveStep::drive(Stage& stage, double t) {
   for (const auto& [rate, at] : given_) stage.a[rate] = s_.a[rate];
   tau_ = s_.tau + forces_;
   s_.ws.give(tau_.data());
-  if (loaded_) {
-    loaded_->moving.s.drive(t);
-    loaded_->moving.s.ws.give(tau_.data());
+  if (more_) {
+    more_->s.drive(t);
+    more_->s.ws.give(tau_.data());
   }
   if (parameters_.empty()) return;
   commanded_ = tau_;
@@ -154,10 +148,9 @@ void PredictiveStep::residual(const VectorXd& a, double h) {
   for (const auto& [rate, at] : given_) s_.q[at] = given_q_[at];
   inverse_dynamics(arm_, s_.ws, s_.q, s_.v, a);
   r_ = s_.ws.tau - tau_ + damping_.cwiseProduct(s_.v);
-  if (loaded_) {
-    System& more = loaded_->moving.s;
-    inverse_dynamics(more.arm, more.ws, s_.q, s_.v, a);
-    r_ += mass_ * (more.ws.tau - s_.ws.tau);
+  if (more_) {
+    inverse_dynamics(more_->s.arm, more_->s.ws, s_.q, s_.v, a);
+    r_ += mass_ * (more_->s.ws.tau - s_.ws.tau);
   }
   for (Index i = 0; i < r_.size(); ++i)
     if (coulomb_[i] != 0.0) r_[i] += coulomb_[i] * sliding(s_.v[i]);
@@ -179,13 +172,12 @@ Status PredictiveStep::differentiate(Stage& stage, double h) {
   moving_.differentiate(s_.q, s_.v, stage.a);
   by_rates(moving_.inverse.dq, stage.by_q);
   stage.by_v = moving_.inverse.dv;
-  if (loaded_) {
-    Moving& more = loaded_->moving;
-    more.differentiate(s_.q, s_.v, stage.a);
-    more.inverse.dq -= moving_.inverse.dq;
-    by_rates(more.inverse.dq, kilogram_by_q_);
-    kilogram_by_v_ = more.inverse.dv - moving_.inverse.dv;
-    kilogram_ = more.s.ws.M - s_.ws.M;
+  if (more_) {
+    more_->differentiate(s_.q, s_.v, stage.a);
+    more_->inverse.dq -= moving_.inverse.dq;
+    by_rates(more_->inverse.dq, kilogram_by_q_);
+    kilogram_by_v_ = more_->inverse.dv - moving_.inverse.dv;
+    kilogram_ = more_->s.ws.M - s_.ws.M;
     stage.by_q += mass_ * kilogram_by_q_;
     stage.by_v += mass_ * kilogram_by_v_;
     s_.ws.M += mass_ * kilogram_;
@@ -214,7 +206,7 @@ Status PredictiveStep::differentiate(Stage& stage, double h) {
     auto column = stage.by_p.col(static_cast<Index>(k));
     switch (parameters_[k].kind) {
       case KalmanParameter::payload:
-        column = loaded_->moving.s.ws.tau - s_.ws.tau;
+        column = more_->s.ws.tau - s_.ws.tau;
         break;
       case KalmanParameter::damping:
         column[i] = s_.v[i];
@@ -364,7 +356,7 @@ void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
   A.bottomRows(n) = dv_.leftCols(2 * n);
   B.topRows(n) = dq_.rightCols(nu + np);
   B.bottomRows(n) = dv_.rightCols(nu + np);
-  if (!loaded_) return;
+  if (!more_) return;
   bend_.noalias() = kilogram_by_q_ * dq_;
   bend_.noalias() += kilogram_by_v_ * dv_;
   bend_.noalias() += kilogram_ * first_;

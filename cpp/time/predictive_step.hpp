@@ -64,7 +64,7 @@ class PredictiveStep {
     Eigen::MatrixXd back, turn;        ///< of `displace`, where there are balls
     Eigen::MatrixXd S;                 ///< of the residual by a, without Coulomb friction
     Eigen::VectorXd a, slopes;         ///< and of Coulomb friction by v, in the factor
-    std::vector<char> cut;  ///< of each motor with a limit, whether it is beyond that
+    std::vector<char> cut;             ///< of each motor with a limit, whether it is beyond that
     Eigen::PartialPivLU<Eigen::MatrixXd> factor;
     double h = 0.0;  ///< of S; 0: there is none
     double contraction = 1.0;
@@ -76,12 +76,6 @@ class PredictiveStep {
     Control control;
     System s;
     InverseDerivatives inverse;
-  };
-  /// That of the arm with 1 kg at its end.
-  struct Loaded {
-    explicit Loaded(const Problem& bare);
-    Problem problem;
-    Moving moving;
   };
   void take(const Eigen::VectorXd& p);
   void drive(Stage& stage, double t);
@@ -98,8 +92,9 @@ class PredictiveStep {
   const std::vector<KalmanParameter> parameters_;
   const double speed_;
   Moving moving_;
-  System& s_;  ///< its q and v are those of the stage
-  std::optional<Loaded> loaded_;
+  System& s_;                                                 ///< its q and v are those of the stage
+  std::optional<Problem> heavier_;                            ///< of the arm with 1 kg at its end
+  std::optional<Moving> more_;                                ///< and that in motion
   std::vector<Stage> stages_;                                 ///< two for each step
   std::vector<std::pair<Eigen::Index, Eigen::Index>> given_;  ///< prescribed rates, and their coordinates
   std::size_t last_ = 0;

@@ -14,10 +14,6 @@ using Row = std::tuple<Eigen::VectorXd, Eigen::VectorXd, double, double,
 /// kind, rate, start, deviation, drift
 using Unknown = std::tuple<int, int, double, double, double>;
 
-/// KalmanFilter::State
-using State = std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd,
-                         Eigen::VectorXd, Eigen::VectorXd, Eigen::MatrixXd, double, double, int>;
-
 std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, const std::vector<Row>& rows,
                                           const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
                                           double friction_speed) {
@@ -110,18 +106,8 @@ void bind_kalman(py::module_& m) {
           },
           py::arg("link"), py::arg("x"))
       .def("transition", [](const KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
-      .def("state",
-           [](const KalmanFilter& f) {
-             const KalmanFilter::State s = f.state();
-             return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.memory,
-                                   s.root, s.t, s.nis, s.used);
-           })
-      .def(
-          "resume",
-          [](KalmanFilter& f, const State& s) {
-            f.resume(std::apply([](const auto&... x) { return KalmanFilter::State{x...}; }, s));
-          },
-          py::arg("state"))
+      .def("state", &KalmanFilter::state)
+      .def("resume", &KalmanFilter::resume, py::arg("state"))
       .def_property_readonly("t", &KalmanFilter::t)
       .def_property_readonly("q", [](const KalmanFilter& f) { return Eigen::VectorXd(f.q()); })
       .def_property_readonly("v", [](const KalmanFilter& f) { return Eigen::VectorXd(f.v()); })

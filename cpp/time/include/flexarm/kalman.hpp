@@ -113,17 +113,10 @@ class KalmanFilter {
   int used() const { return used_; }
   /// The place of a slice (m, world axes), and its covariance (m^2).
   void place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance);
-  /// All that readings and steps have made of it.
-  struct State {
-    Eigen::VectorXd q, v, parameters, filters, innovations, innovation_deviations;
-    Eigen::VectorXd memory;  ///< of the step's iteration
-    Eigen::MatrixXd root;
-    double t, nis;
-    int used;
-  };
-  State state() const;
-  /// Goes on from the state of a filter that was made of the same. Sizes are not checked.
-  void resume(const State& state);
+  /// All that readings and steps have made of it, in a row.
+  Eigen::VectorXd state() const;
+  /// Goes on from the state of a filter that was made of the same. Its size is not checked.
+  void resume(const Eigen::VectorXd& state);
   /// Derivatives of the last predicted state by the one before (states x states).
   const Eigen::MatrixXd& transition() const { return transition_; }
 
