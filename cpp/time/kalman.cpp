@@ -5,105 +5,13 @@
 #include <limits>
 
 #include "flexarm/check.hpp"
+#include "kalman_parts.hpp"
 #include "predictive_step.hpp"
 
 namespace flexarm {
 
 using Eigen::Index;
 using Eigen::VectorXd;
-
-namespace {
-
-KalmanSensor linear(const Arm& arm, double noise) {
-  KalmanSensor s;
-  s.by_q = s.by_v = VectorXd::Zero(arm.nv());
-  s.noise = noise;
-  return s;
-}
-
-std::string entry(const char* name, std::size_t k, const char* field) {
-  return std::string(name) + "[" + std::to_string(k) + "]." + field;
-}
-
-/// That a rate is one of a joint, which has a coordinate.
-void check_joint(const Arm& arm, const std::string& field, int rate) {
-  for (std::size_t n = 0; n < arm.size(); ++n)
-    if (rate >= arm.first(n) && rate < arm.first(n) + arm.link(n).nj()) return;
-  bad_value(field, rate, "must be the index of a joint's rate in v");
-}
-
-/// Of a joint's rate.
-JointForce force_of(const Arm& arm, int rate) {
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const std::vector<JointForce>& forces = arm.link(n).joint().forces();
-    const int k = rate - arm.first(n);
-    if (k >= 0 && k < static_cast<int>(forces.size())) return forces[static_cast<std::size_t>(k)];
-  }
-  return {};
-}
-
-void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
-  if (s.by_q.size() != arm.nv() || s.by_v.size() != arm.nv() || !s.by_q.allFinite() || !s.by_v.allFinite())
-    bad_value(entry("sensors", k, "by_q"), s.by_q.size(), "by_q and by_v must be of finite numbers, one for each rate");
-  for (int i = 0; i < arm.nv(); ++i)
-    if (s.by_q[i] != 0.0 && arm.coordinate_of(i) < 0)
-      bad_value(entry("sensors", k, "by_q"), "of a ball",
-                "a ball has no coordinates to be read; take its rates or a place");
-  positive(entry("sensors", k, "noise"), s.noise);
-  if (!std::isfinite(s.offset)) bad_value(entry("sensors", k, "offset"), s.offset, "must be finite");
-  const Index order = s.F.rows();
-  if (s.F.cols() != order || s.before.size() != order || s.after.size() != order || !s.F.allFinite() ||
-      !s.before.allFinite() || !s.after.allFinite())
-    bad_value(entry("sensors", k, "F"), order, "F, before and after must be of one size, and finite");
-  if (order > 0 && s.at) bad_value(entry("sensors", k, "F"), order, "a place goes through no filter here");
-}
-
-void check(const Arm& arm, const std::vector<KalmanParameter>& parameters) {
-  for (std::size_t k = 0; k < parameters.size(); ++k) {
-    const KalmanParameter& p = parameters[k];
-    if (p.kind != KalmanParameter::payload) check_joint(arm, entry("parameters", k, "rate"), p.rate);
-    for (std::size_t l = 0; l < k; ++l)
-      if (parameters[l].kind == p.kind && (p.kind == KalmanParameter::payload || parameters[l].rate == p.rate))
-        bad_value(entry("parameters", k, "kind"), static_cast<int>(p.kind), "is there twice");
-    if (!std::isfinite(p.start)) bad_value(entry("parameters", k, "start"), p.start, "must be finite");
-    non_negative(entry("parameters", k, "deviation"), p.deviation);
-    non_negative(entry("parameters", k, "drift"), p.drift);
-  }
-}
-
-}  // namespace
-
-KalmanSensor KalmanSensor::encoder(const Arm& arm, int rate, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  check_joint(arm, "rate", rate);
-  s.by_q[rate] = 1.0;
-  return s;
-}
-
-KalmanSensor KalmanSensor::tachometer(const Arm& arm, int rate, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  check_joint(arm, "rate", rate);
-  s.by_v[rate] = 1.0;
-  return s;
-}
-
-KalmanSensor KalmanSensor::gauge(const Arm& arm, std::size_t link, double x, double y, double z, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  if (link >= arm.size()) bad_value("link", link, "there is no such link");
-  const SliceTable slice = arm.link(link).slice_at(x);
-  const Index at = arm.first(link) + arm.link(link).nj(), n = arm.link(link).ne();
-  s.by_q.segment(at, n) =
-      slice.strains.row(StrainRow::eps) + z * slice.strains.row(StrainRow::K2) - y * slice.strains.row(StrainRow::K3);
-  return s;
-}
-
-KalmanSensor KalmanSensor::camera(const Arm& arm, std::size_t link, std::optional<double> x,
-                                  const Eigen::Vector3d& along, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  s.at.emplace(arm, link, x);
-  s.along = along;
-  return s;
-}
 
 KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<KalmanSensor>& sensors,
                            const std::vector<KalmanParameter>& parameters, const VectorXd& force_noise,
@@ -149,7 +57,7 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
   for (Index k = 0; k < m; ++k) {
     const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
-    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : force_of(arm, p.rate);
+    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : checked_joint(arm, "rate", p.rate);
     if (p.kind == KalmanParameter::payload) {
       lowest_[k] = 0.0;
       payload_ = 2 * n + k;
@@ -201,13 +109,16 @@ Status KalmanFilter::predict(const VectorXd& tau) {
   v0_ = v_;
   f0_ = f_;
   told_.head(m) = p_;
-  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
-  for (Index i = 0; i < n; ++i) slack += step_->inertia()[i] * L_.row(n + i).squaredNorm();
-  if (const Status status = (*step_)(0, t_, h_, q_, v_, tau, told_, std::sqrt(slack)); status != Status::ok) {
+  const auto failed = [this](Status status) {
     q_ = q0_;
     v_ = v0_;
+    f_ = f0_;
     return status;
-  }
+  };
+  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
+  for (Index i = 0; i < n; ++i) slack += step_->inertia()[i] * L_.row(n + i).squaredNorm();
+  if (const Status status = (*step_)(0, t_, h_, q_, v_, tau, told_, std::sqrt(slack)); status != Status::ok)
+    return failed(status);
   for (std::size_t k = 0; k < sensors_.size(); ++k) {
     const KalmanSensor& s = sensors_[k];
     const Index order = s.F.rows();
@@ -228,12 +139,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     rows_.row(states + n + j).setZero();
     rows_(states + n + j, 2 * n + j) = drift;
   }
-  if (!rows_.allFinite() || !f_.allFinite()) {
-    q_ = q0_;
-    v_ = v0_;
-    f_ = f0_;
-    return Status::not_finite;
-  }
+  if (!rows_.allFinite() || !f_.allFinite()) return failed(Status::not_finite);
   triangularise();
   t_ += h_;
   return Status::ok;

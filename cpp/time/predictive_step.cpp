@@ -84,10 +84,7 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
   }
   for (const Drive& d : problem.drives)
     if (d.motion) given_.emplace_back(d.coordinate, arm_.coordinate_of(d.coordinate));
-  for (std::size_t link = 0; link < arm_.size(); ++link) {
-    const std::vector<JointForce>& forces = arm_.link(link).joint().forces();
-    for (std::size_t k = 0; k < forces.size(); ++k) own_[arm_.first(link) + static_cast<Index>(k)] = forces[k].coulomb;
-  }
+  for (const Rub& rub : rubs(arm_)) own_[rub.rate] = rub.coulomb;
   inertia_ = s_.ws.M.diagonal();
 }
 
