@@ -13,8 +13,7 @@ import numpy as np
 
 from .._check import Array, named
 from .._console import csv_text
-from ..store.files import Refused, check_digest, digest, sealed, unsealed, write_whole, zipped
-from ..store.hdf5 import texts
+from ..store.files import Refused, check_digest, digest, label, sealed, texts, unsealed, write_whole, zipped
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
@@ -80,12 +79,7 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
                 f["about"] = texts([json.dumps(about)])
             for name, x in arrays.items():
                 packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
-                made = f.create_dataset(check(name), data=x, **packed)
-                titled = titles.get(name, ())
-                if x.ndim == 1 and titled:
-                    made.attrs["unit"] = texts([titled[0][1]])[0]
-                elif titled:
-                    made.attrs["columns"], made.attrs["units"] = (texts(part) for part in zip(*titled, strict=True))
+                label(f.create_dataset(check(name), data=x, **packed), titles.get(name, ()))
 
     write_whole(path, write, "path")
 
@@ -191,7 +185,7 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
     import h5py
 
     with h5py.File(path, "r") as f:
-        if "sealed" in f.attrs:
+        if {"scenarios", "sealed"} & set(f.attrs):
             raise Refused(_OF_MANY)
         held = _held(f)[1] if "digest" in f.attrs else {}
         at = f
