@@ -141,7 +141,8 @@ class File:
     written.
 
     Args:
-        name: see `marks`. more: names and units of the columns of a summary. what, where, otherwise: see `ScenarioFile`.
+        name: see `marks`. more: names and units of the columns of a summary.
+        what, where, otherwise: see `ScenarioFile`.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.

@@ -114,8 +114,8 @@ def zipped(path: Path) -> dict[str, Any]:
 
 
 def texts(words: Sequence[str]) -> Any:
-    """Texts for HDF5, of fixed length. Those of variable length lie in a heap without checksums, and where that is damaged,
-    the library may read on for ever."""
+    """Texts for HDF5, of fixed length. Those of variable length lie in a heap without checksums, and where that is
+    damaged, the library may read on for ever."""
     import h5py
 
     raw = [word.encode() for word in words]

@@ -1,7 +1,7 @@
 """Fingerprints of the values that a batch follows from, so that a file is continued only by the call that began it.
 
-Numbers, arrays, containers and flexarm's own objects count by their values. The code of a user's functions and classes is not
-compared: the user gives a name for it, and another name when it changes. The numbers that they hold count in any case.
+Numbers, arrays, containers and flexarm's own objects count by their values. The code of a user's functions and classes
+is not compared: the user gives a name for it, and another name when it changes. The numbers that they hold count, too.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ class _Hashes:
             return _hash(word, value.name)
         function, args, state, items, pairs = (*value.__reduce_ex__(4), None, None, None)[:5]
         if isinstance(state, dict):  # without the values that are only kept for speed
-            state = {k: v for k, v in state.items() if not isinstance(getattr(kind, k, None), functools.cached_property)}
+            cached = functools.cached_property
+            state = {k: v for k, v in state.items() if not isinstance(getattr(kind, k, None), cached)}
         return self._all(word, function.__name__, args, state, list(items or ()), dict(pairs or ()))
 
 

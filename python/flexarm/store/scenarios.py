@@ -1,9 +1,9 @@
 """The file of many scenarios (HDF5): written bit by bit, and continued where it was left.
 
-Each array has a row for each scenario and lies in one piece of the file, full of blanks, from the beginning. Later only rows are
-written, in place: the structure of the file never changes, whenever the process is killed. "checksum" (B,), which is written
-last, is the CRC-32 of all that the file holds of a scenario, and 0 until it is done. The data that all scenarios have in
-common are written once, under the attribute "digest".
+Each array has a row for each scenario and lies in one piece of the file, full of blanks, from the beginning. Later only
+rows are written, in place: the structure of the file never changes, whenever the process is killed. "checksum" (B,),
+which is written last, is the CRC-32 of all that the file holds of a scenario, and 0 until it is done. The data that all
+scenarios have in common are written once; the attribute "digest" is their checksum.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _ROOM = 1 << 18  # bytes for the tables of HDF5
 
 
 class Column(NamedTuple):
-    """An array of such a file: shape of a scenario's row, type, its content until the scenario is done, and names and units
-    of its last axis."""
+    """An array of such a file: shape of a scenario's row, type, its content until the scenario is done, and names and
+    units of its last axis."""
 
     shape: tuple[int, ...]
     kind: str
@@ -55,8 +55,8 @@ def _checksums(arrays: Mapping[str, Any], only: NDArray[np.bool_] | None = None)
 
 
 def _unlike(arrays: Mapping[str, Any], columns: Mapping[str, Column], verify: bool = True) -> tuple[Any, Any, Any]:
-    """Which rows are not done; of these, which are not blank, as after a kill; and which of the others do not have their
-    checksum. Without `verify` none of the others is looked at."""
+    """The rows that are not done; the indices of those among them that are not blank, as after a kill; and the indices
+    of rows that are done and do not have their checksum, which are not looked for without `verify`."""
     marks, data = np.array(arrays["checksum"]), {k: x for k, x in arrays.items() if k not in _CHECKSUM}
     left = marks == 0
     blank = _checksums({k: columns[k].blanks(1) for k in data})[0]
@@ -84,7 +84,7 @@ def _mapped(f: Any, path: Path) -> dict[str, Any]:
 
 
 def _open(path: Path, advice: str = "") -> tuple[dict[str, Any], dict[str, Any], dict[str, Column], dict[str, Any]]:
-    """What the file says of itself, what is written once, its columns, and their arrays, mapped from the file."""
+    """The file's "about", the arrays that are written once, its columns, and their arrays, mapped from the file."""
     import h5py
 
     with h5py.File(path, "r") as f:
@@ -108,16 +108,16 @@ def _open(path: Path, advice: str = "") -> tuple[dict[str, Any], dict[str, Any],
 def read_scenarios(
     path: Path, rows: slice = slice(None), verify: bool = True
 ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], NDArray[np.bool_]]:
-    """What the file says of itself; what is written once, by name; these rows of all arrays, mapped from the file, not read
-    into memory; and which of them are done. For use in `readable`."""
+    """The file's "about"; the arrays that are written once, by name; these rows of all others, mapped from the file,
+    not read into memory; and which of them are done. For use in `readable`."""
     about, fixed, columns, arrays = _open(path)
     left, torn, wrong = _unlike({k: x[rows] for k, x in arrays.items()}, columns, verify)
     if wrong.size:
-        first = rows.start or 0
-        shown = ", ".join(str(first + i) for i in wrong[:10]) + (f" and {wrong.size - 10} more" if wrong.size > 10 else "")
+        shown = ", ".join(str(i) for i in wrong[:10] + (rows.start or 0))
         raise Refused(
-            f"the data of scenario {shown} are damaged: their checksums do not fit. The call that wrote them (with out=) "
-            "computes them again; verify=False takes them as they are"
+            f"the data of scenario {shown}{f' and {wrong.size - 10} more' * (wrong.size > 10)} are damaged: their "
+            "checksums do not fit. The call that wrote them (with out=) computes them again; verify=False takes them "
+            "as they are"
         )
     if torn.size:  # half written, and not to be shown
         arrays = {k: np.memmap(path, x.dtype, "c", x.offset, x.shape) if x.size else x for k, x in arrays.items()}
@@ -195,10 +195,10 @@ class ScenarioFile:
                 for name, x in arrays.items():
                     f[name] = x
                     label(f[name], fixed[name][1])
-                for name, x in self._columns.items():
-                    space, kind = h5py.h5s.create_simple((count, *x.shape)), h5py.h5t.py_create(np.dtype(x.kind))
-                    h5py.h5d.create(f.id, name.encode(), kind, space, make, place)
-                    label(f[name], x.titles)
+                for name, column in self._columns.items():
+                    kind, space = np.dtype(column.kind), h5py.h5s.create_simple((count, *column.shape))
+                    h5py.h5d.create(f.id, name.encode(), h5py.h5t.py_create(kind), space, make, place)
+                    label(f[name], column.titles)
             self._file = self._opened(Path(raw.name))
             with self._file:
                 self._blank(np.arange(count))
@@ -206,7 +206,7 @@ class ScenarioFile:
         write_whole(self._path, write, self._where)
 
     def _opened(self, path: Path) -> Any:
-        """Open to be filled. The library keeps no numbers back, so that a full disk is noticed where they are written."""
+        """Open to be filled. The library keeps no numbers back: a full disk is noticed where they are written."""
         import h5py
 
         ways = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
@@ -250,7 +250,7 @@ class ScenarioFile:
         self._begun = indices[:0]
 
     def close(self) -> None:
-        """Closes the file, whose arrays stay mapped. Scenarios that Ctrl-C came to while they were written are blank."""
+        """Closes the file, whose arrays stay mapped. Scenarios whose writing was interrupted by Ctrl-C become blank."""
         self._tidy()
         self.abandon()
 
