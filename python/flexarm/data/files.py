@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from .units import titled
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_MAT_HEAD = 116  # bytes of text
 _NO_NUMBERS = ("char", "cell", "function_handle", "struct")  # classes of MATLAB
 _LINK = "is a link to elsewhere, which is not followed"
 _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
@@ -108,10 +110,15 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
     names[:, 0], units[:, 0] = list(columns), [of for of, _ in columns.values()]
     variables = np.empty((len(held), 1), object)
     variables[:, 0] = list(held)
-    told = [list(held), list(columns), [of for of, _ in columns.values()]]
-    ours = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
-    whole = {"flexarm": ours, **held}  # first, so that a file that was cut off has it
-    write_whole(path, lambda f: savemat(f, whole, long_field_names=True, do_compression=True), "path")
+    whole, made = {"flexarm": {"variables": variables, "names": names, "units": units}, **held}, BytesIO()
+    savemat(made, whole, long_field_names=True, do_compression=True)
+    rest = made.getvalue()[_MAT_HEAD:]
+    write_whole(path, lambda f: f.write(_mat_head(rest) + rest), "path")
+
+
+def _mat_head(rest: bytes) -> bytes:
+    """The text that a file of MATLAB begins with, here with the SHA-256 of the rest."""
+    return f"MATLAB 5.0 MAT-file, flexarm, SHA-256 {hashlib.sha256(rest).hexdigest()}".ljust(_MAT_HEAD).encode()
 
 
 # -- in ----------------------------------------------------------------------------------------------------------------
@@ -294,10 +301,13 @@ def read_mat(path: Path, key: str | None) -> Raw:
     """MATLAB's files, up to version 7 by SciPy, of 7.3 by h5py. For use in `readable`."""
     from scipy.io import loadmat
 
-    with path.open("rb") as f:
-        if f.read(520)[512:] == b"\x89HDF\r\n\x1a\n":
-            return read_hdf5(path, key, matlab=True)
-    held = {k: x for k, x in loadmat(path, struct_as_record=True).items() if not k.startswith("__")}
+    content = path.read_bytes()
+    if content[512:520] == b"\x89HDF\r\n\x1a\n":
+        return read_hdf5(path, key, matlab=True)
+    head, rest = content[:_MAT_HEAD], content[_MAT_HEAD:]
+    if (b"flexarm" in head or b"SHA-256" in head) and head != _mat_head(rest):  # SciPy may crash on a damaged file
+        raise Refused("is damaged: its checksum does not fit")
+    held = {k: x for k, x in loadmat(BytesIO(content), struct_as_record=True).items() if not k.startswith("__")}
     ours = held.pop("flexarm", None)
     if key is not None:
         if key not in held:
@@ -308,8 +318,6 @@ def read_mat(path: Path, key: str | None) -> Raw:
     titles: dict[str, Any] = {}
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
-        if "digest" in ours.dtype.names and key is None:
-            check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
     return _of_variables("", held, titles)
 
