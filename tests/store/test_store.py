@@ -346,11 +346,13 @@ for k, call in enumerate((
     lambda: run(folder / "b.h5"),
     lambda: fa.sweep(scene(), plan(2), out=folder / "s"),
     lambda: run(None, 2).save(folder / "b.npz"),
+    lambda: run(None, 2)[0].save(folder / "one.h5"),
+    lambda: run(None, 2)[0].save(folder / "one.mat"),
     lambda: fa.sweep(scene(), plan(2), out=folder / "s").save(folder / "t"),
     lambda: run(folder / "later.h5", executor=Serial(), progress=lambda share: limit(100)),
     lambda: fa.sweep(scene(), plan(4), out=folder / "u", batch=2, progress=lambda done, n: done == 2 and limit(100)),
 )):
-    limit(600 if k < 3 else resource.RLIM_INFINITY)
+    limit(600 if k < 5 else resource.RLIM_INFINITY)
     try:
         call()
     except ValueError as e:
@@ -365,8 +367,9 @@ def test_a_full_disk(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and not done.stderr, done.stderr
     said = done.stdout.splitlines()
-    assert len(said) == 5 and all("a file may not be as large as that here" in x for x in said), said
-    for name, line in zip(("b.h5", "sweep.h5", "b.npz", "later.h5", "sweep.h5"), said, strict=True):
+    assert len(said) == 7 and all("a file may not be as large as that here" in x for x in said), said
+    names = ("b.h5", "sweep.h5", "b.npz", "one.h5", "one.mat", "later.h5", "sweep.h5")
+    for name, line in zip(names, said, strict=True):
         assert name in line
     assert run(tmp_path / "later.h5").stats["resumed"] == 2
     assert fa.sweep(scene(), plan(4), out=tmp_path / "u").stats["computed"] == 2
