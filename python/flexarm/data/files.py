@@ -73,17 +73,16 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
             raise ValueError(f"columns: {name!r} is no name for HDF5, where 'a/b' is 'b' in the group 'a'")
         return name
 
-    def write(file: Any) -> None:
-        # a version whose own tables have checksums, and whose attributes may be long
-        with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
-            f.attrs["digest"] = digest(about, arrays)
-            if about is not None:
-                f["about"] = texts([json.dumps(about)])
-            for name, x in arrays.items():
-                packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
-                label(f.create_dataset(check(name), data=x, **packed), titles.get(name, ()))
-
-    write_whole(path, write, "path")
+    made = BytesIO()  # HDF5 cannot close a file on a full disk, and the process would crash
+    # a version whose own tables have checksums, and whose attributes may be long
+    with h5py.File(made, "w", libver=("v108", "v108"), track_order=True) as f:
+        f.attrs["digest"] = digest(about, arrays)
+        if about is not None:
+            f["about"] = texts([json.dumps(about)])
+        for name, x in arrays.items():
+            packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
+            label(f.create_dataset(check(name), data=x, **packed), titles.get(name, ()))
+    write_whole(path, lambda file: file.write(made.getbuffer()), "path")
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
