@@ -202,8 +202,9 @@ class File:
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
         """Closes the file; what it holds, the large arrays mapped from it, not read; and what failed."""
         self._file.close()
-        held = {k: np.array(self._file.array(k)) for k in ("status", "reached", "reason", "out_of_range")}
-        held |= {k: self._file.array(k) for k in self._job.kept()}
+        arrays = self._file.arrays
+        held = {k: np.array(arrays[k]) for k in ("status", "reached", "reason", "out_of_range")}
+        held |= {k: arrays[k] for k in self._job.kept()}
         if self._events:
-            held["events"] = batch_events.unpacked({k: self._file.array(k) for k in self._events}, self._file.done())
+            held["events"] = batch_events.unpacked(arrays, self._file.done())
         return held, failures_in(held)

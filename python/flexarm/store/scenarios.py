@@ -141,6 +141,7 @@ class ScenarioFile:
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
+        arrays: all columns, mapped from the file, to be read.
     """
 
     def __init__(
@@ -157,18 +158,14 @@ class ScenarioFile:
                 path.unlink()
             self._lay_out(count, fixed, about)
         with readable(where, path, f"a file of a {what} ({otherwise})"):
-            theirs, _, _, self._arrays = _open(path, f"; {otherwise}")
+            theirs, _, _, self.arrays = _open(path, f"; {otherwise}")
             if theirs["marks"] != about["marks"]:
                 raise Refused(f"holds another {what}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
         self._file = self._opened(path)
         if found and resume:
-            _, torn, wrong = _unlike(self._arrays, self._columns)
+            _, torn, wrong = _unlike(self.arrays, self._columns)
             self.damaged, self._begun = len(wrong), np.union1d(torn, wrong)
-            try:
-                self._tidy()
-            except BaseException:
-                self.abandon()
-                raise
+            self._tidy()
 
     def _lay_out(self, count: int, fixed: Mapping[str, tuple[Any, Any]], about: Mapping[str, Any]) -> None:
         """Makes the file, which appears when it is whole and all its room on the disk is taken."""
@@ -233,13 +230,9 @@ class ScenarioFile:
         self._blank(self._begun)
         self._begun = self._begun[:0]
 
-    def array(self, name: str) -> Any:
-        """Mapped from the file, to be read."""
-        return self._arrays[name]
-
     def done(self) -> NDArray[np.bool_]:
         """Whether each scenario is."""
-        return np.asarray(self._arrays["checksum"] != 0)
+        return np.asarray(self.arrays["checksum"] != 0)
 
     def write(self, indices: NDArray[np.int64], rows: Mapping[str, Any]) -> None:
         """The rows of scenarios that are done, of every array. The indices must increase."""
