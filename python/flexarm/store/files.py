@@ -33,7 +33,7 @@ _WORDS = {
 def explained(error: OSError) -> str:
     """What the system says, in words; of HDF5's errors too, which bury its number in their text."""
     found = re.search(r"errno = (\d+)", str(error))
-    number = int(found[1]) if found else error.errno
+    number = int(found[1]) if found else errno.EAGAIN if "already open" in str(error) else error.errno
     return _WORDS.get(number or 0, error.strerror or str(error))
 
 
@@ -85,9 +85,9 @@ def check_unused(where: str, path: Path) -> None:
             pass  # a disk that knows no locks
 
 
-def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") -> None:
-    """A file that appears whole or not at all, where a link leads if the path is one. ValueError where it cannot be
-    written."""
+def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file", sync: bool = True) -> None:
+    """A file that appears whole or not at all, where a link leads if the path is one; with `sync` also after a power
+    failure. ValueError where it cannot be written."""
     target, shown = path, repr(str(path))
     if path.is_symlink():
         target = Path(os.path.realpath(path))
@@ -100,7 +100,8 @@ def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") ->
             with temporary.open("wb") as f:
                 write(f)
                 f.flush()
-                os.fsync(f.fileno())
+                if sync:
+                    os.fsync(f.fileno())
             os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)

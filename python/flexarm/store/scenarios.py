@@ -158,10 +158,14 @@ class ScenarioFile:
                 path.unlink()
             self._lay_out(count, fixed, about)
         with readable(where, path, f"a file of a {what} ({otherwise})"):
+            seen = os.stat(path)
             theirs, _, _, self.arrays = _open(path, f"; {otherwise}")
             if theirs["marks"] != about["marks"]:
                 raise Refused(f"holds another {what}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
-        self._file = self._opened(path)
+        self._open_rows(path)
+        if not os.path.samestat(seen, os.fstat(self._file.id.get_vfd_handle())):
+            self.abandon()
+            raise ValueError(f"{where} {str(path)!r}: another process put another file in its place")
         if found and resume:
             _, torn, wrong = _unlike(self.arrays, self._columns)
             self.damaged, self._begun = len(wrong), np.union1d(torn, wrong)
@@ -196,35 +200,36 @@ class ScenarioFile:
                     kind, space = np.dtype(column.kind), h5py.h5s.create_simple((count, *column.shape))
                     h5py.h5d.create(f.id, name.encode(), h5py.h5t.py_create(kind), space, make, place)
                     label(f[name], column.titles)
-            self._file = self._opened(Path(raw.name))
+            self._open_rows(Path(raw.name))
             with self._file:
                 self._blank(np.arange(count))
 
-        write_whole(self._path, write, self._where)
+        write_whole(self._path, write, self._where, sync=False)  # after a power failure the checksums tell
 
-    def _opened(self, path: Path) -> Any:
-        """Open to be filled. The library keeps no numbers back: a full disk is noticed where they are written."""
+    def _open_rows(self, path: Path) -> None:
+        """Opens the file to be filled. The library keeps no numbers back: a full disk is noticed at once."""
         import h5py
 
         ways = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
         ways.set_sieve_buf_size(0)
         with named(self._where, self._path):
-            return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, ways))
+            self._file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, ways))
+            self._rows = {k: self._file[k] for k in self._columns}
 
     def _put(self, name: str, indices: NDArray[np.int64], rows: Any) -> None:
         """Writes rows of an array, where indices increase."""
         if len(indices):
             first, last = int(indices[0]), int(indices[-1])
             with named(self._where, self._path):
-                self._file[name][slice(first, last + 1) if last - first + 1 == len(indices) else indices] = rows
+                self._rows[name][slice(first, last + 1) if last - first + 1 == len(indices) else indices] = rows
 
     def _blank(self, indices: NDArray[np.int64]) -> None:
         """Makes scenarios as they were before they ran."""
-        for name, x in reversed(self._columns.items()):  # the checksum first
-            step = max(1, _BLOCK // max(1, x.blanks(1).nbytes))
-            for first in range(0, len(indices), step):
-                part = indices[first : first + step]
-                self._put(name, part, x.blanks(len(part)))
+        for name, x in {**_CHECKSUM, **self._columns}.items():  # the checksum first
+            block = x.blanks(min(len(indices), max(1, _BLOCK // max(1, x.blanks(1).nbytes))))
+            for first in range(0, len(indices), max(1, len(block))):
+                part = indices[first : first + len(block)]
+                self._put(name, part, block[: len(part)])
 
     def _tidy(self) -> None:
         self._blank(self._begun)
