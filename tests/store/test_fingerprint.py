@@ -120,6 +120,13 @@ def test_a_generator_that_was_used_counts_by_its_name():
     assert mark(lambda t: rng.normal() * t, "A") == before
 
 
+def test_a_module_in_a_closure_counts_by_its_name():
+    def law(module):
+        return lambda t: module.sin(t)
+
+    assert mark(law(np), "A") == mark(law(np), "A") != mark(law(math), "A")
+
+
 def test_values_kept_for_speed_do_not_count():
     arm = fa.load("ist").arm
     before = mark(arm)

@@ -26,7 +26,7 @@ REASON_BYTES = 500  # of a failure's reason
 
 
 def job_marks(job: Job, name: str | None) -> dict[str, str]:
-    """Of everything that a batch's results follow from; `name` is the user's, for what cannot be looked into."""
+    """Hashes of everything that a batch's results follow from; `name` is the user's, for functions and classes."""
     s = job.variation.setup
     parts: dict[str, Any] = {"arm": s.arm, "parameters": job.variation.values}
     parts |= {f"drive {key}": law for key, law in s.drive.items()}

@@ -11,7 +11,7 @@ import functools
 import hashlib
 from collections.abc import Mapping
 from pathlib import PurePath
-from types import FunctionType, MethodType
+from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,8 @@ class _Hashes:
         kind = type(value)
         if isinstance(value, np.ndarray):
             return self._all(f"objects {value.shape}", *value.ravel())
+        if isinstance(value, ModuleType):
+            return _hash("module", value.__name__)
         if kind in (list, tuple, range):
             return self._all(kind.__name__, *value)
         if kind in (set, frozenset):
