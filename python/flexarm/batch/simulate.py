@@ -128,7 +128,7 @@ def simulate_batch(
     progress: Any = False,
     out: str | Path | Mapping[str, Array] | None = None,
     resume: bool = True,
-    fingerprint: str | None = None,
+    name: str | None = None,
     executor: Any = None,
     batch: int | None = None,
     **options: Any,
@@ -160,9 +160,8 @@ def simulate_batch(
             done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
-        fingerprint: a name of yours for what functions read that such a file cannot know them by: what changes when it
-            is used (random generators, objects with a memory), what is compiled, what has no source. Change it when
-            they change.
+        name: for a file, where functions or classes of yours take part: a name for all of them, such as "law 2", and
+            another one when you change them. Their code is not compared; numbers in closures and attributes are.
         executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
@@ -201,7 +200,7 @@ def simulate_batch(
     runner = Runner(job, count, engine, workers, batch, executor)
     storage: File | Memory
     if isinstance(out, (str, Path)):
-        storage = File(job, count, Path(out), resume, fingerprint)
+        storage = File(job, count, Path(out), resume, name)
     else:
         storage = Memory(job, count, out)
     with progress_bar(progress, "simulating") as bar:

@@ -15,7 +15,7 @@ from .._check import Array
 from ..draw.style import DPI
 from ..draw.sweep import MISSING, plot_sweep
 from ..store.files import named, readable, write_whole
-from ..store.scenarios import read_scenario
+from ..store.scenarios import read_scenarios
 from .vary import Sweep
 
 if TYPE_CHECKING:
@@ -82,8 +82,9 @@ class SweepResult:
             raise ValueError("trajectories = false: this sweep did not keep them")
         path = self.folder / FILE
         with readable("trajectories", path, "what a sweep writes"):
-            fixed, rows = read_scenario(path, range(len(self))[i])
-            return fixed["t"], rows["q"], rows["v"]
+            i = range(len(self))[i]
+            _, fixed, rows, _ = read_scenarios(path, slice(i, i + 1))
+            return fixed["t"], np.array(rows["q"][0]), np.array(rows["v"][0])
 
     def save(self, folder: str | Path) -> list[str]:
         """Writes sweep.csv and sweep.png there; their names."""

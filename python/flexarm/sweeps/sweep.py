@@ -35,7 +35,7 @@ def sweep(
     *,
     out: str | Path | None = None,
     resume: bool = True,
-    fingerprint: str | None = None,
+    name: str | None = None,
     workers: int | None = None,
     executor: Executor | Callable[[], Executor] | None = None,
     batch: int | None = None,
@@ -51,7 +51,7 @@ def sweep(
             is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and
             that of another version of flexarm.
         resume: False forgets what the folder holds.
-        fingerprint: as of `simulate_batch`, for functions that a folder cannot know a sweep by.
+        name: as of `simulate_batch`, for functions in the scene or in the plan's outputs, where there is a folder.
         workers: threads; None: one for each core. With an executor, threads in each of its workers (1 if None).
         executor: a concurrent.futures.Executor, or a callable that makes one: each of its workers takes shares of the
             sweep; those of workers that die are computed again. See docs/sweeps.md for processes, Dask and MPI.
@@ -77,7 +77,8 @@ def sweep(
     workers = default_workers(1 if workers is None and executor is not None else workers)
     runner = Runner(job, count, job.engine(), workers, batch, executor)
     folder = None if out is None else Path(out)
-    storage = Memory(job, count) if folder is None else _file(folder, job, count, resume, fingerprint)
+    units = dict(check_quantities(scene.arm, plan.outputs, plan.link))
+    storage = Memory(job, count) if folder is None else _file(folder, job, count, resume, name, units)
     with progress_bar(progress, "scenarios", count) as bar:
 
         def show(done: float) -> None:
@@ -85,7 +86,7 @@ def sweep(
                 bar(done, count if callable(progress) else f"{done} of {count}")
 
         held, failures, interrupted = runner.run(storage, show, within=False)
-    done, units = held["status"] != NOT_DONE, dict(check_quantities(scene.arm, plan.outputs, plan.link))
+    done = held["status"] != NOT_DONE
     result = SweepResult(
         plan, job.variation.values, {name: np.array(held[f"columns/{name}"]) for name in units}, units, done,
         [(f.index, f.time, f.reason) for f in failures], _beyond(job, held), folder=folder,
@@ -119,7 +120,7 @@ def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
     return replace(job, summary=summary), count
 
 
-def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None) -> File:
+def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None, units: dict[str, str]) -> File:
     """What the folder holds of this sweep."""
     otherwise = "take another folder, or start anew there with resume=False (--fresh)"
     with named("output folder", folder):
@@ -128,7 +129,8 @@ def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None) ->
             raise ValueError(
                 f"output folder {str(folder)!r}: holds another sweep, a sweep.csv without its {FILE}; {otherwise}"
             )
-    return File(job, count, folder / FILE, resume, name, "sweep", "output file", otherwise)
+    titles = {f"columns/{name}": [(name, unit)] for name, unit in units.items()}
+    return File(job, count, folder / FILE, resume, name, "sweep", "output file", otherwise, titles)
 
 
 def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[Any, ...]]:
