@@ -80,8 +80,7 @@ long count(const KernelArm& arm) {
   const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
-  inward<true, true, true>(chain, tau.data(), a.data(), Shift{});
-  outward<true>(chain, Sp::read(p), a.data());
+  ::forward(chain, Sp::read(p), tau.data(), a.data());
   return Counted::operations;
 }
 

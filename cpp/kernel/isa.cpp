@@ -62,9 +62,7 @@ void load(void* self, const double* wrenches) {
 Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
-    const bool good = inward<true, true, true>(chain, tau, a, Shift{});
-    outward<true>(chain, base_of(chain), a);
-    return outcome(chain, good);
+    return outcome(chain, ::forward(chain, base_of(chain), tau, a));
   });
 }
 

@@ -100,9 +100,8 @@ class BodySlopes {
     Table t{nullptr, nullptr, nullptr, 0, 0, false};
     if (!tabulated(node)) return t;
     const int ne = node.ne;
-    t.still = static_cast<int>((sizeof(typename One::Rigid) + sizeof(typename One::Rot) + sizeof(typename One::Lin)) /
-                               sizeof(double)) +
-              2 * kForce * ne + packed(ne, 0);
+    t.still = static_cast<int>((sizeof(typename One::Rigid) + sizeof(Frame<One>)) / sizeof(double)) + 2 * kForce * ne +
+              packed(ne, 0);
     t.moving = 3 * kForce + ne;
     const auto take = [&](int n) { return room.take_lines<double>(static_cast<std::size_t>(n)); };
     t.values = take(t.still + t.moving);
@@ -125,25 +124,19 @@ class BodySlopes {
     using T = typename Any::Scalar;
     Elastic<Any>& e = s.elastic;
     pass<T>(s.body, 1, visit);
-    pass<T>(e.end.R, 1, visit);
-    pass<T>(e.end.x, 1, visit);
-    pass<T>(*e.end.J_linear, ne, visit);
-    pass<T>(*e.end.J_angular, ne, visit);
-    pass<T>(*e.M_linear, ne, visit);
-    pass<T>(*e.M_angular, ne, visit);
+    pass<T>(e.end.frame, 1, visit);
+    pass<T>(*e.end.J, ne, visit);
+    pass<T>(*e.M_er, ne, visit);
     pass<T>(*e.M, packed(ne, 0), visit);
-    for_moving<Any>(s.body_f, s.body_n, e, ne, visit);
+    for_moving(s.body_force, e, ne, visit);
   }
   template <class Any, class Visit>
-  static void for_moving(typename Any::Lin& f, typename Any::Ang& n, Elastic<Any>& e, int ne, const Visit& visit) {
+  static void for_moving(Force<Any>& F, Elastic<Any>& e, int ne, const Visit& visit) {
     using T = typename Any::Scalar;
-    pass<T>(f, 1, visit);
-    pass<T>(n, 1, visit);
+    pass<T>(F, 1, visit);
     pass<T>(*e.e, ne, visit);
-    pass<T>(e.end.u_dot, 1, visit);
-    pass<T>(e.end.u_bias, 1, visit);
-    pass<T>(e.end.turning, 1, visit);
-    pass<T>(e.end.turn_bias, 1, visit);
+    pass<T>(e.end.rate, 1, visit);
+    pass<T>(e.end.bias, 1, visit);
   }
   template <class T, class X, class Visit>
   static void pass(X& x, int count, const Visit& visit) {
@@ -173,12 +166,11 @@ class BodySlopes {
       const double at = x, square = energy / (column < ne ? s.elastic.M[packed(column, column)] : J);
       const double step = square > 1e-200 && square < 1e200 ? __builtin_sqrt(square) : 1.0;
       for (int side = 1; side >= -1; side -= 2) {
-        typename One::Lin f;
-        typename One::Ang n;
+        Force<One> F;
         x = at + side * step;
-        value.bend_again(node, constants, q, rates, w, f, n, moved);
+        value.bend_again(node, constants, q, rates, w, F, moved);
         double* to = t.by_rates + column;
-        for_moving<One>(f, n, moved, ne, [&](const double* number, int count) {
+        for_moving(F, moved, ne, [&](const double* number, int count) {
           for (int r = 0; r < count; ++r, to += columns) *to += (0.5 * side / step) * number[r];
         });
       }
@@ -198,10 +190,9 @@ class BodySlopes {
     const int columns = node.ne + Sp::angular;
     for_directions(dq, node.ne, [&](int first, int count) {
       move_slice(node, numbers, q, dq, e.end);
-      typename Sp::Lin f = Sp::zero();
-      typename Sp::Ang n = Sp::zero_angular();
+      Force<Sp> F = Force<Sp>::zero();
       double *to = t.by_rates + first, *of_end = to + (kForce + node.ne) * columns;
-      for_moving<Sp>(f, n, e, node.ne, [&](const LaneDual* x, int numbers_of) {
+      for_moving(F, e, node.ne, [&](const LaneDual* x, int numbers_of) {
         for (int r = 0; r < numbers_of; ++r, to += columns)
           for (int k = 0; k < count && to >= of_end; ++k) to[k] = slope_of(x[r], k);
       });

@@ -34,16 +34,15 @@ struct Chain {
       Elastic<Sp> counted;
       Elastic<Sp>& e = room.counts() ? counted : state[i].elastic;
       const int ne = layout.node[i].ne;
-      room.take(ne, e.end.J_linear, e.M_linear, e.W_linear);
-      room.take(ne, e.end.J_angular, e.M_angular, e.W_angular);
+      room.take(ne, e.end.J);
+      room.take(ne, e.M_er, e.W);
       room.take(ne * (ne + 1) / 2, e.M, e.L);
       room.take(ne, e.e);
     }
     room.take(1, slice);
     Slice<Sp> counted;
     Slice<Sp>& s = room.counts() ? counted : *slice;
-    room.take(most_elastic(layout), s.J_linear);
-    room.take(most_elastic(layout), s.J_angular);
+    room.take(most_elastic(layout), s.J);
     room.take_zeros(6 * layout.loads, wrench);
     room.take(kept_numbers(layout), kept);
   }
@@ -93,7 +92,7 @@ struct Chain {
     const double* p = numbers + node.numbers;
     typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
     if (!node.coincident) {
-      s.r = Sp::read(p);
+      s.frame.r = Sp::read(p);
       if (node.turned) seat = Sp::read_rotation(p);
       if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
     }
@@ -106,25 +105,22 @@ struct Chain {
     }
     if constexpr (!rates) s.w = w;  // none
     w = s.w;
-    if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
+    if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.frame.R);
     if (node.ne > 0) {
       Elastic<Sp>& e = s.elastic;
       bend(node, p, gravity_in(attitude));
-      // what is carried by the end moves with the slice there (Eq. 45, 46)
-      s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
-      const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
-      e.end.u_bias = Sp::cross(s.w, sweep) + e.end.u_bias;
-      e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
+      // the next node moves with the end slice (Eq. 45, 46)
+      s.end_w = Sp::unrotate_angular(e.end.frame.R, s.w + e.end.rate.angular);
+      e.end.bias = convective(e.end, s.w) + e.end.bias;
       w = s.end_w;
-      if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
-      s.tip_f = Sp::zero();
-      s.tip_n = Sp::zero_angular();
+      if (layout.attitudes) attitude = Sp::times(attitude, e.end.frame.R);
+      s.tip_force = Force<Sp>::zero();
       if (forces && node.tip) {
         const double* t = numbers + node.tip_body;
-        read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
+        read_body<rates>(t, w, s.tip, s.tip_force);
       }
     } else if (forces && node.body) {
-      read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
+      read_body<rates>(p, s.w, s.body, s.body_force);
     }
     if constexpr (rates && forces)
       if (node.loads > 0)
@@ -135,6 +131,11 @@ struct Chain {
   static const S* none() {
     static const S zeros[kMostElastic]{};
     return zeros;
+  }
+
+  /// Acceleration of a slice in a link that turns by w, beyond the link's and that of coordinates (Eq. 45, 46).
+  static Motion<Sp> convective(const Slice<Sp>& at, const Ang& w) {
+    return {Sp::cross(w, Sp::cross(w, at.frame.r) + number<S>(2.0) * at.rate.linear), Sp::cross(w, at.rate.angular)};
   }
 
   /// Gravity in the axes of a frame: the base accelerates against it.
@@ -151,9 +152,9 @@ struct Chain {
     move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
     if (node.body == Node::cut)
-      bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
+      bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_force, e);
     else
-      bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+      bend(node, constants, points, q, dq, s.w, s.body, s.body_force, e, scratch);
   }
 
   /// Where few points are enough.
@@ -176,7 +177,7 @@ struct Chain {
       const double* points = numbers + on.points;
       sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
       if constexpr (forces)
-        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
       else
         sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
       if constexpr (Lanes<S>::width > 1)
@@ -193,18 +194,12 @@ struct Chain {
     };
     Elastic<Sp>& e = s.elastic;
     one(s.body);
-    one(s.body_f);
-    one(s.body_n);
-    one(e.end.R);
-    one(e.end.x);
-    one(e.end.u_dot);
-    one(e.end.u_bias);
-    one(e.end.turning);
-    one(e.end.turn_bias);
-    list(e.end.J_linear, node.ne);
-    list(e.end.J_angular, node.ne);
-    list(e.M_linear, node.ne);
-    list(e.M_angular, node.ne);
+    one(s.body_force);
+    one(e.end.frame);
+    one(e.end.rate);
+    one(e.end.bias);
+    list(e.end.J, node.ne);
+    list(e.M_er, node.ne);
     list(e.M, node.ne * (node.ne + 1) / 2);
     list(e.e, node.ne);
   }
@@ -223,160 +218,126 @@ struct Chain {
 
   /// Of other rates, after `bend_body` of this node's points: forces without the elastic ones and, of a sampled body,
   /// how its end moves.
-  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Lin& f, Ang& n,
+  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Force<Sp>& F,
                   Elastic<Sp>& e) {
     const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.few : node;
     const double* points = numbers + on.points;
     typename Sp::Rigid body;
     if (node.body == Node::sampled) {
       sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
-      sampled::bend<true>(on, constants, points, q, dq, w, body, f, n, e, scratch);
+      sampled::bend<true>(on, constants, points, q, dq, w, body, F, e, scratch);
     } else {
-      bend<true>(node, constants, points, q, dq, w, body, f, n, e, scratch);
+      bend<true>(node, constants, points, q, dq, w, body, F, e, scratch);
     }
   }
 
   template <bool rates>
-  static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {
+  static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Force<Sp>& F) {
     const S m = next<S>(p);
     const Lin c = Sp::read(p);
     const typename Sp::Sym J = Sp::read_symmetric(p);
     body = {m, c, J};
     if constexpr (!rates) return;
-    f = Sp::cross(w, Sp::cross(w, c));
-    n = Sp::cross(w, Sp::apply(J, w));
+    F = {Sp::cross(w, Sp::cross(w, c)), Sp::cross(w, Sp::apply(J, w))};
   }
 
   /// v^T M v (J), after `move`.
   S twice_kinetic(const S* v) const {
-    Lin u = Sp::zero();  // velocity of the frame before, at its end
-    Ang w = Sp::zero_angular();
+    Motion<Sp> u = Motion<Sp>::zero();  // velocity of the frame before, at its end
     S sum{};
-    const auto add = [&](const typename Sp::Rigid& M, const Lin& a, const Ang& b) {
-      sum += Sp::dot(a, Sp::force(M, a, b)) + Sp::dot(b, Sp::torque(M, a, b));
-    };
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       const State<Sp>& s = state[i];
-      if (!node.coincident) u = Sp::unrotate(s.R, u + Sp::cross(w, s.r));
-      w = s.w;
-      if (node.kind == Node::prismatic) Sp::component(u, node.axis) += node.sign * v[node.v];
-      if (node.body) add(s.body, u, w);
+      if (!node.coincident) u.linear = Sp::unrotate(s.frame.R, s.frame.shift(u).linear);
+      u.angular = s.w;
+      if (node.kind == Node::prismatic) Sp::component(u.linear, node.axis) += node.sign * v[node.v];
+      if (node.body) sum += dot(u, s.body * u);
       if (node.passive) sum += s.reflected * v[node.v] * v[node.v];
       if (node.ne == 0) continue;
       const Elastic<Sp>& e = s.elastic;
       const S* d = v + node.ve;
       for (int k = 0; k < node.ne; ++k) {
-        S row = Sp::dot(e.M_linear[k], u) + Sp::dot(e.M_angular[k], w);
+        S row = dot(u, e.M_er[k]);
         for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
         sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
       }
-      u = Sp::unrotate(e.end.R, u + Sp::cross(w, e.end.x) + e.end.u_dot);
-      w = s.end_w;
-      if (node.tip) add(s.tip, u, w);
+      u = {Sp::unrotate(e.end.frame.R, e.end.frame.shift(u).linear + e.end.rate.linear), s.end_w};
+      if (node.tip) sum += dot(u, s.tip * u);
     }
     return sum;
   }
 
+  /// From a node's frame to the end of its beam, whose coordinates accelerate by xe (Eq. 45, 46).
   template <bool biased, class V>
-  static void carry_end(const Node& node, const Elastic<Sp>& e, const V* xe, typename SpaceOf<Sp, V>::type::Lin& a,
-                        typename SpaceOf<Sp, V>::type::Ang& dw) {
-    using Vs = typename SpaceOf<Sp, V>::type;
-    a += Vs::cross(dw, widen_linear<Sp, V>(e.end.x));
-    if constexpr (biased) {
-      a += e.end.u_bias;
-      dw += e.end.turn_bias;
-    }
-    for (int k = 0; k < node.ne; ++k) {
-      a += xe[k] * widen_linear<Sp, V>(e.end.J_linear[k]);
-      dw += xe[k] * widen_angular<Sp, V>(e.end.J_angular[k]);
-    }
-    const typename Vs::Rot R = widen_rotation<Sp, V>(e.end.R);
-    a = Vs::unrotate(R, a);
-    dw = Vs::unrotate_angular(R, dw);
+  static auto to_end(const Node& node, const Elastic<Sp>& e, const V* xe, Motion<typename SpaceOf<Sp, V>::type> a) {
+    const auto frame = wide<V>(e.end.frame);
+    a = frame.shift(a);
+    if constexpr (biased) a += e.end.bias;
+    for (int k = 0; k < node.ne; ++k) a += xe[k] * wide<V>(e.end.J[k]);
+    return frame.turn(a);
   }
 
   /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
   void accelerate(const Lin& base, const S* x) {
-    Lin a = base;
-    Ang dw = Sp::zero_angular();
-    for (int i = 0; i < layout.nodes; ++i) accelerate_node(i, x, a, dw);
+    Motion<Sp> a{base, Sp::zero_angular()};
+    for (int i = 0; i < layout.nodes; ++i) accelerate_node(i, x, a);
   }
-  /// a and dw are those of the frame before, at its end, and then of this node's end.
-  void accelerate_node(int i, const S* x, Lin& a, Ang& dw) {
+  /// a is that of the frame before, at its end, and then of this node's end.
+  void accelerate_node(int i, const S* x, Motion<Sp>& a) {
     const Node& node = layout.node[i];
     State<Sp>& s = state[i];
-    if (!node.coincident) {
-      a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
-      dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
-    }
-    if (node.kind == Node::revolute) Sp::angular_component(dw, node.axis) += node.sign * x[node.v];
-    if (node.kind == Node::prismatic) Sp::component(a, node.axis) += node.sign * x[node.v];
+    if (!node.coincident) a = s.frame.to_child(a) + s.bias;
+    if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
     s.a = a;
-    s.dw = dw;
     if (node.ne == 0) return;
-    carry_end<true>(node, s.elastic, x + node.ve, a, dw);
-    s.end_a = a;
-    s.end_dw = dw;
+    s.end_a = a = to_end<true>(node, s.elastic, x + node.ve, a);
   }
 
   /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
   void forces(const Lin& base, const S* x, S* tau) {
     accelerate(base, x);
-    Lin f = Sp::zero();
-    Ang n = Sp::zero_angular();
+    Force<Sp> F = Force<Sp>::zero();
     for (int i = layout.nodes; i-- > 0;) {
-      force_node(i, x, f, n, tau);
-      if (i > 0) carry_inward(i, f, n);
+      force_node(i, x, F, tau);
+      if (i > 0) F = to_parent(i, F);
     }
   }
-  /// f and n are what the node's end carries, and then what goes through its joint, in its axes.
-  void force_node(int i, const S* x, Lin& f, Ang& n, S* tau) {
+  /// F is carried by the node's end, and then goes through its joint, in its axes.
+  void force_node(int i, const S* x, Force<Sp>& F, S* tau) {
     const Node& node = layout.node[i];
     State<Sp>& s = state[i];
     if (node.ne > 0) {
       const Elastic<Sp>& e = s.elastic;
-      if (node.tip || node.loads > 0) {
-        f += s.tip_f;
-        n += s.tip_n;
-      }
-      if (node.tip) {
-        f += Sp::force(s.tip, s.end_a, s.end_dw);
-        n += Sp::torque(s.tip, s.end_a, s.end_dw);
-      }
-      f = Sp::rotate(e.end.R, f);
-      n = Sp::rotate_angular(e.end.R, n);
+      if (node.tip || node.loads > 0) F += s.tip_force;
+      if (node.tip) F += s.tip * s.end_a;
+      F = e.end.frame.turn_back(F);
       const S* xe = x + node.ve;
       for (int k = 0; k < node.ne; ++k) {
-        S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) + Sp::dot(e.M_linear[k], s.a) +
-                Sp::dot(e.M_angular[k], s.dw);
+        S sum = e.e[k] + dot(e.end.J[k], F) + dot(s.a, e.M_er[k]);
         for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
         tau[node.ve + k] = sum;
       }
-      n += Sp::moment(e.end.x, f);
-      for (int k = 0; k < node.ne; ++k) {
-        f += xe[k] * e.M_linear[k];
-        n += xe[k] * e.M_angular[k];
-      }
+      F = e.end.frame.shift_back(F);
+      for (int k = 0; k < node.ne; ++k) F += xe[k] * e.M_er[k];
     }
-    if (node.body) {
-      f += s.body_f + Sp::force(s.body, s.a, s.dw);
-      n += s.body_n + Sp::torque(s.body, s.a, s.dw);
-    }
-    s.f = f;  // what goes through the joint (Eq. 84)
-    s.n = n;
+    if (node.body) F += s.body_force + s.body * s.a;
+    s.force = F;
     if (node.kind == Node::fixed) return;
-    S own = node.kind == Node::revolute ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis);
+    S own = freedom(node, F);
     own *= node.sign;
     if (node.passive) own += s.resistance + s.reflected * x[node.v];
     tau[node.v] = own;
   }
   /// From a node's frame to the end of the frame before it.
-  void carry_inward(int i, Lin& f, Ang& n) const {
-    const State<Sp>& s = state[i];
-    if (layout.node[i].coincident) return;
-    f = Sp::rotate(s.R, f);
-    n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
+  Force<Sp> to_parent(int i, const Force<Sp>& F) const {
+    return layout.node[i].coincident ? F : state[i].frame.to_parent(F);
+  }
+  /// An inertia, of anything (composite) or articulated.
+  template <class M>
+  static M to_parent(const Node& node, const State<Sp>& s, const M& inertia) {
+    const bool hinge = node.kind == Node::revolute && !node.turned && !node.ball;
+    return Sp::shift(hinge ? Sp::rotate(node.axis, s.sine, s.cosine, inertia) : Sp::rotate(s.frame.R, inertia),
+                     s.frame.r);
   }
 };
 

@@ -13,8 +13,7 @@ namespace {
 /// @param gravity  in link axes
 template <class Sp, class S = typename Sp::Scalar>
 void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity, const S* q, const S* dq,
-              const typename Sp::Ang& w, typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n,
-              Elastic<Sp>& out) {
+              const typename Sp::Ang& w, typename Sp::Rigid& M, Force<Sp>& F, Elastic<Sp>& out) {
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
   const S m = next<S>(p);
@@ -22,8 +21,8 @@ void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity
   typename Sp::Sym J = Sp::read_symmetric(p);
   // the tip body: its mass, its centre's place on the end and, at rest, in the link
   const S tip = next<S>(p);
-  const Lin on_end = Sp::read(p), at_rest = Sp::read(p), arm = Sp::rotate(out.end.R, on_end);
-  Lin beyond = tip * (out.end.x + arm - at_rest);  // its mass times what the cut left out of its displacement
+  const Lin on_end = Sp::read(p), at_rest = Sp::read(p), arm = Sp::rotate(out.end.frame.R, on_end);
+  Lin beyond = tip * (out.end.frame.r + arm - at_rest);  // its mass times what the cut left out of its displacement
   Ang spin = Sp::zero_angular(), turning = Sp::zero_angular();  // C dq; dJ/dt w
   for (int k = 0; k < node.ne; ++k) {
     const Lin L = Sp::read(p);
@@ -37,16 +36,16 @@ void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity
     spin += dq[k] * C;
     turning += dq[k] * h;
     beyond = beyond - q[k] * first;
-    const Lin by_q = tip * (out.end.J_linear[k] + Sp::cross(out.end.J_angular[k], arm)) - first;
+    const Lin by_q = tip * (out.end.J[k].linear + Sp::cross(out.end.J[k].angular, arm)) - first;
     out.e[k] = -0.5 * Sp::dot(w, h) - Sp::dot(by_q, gravity);
-    out.M_linear[k] = L;
-    out.M_angular[k] = C;
+    out.M_er[k].force = L;
+    out.M_er[k].moment = C;
   }
   for (int k = 0; k < node.ne * (node.ne + 1) / 2; ++k) out.M[k] = next<S>(p);
   M = {m, c, J};
   out.left_out = beyond;
-  f = Sp::cross(w, Sp::cross(w, c) + number<S>(2.0) * c_rate);
-  n = turning + Sp::cross(w, Sp::apply(J, w) + spin) - Sp::moment(beyond, gravity);
+  F.force = Sp::cross(w, Sp::cross(w, c) + number<S>(2.0) * c_rate);
+  F.moment = turning + Sp::cross(w, Sp::apply(J, w) + spin) - Sp::moment(beyond, gravity);
   out.constants = p;
   add_elastic_forces(node, p, q, dq, out.e);
 }

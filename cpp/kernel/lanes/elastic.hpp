@@ -101,32 +101,24 @@ void products(const P* F, int n, int rows, P* out) {
 /// A cross section of an elastic body in motion, in link axes (Eq. 23-27, 34-40).
 template <class Sp>
 struct Slice {
-  using Lin = typename Sp::Lin;
-  using Ang = typename Sp::Ang;
-  typename Sp::Rot R;      ///< orientation
-  Lin x, u_dot, u_bias;    ///< place; J_T dq; (dJ_T/dt) dq (Eq. 37, 38)
-  Ang turning, turn_bias;  ///< J_R dq; (dJ_R/dt) dq (Eq. 39, 40)
-  Lin* J_linear;           ///< J_T, by coordinate
-  Ang* J_angular;          ///< J_R
+  Frame<Sp> frame;  ///< in the link
+  Motion<Sp> rate;  ///< J dq, with J = [J_T; J_R] (Eq. 37, 39)
+  Motion<Sp> bias;  ///< (dJ/dt) dq (Eq. 38, 40)
+  Motion<Sp>* J;    ///< by coordinate
 };
 
-/// What the dynamics asks of an elastic body. In link axes, about the link's origin.
+/// The part that the dynamics asks of an elastic body. In link axes, about the link's origin.
 template <class Sp>
 struct Elastic {
   using S = typename Sp::Scalar;
-  using Lin = typename Sp::Lin;
-  using Ang = typename Sp::Ang;
-  Slice<Sp> end;  ///< which carries what follows
-  // inertia
-  Lin* M_linear;   ///< coupling Mre: forces, ne
-  Ang* M_angular;  ///< and moments
-  S* M;            ///< Mee, packed lower triangle
-  S* e;            ///< ne: bias, elastic and damping forces
-  Lin left_out;    ///< of a cut body alone: mass times what the cut leaves out of the tip body's displacement
-  // elimination: Mee, with what the end carries, = L D L^T, below the diagonal L, on it 1/D
+  Slice<Sp> end;              ///< which carries the next node
+  Force<Sp>* M_er;            ///< inertia that couples coordinates and frame, ne columns (Eq. 80)
+  S* M;                       ///< M_ee, packed lower triangle
+  S* e;                       ///< ne: bias, elastic and damping forces
+  typename Sp::Lin left_out;  ///< of a cut body alone: mass times the part of the tip's displacement beyond the cut
+  // elimination: M_ee, with the inertia that the end carries, = L D L^T, below the diagonal L, on it 1/D
   S* L;
-  Lin* W_linear;
-  Ang* W_angular;
+  Force<Sp>* W;             ///< L^-1 M_er
   const double* constants;  ///< stiffness K and damping, packed lower triangles
 };
 

@@ -15,16 +15,14 @@ struct Frames {
   using C = Chain<Sp, S>;
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  using Rot = typename Sp::Rot;
   /// A node's frame, or that of its beam's end.
-  struct Frame {
-    Rot R;  ///< in the world
-    Lin p;  ///< and its place
-    Lin u;  ///< velocity, own axes
+  struct Moving {
+    Frame<Sp> at;  ///< in the world
+    Motion<Sp> u;  ///< velocity, own axes
   };
 
   C chain;
-  Frame *frame, *end;  ///< of each node; where there is no beam, they are one
+  Moving *frame, *end;  ///< of each node; where there is no beam, they are one
   S *q, *v, *a;
 
   Frames(const Layout& layout, const double* numbers, Room& room) : chain(layout, numbers, room) {
@@ -45,25 +43,17 @@ struct Frames {
   template <bool forces = false>
   void place() {
     chain.template move<true, forces>(q, v);
-    const S one = number<S>(1.0), o{};
-    Frame before{{one, o, o, o, one, o, o, o, one}, Sp::zero(), Sp::zero()};
-    Ang w = Sp::zero_angular();
+    Moving before{{Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()}, Motion<Sp>::zero()};
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
-      Frame& f = frame[i];
-      f.R = Sp::times(before.R, s.R);
-      f.p = before.p + Sp::rotate(before.R, s.r);
-      f.u = Sp::unrotate(s.R, before.u + Sp::cross(w, s.r));
-      if (node.kind == Node::prismatic) Sp::component(f.u, node.axis) += node.sign * v[node.v];
+      Moving& f = frame[i];
+      f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
+      if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
       before = f;
-      w = s.w;
       if (node.ne > 0) {
         const Slice<Sp>& e = s.elastic.end;
-        before.R = Sp::times(f.R, e.R);
-        before.p = f.p + Sp::rotate(f.R, e.x);
-        before.u = Sp::unrotate(e.R, f.u + Sp::cross(s.w, e.x) + e.u_dot);
-        w = s.end_w;
+        before = {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), s.end_w}};
       }
       end[i] = before;
     }
@@ -73,12 +63,11 @@ struct Frames {
   struct Spot {
     const Node& node;
     const State<Sp>& state;
-    const Frame& frame;
-    Ang w, dw;
-    Lin a;
+    const Moving& frame;
+    Motion<Sp> a;  ///< acceleration of the frame, own axes
     const Slice<Sp>& slice;
     int own;  ///< elastic coordinates that move the slice in the frame
-    Lin p() const { return frame.p + Sp::rotate(frame.R, slice.x); }
+    Frame<Sp> in_world() const { return frame.at * slice.frame; }
   };
   Spot spot(const Place& at, const double* numbers) {
     const Node& node = chain.layout.node[at.node];
@@ -90,52 +79,48 @@ struct Frames {
       slice_at(node, numbers, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch, slice);
     else
       fixed_slice(numbers, slice);
-    if (at.on == Place::end && node.ne > 0) return {node, s, end[at.node], s.end_w, s.end_dw, s.end_a, slice, 0};
-    return {node, s, frame[at.node], s.w, s.dw, s.a, slice, at.on == Place::slice ? node.ne : 0};
+    if (at.on == Place::end && node.ne > 0) return {node, s, end[at.node], s.end_a, slice, 0};
+    return {node, s, frame[at.node], s.a, slice, at.on == Place::slice ? node.ne : 0};
   }
 
-  /// Velocity [linear; angular] of a place, world axes (Eq. 85).
-  void velocity(const Spot& at, Lin& linear, Ang& angular) const {
-    linear = Sp::rotate(at.frame.R, at.frame.u + Sp::cross(at.w, at.slice.x) + at.slice.u_dot);
-    angular = Sp::rotate(at.frame.R, at.w + at.slice.turning);
+  /// Velocity of a place, world axes (Eq. 85).
+  Motion<Sp> velocity(const Spot& at) const {
+    return in_world(at.frame, at.slice.frame.shift(at.frame.u) + at.slice.rate);
   }
   /// Acceleration (Eq. 45, 46, 86); after the chain has accelerated with the accelerations in a.
-  void acceleration(const Spot& at, Lin& linear, Ang& angular) const {
+  Motion<Sp> acceleration(const Spot& at) const {
     const Slice<Sp>& s = at.slice;
-    const Lin sweep = Sp::cross(at.w, s.x) + number<S>(2.0) * s.u_dot;
-    linear = at.a + Sp::cross(at.dw, s.x) + Sp::cross(at.w, sweep) + s.u_bias;
-    angular = at.dw + Sp::cross(at.w, s.turning) + s.turn_bias;
+    Motion<Sp> sum = s.frame.shift(at.a) + C::convective(s, at.frame.u.angular) + s.bias;
     const S* ddq = a + at.node.ve;
-    for (int k = 0; k < at.own; ++k) {
-      linear += ddq[k] * s.J_linear[k];
-      angular += ddq[k] * s.J_angular[k];
-    }
-    linear = Sp::rotate(at.frame.R, linear);
-    angular = Sp::rotate(at.frame.R, angular);
+    for (int k = 0; k < at.own; ++k) sum += ddq[k] * s.J[k];
+    return in_world(at.frame, sum);
+  }
+  static Motion<Sp> in_world(const Moving& frame, const Motion<Sp>& m) {
+    return {Sp::rotate(frame.at.R, m.linear), Sp::rotate(frame.at.R, m.angular)};
   }
 
-  /// visit(rate, linear, angular) for each rate that moves a place: columns of its Jacobian (Eq. 91: Phi H), world
-  /// axes.
+  /// visit(rate, motion) for each rate that moves a place: columns of its Jacobian (Eq. 91: Phi H), world axes.
   template <class Visit>
   void jacobian(const Place& place, const double* numbers, const Visit& visit) {
     const Spot at = spot(place, numbers);
-    const Lin p = at.p();
+    const Lin p = at.in_world().r;
     for (int i = 0; i <= place.node; ++i) {
       const Node& node = chain.layout.node[i];
+      const Frame<Sp>& own = frame[i].at;
       if (node.kind != Node::fixed) {
-        const Lin h = Sp::rotate(frame[i].R, number<S>(node.sign) * Sp::unit(node.axis));
+        const Lin h = Sp::rotate(own.R, number<S>(node.sign) * Sp::unit(node.axis));
         if (node.kind == Node::revolute)
-          visit(node.v, Sp::cross(h, p - frame[i].p), h);
+          visit(node.v, Motion<Sp>{Sp::cross(h, p - own.r), h});
         else
-          visit(node.v, h, Sp::zero());
+          visit(node.v, Motion<Sp>{h, Sp::zero()});
       }
       const bool here = i == place.node;
       if (here && place.on == Place::frame) break;
       const Slice<Sp>& s = here && place.on == Place::slice ? at.slice : chain.state[i].elastic.end;
-      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - end[i].p;
+      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - end[i].at.r;
       for (int k = 0; k < node.ne; ++k) {
-        const Ang turn = Sp::rotate(frame[i].R, s.J_angular[k]);
-        visit(node.ve + k, Sp::rotate(frame[i].R, s.J_linear[k]) + Sp::cross(turn, arm), turn);
+        const Ang turn = Sp::rotate(own.R, s.J[k].angular);
+        visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, s.J[k].linear) + Sp::cross(turn, arm), turn});
       }
     }
   }
@@ -149,26 +134,23 @@ struct Frames {
   };
   Whole whole() const {
     Whole sum{chain.twice_kinetic(v), S{}, Sp::zero(), Sp::zero(), Sp::zero()};
-    const auto add = [&](const Frame& f, const typename Sp::Rigid& body, Lin linear, Ang angular) {
-      const Lin world = Sp::rotate(f.R, linear);
+    const auto add = [&](const Moving& f, const typename Sp::Rigid& body, const Force<Sp>& momentum) {
+      const Force<Sp> world = f.at.to_parent(momentum);
       sum.mass += body.m;
-      sum.moment += body.m * f.p + Sp::rotate(f.R, body.c);
-      sum.linear += world;
-      sum.angular += Sp::rotate(f.R, angular) + Sp::cross(f.p, world);
+      sum.moment += body.m * f.at.r + Sp::rotate(f.at.R, body.c);
+      sum.linear += world.force;
+      sum.angular += world.moment;
     };
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       if (!node.body) continue;
-      Lin linear = Sp::force(s.body, frame[i].u, s.w);  // momenta: the rigid rows of Eq. 80
-      Ang angular = Sp::torque(s.body, frame[i].u, s.w);
-      for (int k = 0; k < node.ne; ++k) {
-        linear += v[node.ve + k] * s.elastic.M_linear[k];
-        angular += v[node.ve + k] * s.elastic.M_angular[k];
-      }
-      add(frame[i], s.body, linear, angular);
-      if (node.body == Node::cut) sum.moment += Sp::rotate(frame[i].R, s.elastic.left_out);  // there gravity acts, too
-      if (node.tip) add(end[i], s.tip, Sp::force(s.tip, end[i].u, s.end_w), Sp::torque(s.tip, end[i].u, s.end_w));
+      Force<Sp> momentum = s.body * frame[i].u;  // the rigid rows of Eq. 80
+      for (int k = 0; k < node.ne; ++k) momentum += v[node.ve + k] * s.elastic.M_er[k];
+      add(frame[i], s.body, momentum);
+      if (node.body == Node::cut)
+        sum.moment += Sp::rotate(frame[i].at.R, s.elastic.left_out);  // there gravity acts, too
+      if (node.tip) add(end[i], s.tip, s.tip * end[i].u);
     }
     return sum;
   }

@@ -7,6 +7,12 @@ namespace {
 
 using flexarm::lanes::Layout;
 
+/// Acceleration of a frame's origin in a parent that turns by w, own axes.
+template <class Sp>
+inline typename Sp::Lin centripetal(const Frame<Sp>& frame, const typename Sp::Ang& w) {
+  return Sp::unrotate(frame.R, Sp::cross(w, Sp::cross(w, frame.r)));
+}
+
 /// A ball's first node, on a frame that turns by w. @param p, q, v  its numbers, quaternion and rates
 template <class Sp, class S>
 inline void move_ball(const Node& node, const double*& p, const typename Sp::Rot& seat, const S* q, const S* v,
@@ -14,23 +20,30 @@ inline void move_ball(const Node& node, const double*& p, const typename Sp::Rot
   if constexpr (!Sp::planar) {
     if (node.passive) resist_ball(node, p, q, v, &s);
     const typename Sp::Rot R = ball_rotation(q);
-    s.R = node.turned ? Sp::times(seat, R) : R;
-    const typename Sp::Ang carried = Sp::unrotate_angular(s.R, w), own{v[0], v[1], v[2]};
+    s.frame.R = node.turned ? Sp::times(seat, R) : R;
+    const typename Sp::Ang carried = Sp::unrotate_angular(s.frame.R, w), own{v[0], v[1], v[2]};
     s.w = carried + own;
-    s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
-    s.bias_w = Sp::cross(carried, own);
+    s.bias = {centripetal(s.frame, w), Sp::cross(carried, own)};
   }
+}
+
+/// H^T of a motion or a force: its part along, or about, the axis of a joint.
+template <class Sp>
+inline typename Sp::Scalar& freedom(const Node& node, Motion<Sp>& m) {
+  return node.kind == Node::revolute ? Sp::angular_component(m.angular, node.axis) : Sp::component(m.linear, node.axis);
+}
+template <class Sp>
+inline typename Sp::Scalar& freedom(const Node& node, Force<Sp>& f) {
+  return node.kind == Node::revolute ? Sp::angular_component(f.moment, node.axis) : Sp::component(f.force, node.axis);
 }
 
 /// A node in the frame of the one before it.
 template <class Sp>
 inline void stay(const typename Sp::Ang& w, State<Sp>& s) {
   using S = typename Sp::Scalar;
-  s.R = Sp::turn(0, S{}, number<S>(1.0));
-  s.r = Sp::zero();
+  s.frame = {Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()};
   s.w = w;
-  s.bias_a = Sp::zero();
-  s.bias_w = Sp::zero_angular();
+  s.bias = Motion<Sp>::zero();
 }
 
 inline bool is_hinge(const Node& node) { return node.kind == Node::revolute && !node.ball && !node.coincident; }
@@ -67,26 +80,25 @@ inline void move_joint(const Node& node, const typename Sp::Rot& seat, const S* 
                        const typename Sp::Ang& w, State<Sp>& s) {
   const S &sn = s.sine, &cs = s.cosine;
   const bool hinge = node.kind == Node::revolute, slide = node.kind == Node::prismatic;
-  s.R = !hinge ? seat : node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
+  s.frame.R = !hinge ? seat : node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
   if (slide) {
     typename Sp::Lin along = Sp::zero();
     Sp::component(along, node.axis) += node.sign * q[node.q];
-    s.r += Sp::rotate(s.R, along);
+    s.frame.r += Sp::rotate(s.frame.R, along);
   }
   if constexpr (rates) {
-    const typename Sp::Ang carried = Sp::unrotate_angular(s.R, w);
+    const typename Sp::Ang carried = Sp::unrotate_angular(s.frame.R, w);
     s.w = carried;
-    s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
-    s.bias_w = Sp::zero_angular();
+    s.bias = {centripetal(s.frame, w), Sp::zero_angular()};
     if (hinge) {
       typename Sp::Ang own = Sp::zero_angular();
       Sp::angular_component(own, node.axis) += node.sign * v[node.v];
       s.w += own;
-      s.bias_w = Sp::cross(carried, own);
+      s.bias.angular = Sp::cross(carried, own);
     } else if (slide) {
       typename Sp::Lin rate = Sp::zero();
       Sp::component(rate, node.axis) += 2.0 * (node.sign * v[node.v]);
-      s.bias_a += Sp::cross(carried, rate);
+      s.bias.linear += Sp::cross(carried, rate);
     }
   }
 }

@@ -5,6 +5,11 @@
 
 namespace {
 
+template <class Sp>
+struct Motion;
+template <class Sp>
+struct Force;
+
 template <class S>
 struct Plane {
   using Scalar = S;
@@ -37,6 +42,12 @@ struct Plane {
     } A;
     Lin B;
     Sym D;
+    friend Force<Plane> operator*(const Inertia& M, const Motion<Plane>& m) {
+      const Lin& a = m.linear;
+      const S& w = m.angular.z;
+      return {{M.A.xx * a.x + M.A.xy * a.y + M.B.x * w, M.A.xy * a.x + M.A.yy * a.y + M.B.y * w},
+              {M.B.x * a.x + M.B.y * a.y + M.D.zz * w}};
+    }
   };
 
   static Lin zero() { return {S{}, S{}}; }
@@ -85,6 +96,9 @@ struct Plane {
     S m;
     Lin c;
     Sym J;
+    friend Force<Plane> operator*(const Rigid& b, const Motion<Plane>& m) {
+      return {b.m * m.linear + cross(m.angular, b.c), moment(b.c, m.linear) + apply(b.J, m.angular)};
+    }
   };
   static void add(Inertia& M, const Rigid& b) {
     M.A.xx += b.m;
@@ -93,23 +107,16 @@ struct Plane {
     M.B.y += b.c.x;
     M.D.zz += b.J.zz;
   }
-  static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
-  static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return moment(b.c, a) + apply(b.J, w); }
   static Rigid no_body() { return {S{}, zero(), {S{}}}; }
   static void add(Rigid& a, const Rigid& b) {
     a.m += b.m;
     a.c += b.c;
     a.J.zz += b.J.zz;
   }
-  static void column(const Rigid& b, bool about, int axis, Lin& f, Ang& n) {
+  static Force<Plane> column(const Rigid& b, bool about, int axis) {
     const S o{};
-    if (about) {
-      f = {-b.c.y, b.c.x};
-      n = {b.J.zz};
-    } else {
-      f = axis == 0 ? Lin{b.m, o} : Lin{o, b.m};
-      n = {axis == 0 ? -b.c.y : b.c.x};
-    }
+    if (about) return {{-b.c.y, b.c.x}, {b.J.zz}};
+    return axis == 0 ? Force<Plane>{{b.m, o}, {-b.c.y}} : Force<Plane>{{o, b.m}, {b.c.x}};
   }
   static Rigid rotate(const Rot& R, const Rigid& b) { return {b.m, rotate(R, b.c), b.J}; }
   static Rigid rotate(int, const S& s, const S& c, const Rigid& b) { return rotate(Rot{c, s}, b); }
@@ -128,21 +135,14 @@ struct Plane {
     a.B.y += b.B.y;
     a.D.zz += b.D.zz;
   }
-  static Lin force(const Inertia& M, const Lin& a, const Ang& w) {
-    return {M.A.xx * a.x + M.A.xy * a.y + M.B.x * w.z, M.A.xy * a.x + M.A.yy * a.y + M.B.y * w.z};
-  }
-  static Ang torque(const Inertia& M, const Lin& a, const Ang& w) { return {M.B.x * a.x + M.B.y * a.y + M.D.zz * w.z}; }
-  static void column(const Inertia& M, bool about, int axis, Lin& f, Ang& n) {
-    if (about) {
-      f = M.B;
-      n = {M.D.zz};
-    } else {
-      f = axis == 0 ? Lin{M.A.xx, M.A.xy} : Lin{M.A.xy, M.A.yy};
-      n = {axis == 0 ? M.B.x : M.B.y};
-    }
+  static Force<Plane> column(const Inertia& M, bool about, int axis) {
+    if (about) return {M.B, {M.D.zz}};
+    return axis == 0 ? Force<Plane>{{M.A.xx, M.A.xy}, {M.B.x}} : Force<Plane>{{M.A.xy, M.A.yy}, {M.B.y}};
   }
   static S trace(const Inertia& M, bool about) { return about ? M.D.zz : M.A.xx + M.A.yy; }
-  static void take(Inertia& M, const S& k, const Lin& f, const Ang& n) {
+  static void take(Inertia& M, const S& k, const Force<Plane>& F) {
+    const Lin& f = F.force;
+    const Ang& n = F.moment;
     const S x = k * f.x, y = k * f.y;
     M.A.xx -= x * f.x;
     M.A.yy -= y * f.y;

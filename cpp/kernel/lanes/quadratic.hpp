@@ -21,8 +21,8 @@ inline std::size_t quadratic_scratch(const Node& node) {
 /// `again`, of other rates where the body is: forces without the elastic ones, and nothing that rates do not change.
 template <bool again = false, class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,
-          typename Plane<S>::Ang& n, Elastic<Plane<S>>& out, P* scratch) {
+          const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out,
+          P* scratch) {
   const quadratic::Parts<Plane<P>> parts(node);
   const quadratic::Sums<Plane<P>> packs(scratch, node.ne);
   S* lanes = reinterpret_cast<S*>(scratch);
@@ -32,14 +32,14 @@ void bend(const Node& node, const double* constants, const double* points, const
   } else {
     for (int k = 0; k < packs.size; ++k) lanes[k] = S{};
   }
-  quadratic::finish<again>(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, f, n, out);
+  quadratic::finish<again>(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, F, out);
 }
 
 /// The same in space.
 template <bool again = false, class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, typename Space<S>::Lin& f,
-          typename Space<S>::Ang& n, Elastic<Space<S>>& out, P* scratch) {
+          const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, Force<Space<S>>& F, Elastic<Space<S>>& out,
+          P* scratch) {
   const quadratic::Parts<Space<P>> parts(node);
   const quadratic::Sums<Space<P>> packs(scratch, node.ne);
   const typename Space<P>::Ang wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
@@ -48,7 +48,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   quadratic::sum_columns<again>(node, parts, scratch, packs);
   S* lanes = reinterpret_cast<S*>(scratch);
   sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
-  quadratic::finish<again>(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, f, n, out);
+  quadratic::finish<again>(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, F, out);
 }
 
 /// Moves a slice of which `p` are the numbers (Eq. 24, 37, 38; in the plane turns add, so that Eq. 35, 39 are linear);
@@ -56,32 +56,33 @@ void bend(const Node& node, const double* constants, const double* points, const
 template <bool rates = true, class S>
 void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Plane<S>>& out) {
   using Sp = Plane<S>;
-  out.x = Sp::read(p);
+  out.frame.r = Sp::read(p);
   S turn{}, rate{}, y_dot{}, slope[kMostElastic], bias{};
   for (int k = 0; k < node.ne; ++k) {
     const S l = next<S>(p), t = next<S>(p);
     slope[k] = S{};
-    out.x.y += l * q[k];
+    out.frame.r.y += l * q[k];
     y_dot += l * dq[k];
     turn += t * q[k];
     rate += t * dq[k];
-    out.J_linear[k].y = l;
-    out.J_angular[k] = {t};
+    out.J[k].linear.y = l;
+    out.J[k].angular = {t};
   }
-  for (int k = 0; k < node.position_blocks; ++k) add_block<rates>(node.block[k], p, q, dq, out.x.x, bias, slope, 1);
+  for (int k = 0; k < node.position_blocks; ++k)
+    add_block<rates>(node.block[k], p, q, dq, out.frame.r.x, bias, slope, 1);
   S x_dot{};
   for (int k = 0; k < node.ne; ++k) {
-    out.J_linear[k].x = slope[k];
+    out.J[k].linear.x = slope[k];
     x_dot += slope[k] * dq[k];
   }
   S s, c;
   sine_cosine(turn, s, c);
-  out.R = {c, s};
+  out.frame.R = {c, s};
   if constexpr (!rates) return;
-  out.u_dot = {x_dot, y_dot};
-  out.u_bias = {bias, S{}};
-  out.turning = {rate};
-  out.turn_bias = {S{}};
+  out.rate.linear = {x_dot, y_dot};
+  out.bias.linear = {bias, S{}};
+  out.rate.angular = {rate};
+  out.bias.angular = {S{}};
 }
 
 /// The same in space: rows 0 to 2 make the place (Eq. 24, 37, 38), rows 3 to 5 the rotation vector (Eq. 35, 39, 40).
@@ -108,20 +109,20 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
     add_block<rates>(b, p, q, dq, value[b.row], bias[b.row], slope + b.row * ne, 1);
   }
   const Turned<S> turned({value[3], value[4], value[5]});
-  out.x = {value[0], value[1], value[2]};
-  out.R = turned.rotation();
+  out.frame.r = {value[0], value[1], value[2]};
+  out.frame.R = turned.rotation();
   if constexpr (rates) {
     for (int r = 0; r < 6; ++r)
       for (int k = 0; k < ne; ++k) rate[r] += slope[r * ne + k] * dq[k];
     const typename Sp::Lin th_dot{rate[3], rate[4], rate[5]};
-    out.u_dot = {rate[0], rate[1], rate[2]};
-    out.u_bias = {bias[0], bias[1], bias[2]};
-    out.turning = turned.jacobian(th_dot, 1.0);
-    out.turn_bias = turned.bias(th_dot, {bias[3], bias[4], bias[5]}, 1.0);
+    out.rate.linear = {rate[0], rate[1], rate[2]};
+    out.bias.linear = {bias[0], bias[1], bias[2]};
+    out.rate.angular = turned.jacobian(th_dot, 1.0);
+    out.bias.angular = turned.bias(th_dot, {bias[3], bias[4], bias[5]}, 1.0);
   }
   for (int k = 0; k < ne; ++k) {
-    out.J_linear[k] = {slope[k], slope[ne + k], slope[2 * ne + k]};
-    out.J_angular[k] = turned.jacobian({slope[3 * ne + k], slope[4 * ne + k], slope[5 * ne + k]}, 1.0);
+    out.J[k].linear = {slope[k], slope[ne + k], slope[2 * ne + k]};
+    out.J[k].angular = turned.jacobian({slope[3 * ne + k], slope[4 * ne + k], slope[5 * ne + k]}, 1.0);
   }
 }
 

@@ -58,7 +58,7 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
 /// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
 template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const S& w, Sums<Plane<S>> sums,
-            typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f, typename Plane<S>::Ang& n, Elastic<Plane<S>>& out) {
+            typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out) {
   using Sp = Plane<S>;
   const Moments<Sp>& body = *sums.body;
   const S m = next<S>(p);
@@ -81,13 +81,13 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
     swirl += dq[k] * my;
     out.e[k] = sums.e[k] - w * w * my;
     if constexpr (again) continue;
-    out.M_linear[k] = {sums.M_linear[k], cl};
-    out.M_angular[k] = {ex + rotary + sums.M_angular[k].z};
+    out.M_er[k].force = {sums.M_linear[k], cl};
+    out.M_er[k].moment = {ex + rotary + sums.M_angular[k].z};
   }
   M = {m, c, J};
   const S ww = w * w, w2 = 2.0 * w;
-  f = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
-  n = {w2 * swirl + body.n};
+  F.force = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
+  F.moment = {w2 * swirl + body.n};
   if constexpr (again) return;
   finish_elastic(node, p, sums.M, q, dq, out);
 }

@@ -221,9 +221,9 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       const S along = w.x * Sp::dot(w, mk) - Sp::dot(w, w) * mk.x;
       out.e[k] += along + 2.0 * (w.y * mz_dot - w.z * my_dot);
       if constexpr (again) continue;
-      out.M_linear[k].x += cl;
-      out.M_angular[k].y += mk.z;
-      out.M_angular[k].z -= mk.y;
+      out.M_er[k].force.x += cl;
+      out.M_er[k].moment.y += mk.z;
+      out.M_er[k].moment.z -= mk.y;
     } else if (node.direction[d] == 1) {
       whole.c.y += cl * q[k];
       whole.c_rate.y += cl * dq[k];
@@ -235,9 +235,9 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       out.e[k] += across - 2.0 * w.x * mz_dot;
       if (stretches) out.e[k] += 2.0 * w.z * mx_dot;
       if constexpr (again) continue;
-      out.M_linear[k].y += cl;
-      out.M_angular[k].x -= mk.z;
-      out.M_angular[k].z += mk.x;
+      out.M_er[k].force.y += cl;
+      out.M_er[k].moment.x -= mk.z;
+      out.M_er[k].moment.z += mk.x;
     } else {
       whole.c.z += cl * q[k];
       whole.c_rate.z += cl * dq[k];
@@ -249,9 +249,9 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       out.e[k] += across + 2.0 * w.x * my_dot;
       if (stretches) out.e[k] -= 2.0 * w.y * mx_dot;
       if constexpr (again) continue;
-      out.M_linear[k].z += cl;
-      out.M_angular[k].x += mk.y;
-      out.M_angular[k].y -= mk.x;
+      out.M_er[k].force.z += cl;
+      out.M_er[k].moment.x += mk.y;
+      out.M_er[k].moment.y -= mk.x;
     }
   }
 }
@@ -259,16 +259,15 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
 /// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
 template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const typename Space<S>::Ang& w,
-            Sums<Space<S>> sums, typename Space<S>::Rigid& M, typename Space<S>::Lin& f, typename Space<S>::Ang& n,
-            Elastic<Space<S>>& out) {
+            Sums<Space<S>> sums, typename Space<S>::Rigid& M, Force<Space<S>>& F, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
   using Lin = typename Sp::Lin;
   const Moments<Sp>& body = *sums.body;
   for (int k = 0; k < node.ne; ++k) {
     out.e[k] = sums.e[k];
     if constexpr (again) continue;
-    out.M_linear[k] = sums.M_linear[k];
-    out.M_angular[k] = sums.M_angular[k];
+    out.M_er[k].force = sums.M_linear[k];
+    out.M_er[k].moment = sums.M_angular[k];
   }
   const S m = next<S>(p);
   const Lin c = Sp::read(p);
@@ -282,10 +281,10 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   // the turning of sections brings its own gyroscopic moments: J of what is carried alone goes into w x J w
   const Lin h = Sp::apply(J, w);
   const S tr = whole.Py.y + whole.Pz.z;
-  n = Sp::cross(w, h) + body.n + body.n_turn +
-      number<S>(2.0) * (tr * w - Lin{S{}, Sp::dot(whole.Py, w), Sp::dot(whole.Pz, w)});
-  if (node.stretching > 0) n += number<S>(2.0) * (whole.Px.x * w - Lin{Sp::dot(whole.Px, w), S{}, S{}});
-  f = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
+  F.moment = Sp::cross(w, h) + body.n + body.n_turn +
+             number<S>(2.0) * (tr * w - Lin{S{}, Sp::dot(whole.Py, w), Sp::dot(whole.Pz, w)});
+  if (node.stretching > 0) F.moment += number<S>(2.0) * (whole.Px.x * w - Lin{Sp::dot(whole.Px, w), S{}, S{}});
+  F.force = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
   Sp::add(J, body.J_turn);
   M = {m, whole.c, J};
   if constexpr (again) return;

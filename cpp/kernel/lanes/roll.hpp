@@ -77,9 +77,7 @@ struct Rolled {
     for (int i = 0; i < nv; ++i) total[i] = tau[i];
     laws.add(q, v, 1.0, total);
     chain.move(q, v);
-    const Mask good = inward<true, true, true>(chain, total, x, Shift{});
-    outward<true>(chain, base, x);
-    return good;
+    return ::forward(chain, base, total, x);
   }
 };
 

@@ -29,11 +29,9 @@ void place_further(const Node& node, const double* numbers, const double* points
                    const typename Sp::Scalar* dq, const Series& s, P* scratch) {
   using S = typename Sp::Scalar;
   if (node.further == 0) return;
-  typename Sp::Lin linear[kMostElastic];
-  typename Sp::Ang angular[kMostElastic];
+  Motion<Sp> J[kMostElastic];
   Slice<Sp> slice;
-  slice.J_linear = linear;
-  slice.J_angular = angular;
+  slice.J = J;
   clear_stations(node, points_of(node), stations_of(node), s);
   const int first = points_of(node) * static_cast<int>(sizeof(P) / sizeof(S));
   for (int k = 0; k < node.further; ++k) {
@@ -56,8 +54,8 @@ void move_end(const Node& node, const double* points, const typename Sp::Scalar*
 /// body is: forces without the elastic ones, and how the end slice moves.
 template <bool again, class Sp, class P>
 void bend(const Node& node, const double* constants, const double* points, const typename Sp::Scalar* q,
-          const typename Sp::Scalar* dq, const typename Sp::Ang& w, typename Sp::Rigid& M, typename Sp::Lin& f,
-          typename Sp::Ang& n, Elastic<Sp>& out, P* scratch) {
+          const typename Sp::Scalar* dq, const typename Sp::Ang& w, typename Sp::Rigid& M, Force<Sp>& F,
+          Elastic<Sp>& out, P* scratch) {
   using S = typename Sp::Scalar;
   using Pt = typename OfPoints<Sp, P>::Space;
   const typename OfPoints<Sp, P>::Series s(node, scratch);
@@ -73,7 +71,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   sum_slices<again>(node, rows, s, dq, wide, sums, at + size);
   S* total = reinterpret_cast<S*>(at);
   sum_lanes(at, size, total);
-  finish<again>(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, f, n, out);
+  finish<again>(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, F, out);
   end_slice(node, rows, q, dq, s, out.end);
 }
 

@@ -143,34 +143,34 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
                Slice<Plane<S>>& out) {
   using Sp = Plane<S>;
   const int end = end_point<S, P>(node);
-  out.x = get_lane(Sp{}, s.place.value, end);
-  out.u_bias = get_lane(Sp{}, s.place.bias, end);
-  out.u_dot = Sp::zero();
+  out.frame.r = get_lane(Sp{}, s.place.value, end);
+  out.bias.linear = get_lane(Sp{}, s.place.bias, end);
+  out.rate.linear = Sp::zero();
   S turn{}, rate{};
   if (node.curved) turn = rows.template rest_in_lane<S>(end);
   for (int k = 0; k < node.ne; ++k) {
-    out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
-    out.u_dot += dq[k] * out.J_linear[k];
-    out.J_angular[k] = Sp::zero_angular();
+    out.J[k].linear = get_lane(Sp{}, s.place.by(k), end);
+    out.rate.linear += dq[k] * out.J[k].linear;
+    out.J[k].angular = Sp::zero_angular();
     if (k >= node.turning) continue;
     const S t = rows.template shape_in_lane<S>(k, end);
     turn += t * q[k];
     rate += t * dq[k];
-    out.J_angular[k] = {t};
+    out.J[k].angular = {t};
   }
   S sine, cosine;
   sine_cosine(turn, sine, cosine);
-  out.R = {cosine, sine};
-  out.turning = {rate};
-  out.turn_bias = Sp::zero_angular();
+  out.frame.R = {cosine, sine};
+  out.rate.angular = {rate};
+  out.bias.angular = Sp::zero_angular();
 }
 
 /// What the sums need of a slice, as station `i`.
 template <class S, class P>
 void put_slice(const Slice<Plane<S>>& slice, int ne, int i, const PlaneSeries<P>& s) {
-  put_lane(Plane<S>{}, s.place.value, i, slice.x);
-  put_lane(Plane<S>{}, s.place.bias, i, slice.u_bias);
-  for (int k = 0; k < ne; ++k) put_lane(Plane<S>{}, s.place.by(k), i, slice.J_linear[k]);
+  put_lane(Plane<S>{}, s.place.value, i, slice.frame.r);
+  put_lane(Plane<S>{}, s.place.bias, i, slice.bias.linear);
+  for (int k = 0; k < ne; ++k) put_lane(Plane<S>{}, s.place.by(k), i, slice.J[k].linear);
 }
 template <class P>
 void clear_stations(const Node& node, int from, int to, const PlaneSeries<P>& s) {
@@ -185,7 +185,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   using Lin = typename Plane<P>::Lin;
   const PlaneSeries<P> s(node, scratch);
   const Rows<Plane<P>> rows(node, points);
-  out.x = Sp::read(p);
+  out.frame.r = Sp::read(p);
   // sums of x', its bias, and its derivatives, by the weights of the integral from 0 to X (Eq. 24)
   Lin* sum = reinterpret_cast<Lin*>(s.end);
   for (int k = 0; k < 2 + node.ne; ++k) sum[k] = Plane<P>::zero();
@@ -201,24 +201,24 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   S* total = reinterpret_cast<S*>(s.end);
   sum_lanes(s.end, 2 * (2 + node.ne), total);
   const auto of = [&](int k) { return typename Sp::Lin{total[2 * k], total[2 * k + 1]}; };
-  out.x += of(0);
-  out.u_bias = of(1);
-  out.u_dot = Sp::zero();
+  out.frame.r += of(0);
+  out.bias.linear = of(1);
+  out.rate.linear = Sp::zero();
   S turn{}, rate{};
   if (node.curved) turn = next<S>(p);
   for (int k = 0; k < node.ne; ++k) {
-    out.J_linear[k] = of(2 + k);
-    out.u_dot += dq[k] * out.J_linear[k];
+    out.J[k].linear = of(2 + k);
+    out.rate.linear += dq[k] * out.J[k].linear;
     const S t = next<S>(p);
     turn += t * q[k];
     rate += t * dq[k];
-    out.J_angular[k] = {t};
+    out.J[k].angular = {t};
   }
   S sine, cosine;
   sine_cosine(turn, sine, cosine);
-  out.R = {cosine, sine};
-  out.turning = {rate};
-  out.turn_bias = {S{}};
+  out.frame.R = {cosine, sine};
+  out.rate.angular = {rate};
+  out.bias.angular = {S{}};
 }
 
 }  // namespace sampled

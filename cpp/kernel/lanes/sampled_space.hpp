@@ -147,35 +147,35 @@ void end_slice(const Node& node, const Rows<Space<P>>&, const S*, const S* dq, c
                Slice<Space<S>>& out) {
   using Sp = Space<S>;
   const int end = end_point<S, P>(node);
-  out.x = get_lane(Sp{}, s.place.value, end);
-  out.u_bias = get_lane(Sp{}, s.place.bias, end);
-  out.turning = get_lane(Sp{}, s.spin, end);
-  out.turn_bias = get_lane(Sp{}, s.turned.bias, end);
-  out.u_dot = Sp::zero();
+  out.frame.r = get_lane(Sp{}, s.place.value, end);
+  out.bias.linear = get_lane(Sp{}, s.place.bias, end);
+  out.rate.angular = get_lane(Sp{}, s.spin, end);
+  out.bias.angular = get_lane(Sp{}, s.turned.bias, end);
+  out.rate.linear = Sp::zero();
   for (int k = 0; k < node.ne; ++k) {
-    out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
-    out.J_angular[k] = get_lane(Sp{}, s.turned.by(k), end);
-    out.u_dot += dq[k] * out.J_linear[k];
+    out.J[k].linear = get_lane(Sp{}, s.place.by(k), end);
+    out.J[k].angular = get_lane(Sp{}, s.turned.by(k), end);
+    out.rate.linear += dq[k] * out.J[k].linear;
   }
   const auto x = get_lane(Sp{}, s.R[0], end), y = get_lane(Sp{}, s.R[1], end), z = get_lane(Sp{}, s.R[2], end);
-  out.R = {x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z};
+  out.frame.R = {x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z};
 }
 
 /// What the sums need of a slice, as station `i`.
 template <class S, class P>
 void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>& s) {
   using Lin = typename Space<S>::Lin;
-  const auto& R = slice.R;
-  put_lane(Space<S>{}, s.place.value, i, slice.x);
-  put_lane(Space<S>{}, s.place.bias, i, slice.u_bias);
-  put_lane(Space<S>{}, s.spin, i, slice.turning);
-  put_lane(Space<S>{}, s.turned.bias, i, slice.turn_bias);
+  const auto& R = slice.frame.R;
+  put_lane(Space<S>{}, s.place.value, i, slice.frame.r);
+  put_lane(Space<S>{}, s.place.bias, i, slice.bias.linear);
+  put_lane(Space<S>{}, s.spin, i, slice.rate.angular);
+  put_lane(Space<S>{}, s.turned.bias, i, slice.bias.angular);
   put_lane(Space<S>{}, s.R[0], i, Lin{R.xx, R.yx, R.zx});
   put_lane(Space<S>{}, s.R[1], i, Lin{R.xy, R.yy, R.zy});
   put_lane(Space<S>{}, s.R[2], i, Lin{R.xz, R.yz, R.zz});
   for (int k = 0; k < ne; ++k) {
-    put_lane(Space<S>{}, s.place.by(k), i, slice.J_linear[k]);
-    put_lane(Space<S>{}, s.turned.by(k), i, slice.J_angular[k]);
+    put_lane(Space<S>{}, s.place.by(k), i, slice.J[k].linear);
+    put_lane(Space<S>{}, s.turned.by(k), i, slice.J[k].angular);
   }
 }
 template <class P>
@@ -195,7 +195,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   const SpaceSeries<P> s(node, scratch);
   const Rows<Space<P>> rows(node, points);
   const int ne = node.ne;
-  out.x = Sp::read(p);
+  out.frame.r = Sp::read(p);
   // sums by the weights of the integral from 0 to X: of x' and its bias, theta' (or the quaternion's slope) and its
   // bias, then of derivatives of x' and theta'
   Lin* sum = reinterpret_cast<Lin*>(s.end);
@@ -231,30 +231,30 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   S* total = reinterpret_cast<S*>(s.end);
   sum_lanes(s.end, 3 * (5 + 2 * ne), total);
   const auto of = [&](int k) { return typename Sp::Lin{total[3 * k], total[3 * k + 1], total[3 * k + 2]}; };
-  out.x += of(0);
-  out.u_bias = of(1);
-  out.u_dot = out.turning = Sp::zero();
+  out.frame.r += of(0);
+  out.bias.linear = of(1);
+  out.rate.linear = out.rate.angular = Sp::zero();
   for (int k = 0; k < ne; ++k) {
-    out.J_linear[k] = of(5 + k);
-    out.J_angular[k] = of(5 + ne + k);
-    out.u_dot += dq[k] * out.J_linear[k];
-    out.turning += dq[k] * out.J_angular[k];
+    out.J[k].linear = of(5 + k);
+    out.J[k].angular = of(5 + ne + k);
+    out.rate.linear += dq[k] * out.J[k].linear;
+    out.rate.angular += dq[k] * out.J[k].angular;
   }
-  out.turn_bias = of(3);
+  out.bias.angular = of(3);
   if (!node.exact) {
     const Turned<S> turned(of(2));
-    out.R = turned.rotation();
-    out.turn_bias = turned.bias(out.turning, out.turn_bias, 1.0);
-    out.turning = turned.jacobian(out.turning, 1.0);
-    for (int k = 0; k < ne; ++k) out.J_angular[k] = turned.jacobian(out.J_angular[k], 1.0);
+    out.frame.R = turned.rotation();
+    out.bias.angular = turned.bias(out.rate.angular, out.bias.angular, 1.0);
+    out.rate.angular = turned.jacobian(out.rate.angular, 1.0);
+    for (int k = 0; k < ne; ++k) out.J[k].angular = turned.jacobian(out.J[k].angular, 1.0);
   } else if (node.uniaxial) {
     S turn{}, sine, cosine;
     if (node.curved) turn = next<S>(p);
     for (int k = 0; k < node.turning; ++k) turn += next<S>(p) * q[k];
     sine_cosine(turn, sine, cosine);
-    out.R = Sp::turn(node.about[0], sine, cosine);
+    out.frame.R = Sp::turn(node.about[0], sine, cosine);
   } else {
-    out.R = rotation_of(Quaternion<S>{1.0 + total[12], of(2)});
+    out.frame.R = rotation_of(Quaternion<S>{1.0 + total[12], of(2)});
   }
 }
 

@@ -287,8 +287,8 @@ void add_second_moment(const P& m, const typename Plane<P>::Lin& x, typename Pla
 }
 
 /// A section's own inertia: what turns it.
-template <class P, class Motion>
-void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w, int i, bool off_axis,
+template <class P, class Series>
+void add_turning(const Rows<Space<P>>& rows, const Series& m, const typename Space<P>::Lin& w, int i, bool off_axis,
                  Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
   using Sp = Space<P>;
   using Lin = typename Sp::Lin;
@@ -322,8 +322,8 @@ void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Spa
 }
 
 /// Of station i: its part of the body's inertia and force.
-template <class Sp, class S, class Motion>
-Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+template <class Sp, class S, class Series>
+Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Series& m, const S* dq, const typename Sp::Ang& w,
                         int i, typename Sums<Sp>::Body& body) {
   using P = typename Sp::Scalar;
   using Lin = typename Sp::Lin;
@@ -344,8 +344,8 @@ Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m,
 }
 
 /// Of N stations.
-template <bool again, int N, class Sp, class S, class Motion>
-void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+template <bool again, int N, class Sp, class S, class Series>
+void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const S* dq, const typename Sp::Ang& w,
                   int from, const Sums<Sp>& sums, typename Sp::Scalar* products) {
   using P = typename Sp::Scalar;
   using Lin = typename Sp::Lin;
@@ -405,8 +405,8 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const
 
 /// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate; with
 /// `again`, the forces alone.
-template <bool again, class Sp, class S, class Motion>
-void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+template <bool again, class Sp, class S, class Series>
+void sum_slices(const Node& node, const Rows<Sp>& rows, const Series& m, const S* dq, const typename Sp::Ang& w,
                 const Sums<Sp>& sums, typename Sp::Scalar* products) {
   int from = first_station(node);
   for (; from + kTogether <= rows.stations; from += kTogether)
@@ -418,21 +418,21 @@ void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S
 /// the elastic ones.
 template <bool again, class Sp, class S>
 void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
-            typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n, Elastic<Sp>& out) {
+            typename Sp::Rigid& M, Force<Sp>& F, Elastic<Sp>& out) {
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
   const S m = next<S>(p);  // all of it
   const typename Sp::Lin c = Sp::read(p);
   const typename Sp::Sym J = Sp::read_symmetric(p);
   M = {m, c + sums.body->c, J};
   Sp::add(M.J, sums.body->J);
-  f = sums.body->f + Sp::cross(w, Sp::cross(w, c));
-  n = sums.body->n + Sp::cross(w, Sp::apply(J, w));
+  F.force = sums.body->f + Sp::cross(w, Sp::cross(w, c));
+  F.moment = sums.body->n + Sp::cross(w, Sp::apply(J, w));
   for (int k = 0; k < ne; ++k) {
     out.e[k] = sums.e[k];
     if constexpr (again) continue;
-    out.M_linear[k] = sums.M_linear[k];
-    out.M_angular[k] = sums.M_angular[k];
-    if constexpr (Sp::planar) out.M_angular[k].z += next<S>(p);  // sections turn by what is linear in q
+    out.M_er[k].force = sums.M_linear[k];
+    out.M_er[k].moment = sums.M_angular[k];
+    if constexpr (Sp::planar) out.M_er[k].moment.z += next<S>(p);  // sections turn by what is linear in q
   }
   if constexpr (again) return;
   for (int k = 0; k < pairs; ++k) {

@@ -54,8 +54,7 @@ class Slopes {
                   double* by_v, double* by_tau) {
     begin(wrenches, q, v, a);
     move_value(q, v);
-    const bool good = inward<true, true, true>(*value_, tau, a, Shift{});
-    outward<true>(*value_, base_, a);
+    const bool good = ::forward(*value_, base_, tau, a);
     if (!good) return outcome(*value_, good);
     for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
     differentiate(a);
@@ -189,11 +188,9 @@ class Slopes {
   /// Numbers that move independently: the motion where a segment begins, and the force on its end.
   struct Ends {
     Ang w;
-    Lin a;
-    Ang dw;
+    Motion<Sp> a;
     Ang turn;  ///< of the frame, from where it stands
-    Lin f;
-    Ang n;
+    Force<Sp> force;
   };
   Ends ends_of(const Segment& s) const {
     Ends e;
@@ -202,26 +199,20 @@ class Slopes {
       const double* p = reinterpret_cast<const double*>(&x);
       for (std::size_t k = 0; k < sizeof(x) / sizeof(double); ++k) *at++ = LaneDual{} + p[k];
     };
-    typename One::Lin a = base_, f = One::zero();
-    typename One::Ang w = One::zero_angular(), dw = w, n = w;
+    typename One::Ang w = One::zero_angular();
+    Motion<One> a{base_, w};
+    Force<One> force = Force<One>::zero();
     if (s.first > 0) {
       const auto& before = value_->state[s.first - 1];
       const bool bent = layout_.node[s.first - 1].ne > 0;
       w = bent ? before.end_w : before.w;
       a = bent ? before.end_a : before.a;
-      dw = bent ? before.end_dw : before.dw;
     }
-    if (s.end < layout_.nodes) {
-      f = value_->state[s.end].f;
-      n = value_->state[s.end].n;
-      value_->carry_inward(s.end, f, n);
-    }
+    if (s.end < layout_.nodes) force = value_->to_parent(s.end, value_->state[s.end].force);
     put(w);
     put(a);
-    put(dw);
     put(One::zero_angular());
-    put(f);
-    put(n);
+    put(force);
     return e;
   }
   /// How the frame stands where a segment begins.
@@ -230,7 +221,7 @@ class Slopes {
     if (s.first > 0) {
       const auto& before = value_->state[s.first - 1];
       R = before.attitude;
-      if (layout_.node[s.first - 1].ne > 0) R = One::times(R, before.elastic.end.R);
+      if (layout_.node[s.first - 1].ne > 0) R = One::times(R, before.elastic.end.frame.R);
     }
     return Sp::times(constant(R), small_turn(turn));
   }
@@ -300,9 +291,9 @@ class Slopes {
     const LaneDual *q = q_, *v = q + nq_, *x = v + nv_;
     LaneDual* tau = q_ + nq_ + 2 * nv_;
     turn_hinges(layout_, s.first, s.end, q, dual_->state, dual_->scratch);
-    Ang w = ends.w, dw = ends.dw;
-    Lin a = ends.a, f = ends.f;
-    Ang n = ends.n;
+    Ang w = ends.w;
+    Motion<Sp> a = ends.a;
+    Force<Sp> F = ends.force;
     typename Sp::Rot attitude{};
     if (layout_.attitudes) attitude = attitude_of(s, ends.turn);
     for (int i = s.first; i < s.end; ++i)
@@ -314,17 +305,15 @@ class Slopes {
             else
               dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
           });
-    for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a, dw);
+    for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a);
     put_all(w);
     put_all(a);
-    put_all(dw);
     if (layout_.attitudes) put_all(turn_of(attitude));
     for (int i = s.end; i-- > s.first;) {
-      dual_->force_node(i, x, f, n, tau);
-      if (i > 0) dual_->carry_inward(i, f, n);
+      dual_->force_node(i, x, F, tau);
+      if (i > 0) F = dual_->to_parent(i, F);
     }
-    put_all(f);
-    put_all(n);
+    put_all(F);
     for (int k = 0; k < s.rates; ++k) put(tau[s.rate[k]]);
   }
 

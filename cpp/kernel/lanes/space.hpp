@@ -5,6 +5,11 @@
 
 namespace {
 
+template <class Sp>
+struct Motion;
+template <class Sp>
+struct Force;
+
 template <class S>
 struct Space {
   using Scalar = S;
@@ -29,6 +34,9 @@ struct Space {
     Sym A;
     Rot B;
     Sym D;
+    friend Force<Space> operator*(const Inertia& M, const Motion<Space>& m) {
+      return {apply(M.A, m.linear) + rotate(M.B, m.angular), unrotate(M.B, m.linear) + apply(M.D, m.angular)};
+    }
   };
 
   static Lin zero() { return {S{}, S{}, S{}}; }
@@ -105,6 +113,9 @@ struct Space {
     S m;
     Lin c;
     Sym J;
+    friend Force<Space> operator*(const Rigid& b, const Motion<Space>& m) {
+      return {b.m * m.linear + cross(m.angular, b.c), cross(b.c, m.linear) + apply(b.J, m.angular)};
+    }
   };
   static void add(Inertia& M, const Rigid& b) {
     M.A.xx += b.m;
@@ -118,26 +129,21 @@ struct Space {
     M.B.zy -= b.c.x;
     add(M.D, b.J);
   }
-  static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
-  static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return cross(b.c, a) + apply(b.J, w); }
-
   static Rigid no_body() { return {S{}, zero(), none()}; }
   static void add(Rigid& a, const Rigid& b) {
     a.m += b.m;
     a.c += b.c;
     add(a.J, b.J);
   }
-  static void column(const Rigid& b, bool about, int axis, Lin& f, Ang& n) {
+  static Force<Space> column(const Rigid& b, bool about, int axis) {
     const S o{};
-    if (about) {
-      f = axis == 0 ? Lin{o, -b.c.z, b.c.y} : axis == 1 ? Lin{b.c.z, o, -b.c.x} : Lin{-b.c.y, b.c.x, o};
-      n = axis == 0   ? Lin{b.J.xx, b.J.xy, b.J.xz}
-          : axis == 1 ? Lin{b.J.xy, b.J.yy, b.J.yz}
-                      : Lin{b.J.xz, b.J.yz, b.J.zz};
-    } else {
-      f = axis == 0 ? Lin{b.m, o, o} : axis == 1 ? Lin{o, b.m, o} : Lin{o, o, b.m};
-      n = axis == 0 ? Lin{o, b.c.z, -b.c.y} : axis == 1 ? Lin{-b.c.z, o, b.c.x} : Lin{b.c.y, -b.c.x, o};
-    }
+    if (!about)
+      return axis == 0   ? Force<Space>{{b.m, o, o}, {o, b.c.z, -b.c.y}}
+             : axis == 1 ? Force<Space>{{o, b.m, o}, {-b.c.z, o, b.c.x}}
+                         : Force<Space>{{o, o, b.m}, {b.c.y, -b.c.x, o}};
+    return axis == 0   ? Force<Space>{{o, -b.c.z, b.c.y}, {b.J.xx, b.J.xy, b.J.xz}}
+           : axis == 1 ? Force<Space>{{b.c.z, o, -b.c.x}, {b.J.xy, b.J.yy, b.J.yz}}
+                       : Force<Space>{{-b.c.y, b.c.x, o}, {b.J.xz, b.J.yz, b.J.zz}};
   }
   static Rigid rotate(const Rot& R, const Rigid& b) { return {b.m, rotate(R, b.c), rotate(R, b.J)}; }
   static Rigid rotate(int axis, const S& s, const S& c, const Rigid& b) {
@@ -181,34 +187,18 @@ struct Space {
     a.B.zy += b.B.zy;
     a.B.zz += b.B.zz;
   }
-  static Lin force(const Inertia& M, const Lin& a, const Ang& w) {
-    const Lin p = apply(M.A, a), q = rotate(M.B, w);
-    return {p.x + q.x, p.y + q.y, p.z + q.z};
-  }
-  static Ang torque(const Inertia& M, const Lin& a, const Ang& w) {
-    const Lin p = unrotate(M.B, a), q = apply(M.D, w);
-    return {p.x + q.x, p.y + q.y, p.z + q.z};
-  }
   /// Column of a freedom along, or about, an axis.
-  static void column(const Inertia& M, bool about, int axis, Lin& f, Ang& n) {
-    const Lin u = unit(axis);
-    if (about) {
-      f = axis == 0   ? Lin{M.B.xx, M.B.yx, M.B.zx}
-          : axis == 1 ? Lin{M.B.xy, M.B.yy, M.B.zy}
-                      : Lin{M.B.xz, M.B.yz, M.B.zz};
-      n = axis == 0   ? Lin{M.D.xx, M.D.xy, M.D.xz}
-          : axis == 1 ? Lin{M.D.xy, M.D.yy, M.D.yz}
-                      : Lin{M.D.xz, M.D.yz, M.D.zz};
-    } else {
-      f = apply(M.A, u);
-      n = unrotate(M.B, u);
-    }
+  static Force<Space> column(const Inertia& M, bool about, int axis) {
+    if (!about) return {apply(M.A, unit(axis)), unrotate(M.B, unit(axis))};
+    return axis == 0   ? Force<Space>{{M.B.xx, M.B.yx, M.B.zx}, {M.D.xx, M.D.xy, M.D.xz}}
+           : axis == 1 ? Force<Space>{{M.B.xy, M.B.yy, M.B.zy}, {M.D.xy, M.D.yy, M.D.yz}}
+                       : Force<Space>{{M.B.xz, M.B.yz, M.B.zz}, {M.D.xz, M.D.yz, M.D.zz}};
   }
-  /// Of the inertia against turning, or against what moves it.
+  /// Of the inertia against turning, or against moving along.
   static S trace(const Inertia& M, bool about) { return about ? M.D.xx + M.D.yy + M.D.zz : M.A.xx + M.A.yy + M.A.zz; }
-  /// M -= k [f; n] [f; n]^T
-  static void take(Inertia& M, const S& k, const Lin& f, const Ang& n) {
-    const Lin g{k * f.x, k * f.y, k * f.z}, h{k * n.x, k * n.y, k * n.z};
+  /// M -= k F F^T
+  static void take(Inertia& M, const S& k, const Force<Space>& F) {
+    const Lin &f = F.force, &n = F.moment, g = k * f, h = k * n;
     M.A.xx -= g.x * f.x;
     M.A.yy -= g.y * f.y;
     M.A.zz -= g.z * f.z;

@@ -8,31 +8,24 @@ namespace {
 template <class Sp>
 struct State {
   using S = typename Sp::Scalar;
-  typename Sp::Rot R;         ///< this frame in the frame before
-  typename Sp::Lin r;         ///< and its place
+  Frame<Sp> frame;            ///< in the frame before
   typename Sp::Ang w;         ///< angular velocity, own axes
   typename Sp::Rot attitude;  ///< in the world, where the layout asks for it
-  typename Sp::Lin bias_a;    ///< acceleration beyond what is carried and what its freedom gives, own axes (Eq. 83)
-  typename Sp::Ang bias_w;
-  typename Sp::Rigid body;  ///< the node's own (Eq. 80)
-  S sine, cosine;           ///< of a joint that turns
-  typename Sp::Lin body_f;  ///< and its inertial force where nothing accelerates (Eq. 81)
-  typename Sp::Ang body_n;
+  Motion<Sp> bias;            ///< acceleration beyond the carried one and that of its freedom, own axes (Eq. 83)
+  typename Sp::Rigid body;    ///< the node's own inertia (Eq. 80)
+  S sine, cosine;             ///< of a joint that turns
+  Force<Sp> body_force;       ///< inertial force of the body where nothing accelerates (Eq. 81), without loads
   S resistance, slope_q, slope_v, reflected;  ///< of the joint
   // the tip body
   typename Sp::Ang end_w;
   typename Sp::Rigid tip;
-  typename Sp::Lin tip_f;
-  typename Sp::Ang tip_n;
-  // articulated
-  typename Sp::Lin f;
-  typename Sp::Ang n;
-  typename Sp::Lin U_f;
-  typename Sp::Ang U_n;
-  S over_d;
-  // accelerations
-  typename Sp::Lin a, end_a;
-  typename Sp::Ang dw, end_dw;
+  Force<Sp> tip_force;
+  // articulated (Eq. 93-96)
+  Force<Sp> U;  ///< M H
+  S over_d;     ///< 1 / (H^T M H)
+  // inverse dynamics
+  Force<Sp> force;      ///< through the joint (Eq. 84)
+  Motion<Sp> a, end_a;  ///< accelerations (Eq. 86)
   Elastic<Sp> elastic;
 };
 
