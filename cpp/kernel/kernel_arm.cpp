@@ -32,24 +32,24 @@ void KernelArm::point() {
   layout_.nodes = static_cast<int>(nodes_.size());
   layout_.node = nodes_.data();
   for (std::size_t k = 0; k < nodes_.size(); ++k) {
-    nodes_[k].which = lists_[k].which.data();
-    nodes_[k].direction = lists_[k].direction.data();
+    nodes_[k].quadratic.which = lists_[k].which.data();
+    nodes_[k].quadratic.direction = lists_[k].direction.data();
     nodes_[k].about = lists_[k].about.data();
-    nodes_[k].block = lists_[k].blocks.data();
-    if (lists_[k].table) nodes_[k].table = lists_[k].table->data();
+    nodes_[k].quadratic.block = lists_[k].blocks.data();
+    if (lists_[k].table) nodes_[k].sampled.table = lists_[k].table->data();
     nodes_[k].load = lists_[k].loads.data();
     nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
-    if (few_[k].half == 0) {
-      nodes_[k].few = nullptr;
+    if (few_[k].sampled.half == 0) {
+      nodes_[k].sampled.few = nullptr;
       continue;
     }
     Node few = nodes_[k];
-    few.half = few_[k].half;
+    few.sampled.half = few_[k].sampled.half;
     few.passes = few_[k].passes;
     few.points = few_[k].points;
-    few.table = lists_[k].few_table->data();
+    few.sampled.table = lists_[k].few_table->data();
     few_[k] = few;
-    nodes_[k].few = &few_[k];
+    nodes_[k].sampled.few = &few_[k];
   }
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
@@ -96,21 +96,21 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.points = out.numbers_.size();
     from = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
     const double* p = numbers_.data() + node.points;
-    if (node.body == Node::sampled) {
-      moved.passes = node.half / width + 1;
-      moved.further_passes = (node.further + width - 1) / width;
+    if (node.body == Node::sampled_beam) {
+      moved.passes = node.sampled.half / width + 1;
+      moved.sampled.further_passes = (node.sampled.further + width - 1) / width;
       group_points(node, moved, layout_.planar, width, p, out.numbers_);
       out.lists_[k].table = integral_table(lists_[k].points, width);
-      if (!node.few) continue;
+      if (!node.sampled.few) continue;
       Node& few = out.few_[k];
       few.points = out.numbers_.size();
-      few.passes = few.half / width + 1;
-      group_points(*node.few, few, layout_.planar, width, p, out.numbers_);
+      few.passes = few.sampled.half / width + 1;
+      group_points(*node.sampled.few, few, layout_.planar, width, p, out.numbers_);
       out.lists_[k].few_table = integral_table(lists_[k].few_points, width);
       continue;
     }
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};
-    const std::size_t sizes[] = {node.point_numbers, node.rotary_numbers};
+    const std::size_t sizes[] = {node.quadratic.point_numbers, node.quadratic.rotary_numbers};
     for (int group = 0; group < 2; ++group) {
       for (std::size_t a = 0; a < counts[group]; a += w)
         for (std::size_t i = 0; i < sizes[group]; ++i)
@@ -129,7 +129,7 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
 
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
   const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
-  const bool sampled = nodes_[node].body == Node::sampled && load.place.on == Place::slice;
+  const bool sampled = nodes_[node].body == Node::sampled_beam && load.place.on == Place::slice;
   const double* p = alone.load_numbers_.data() + load.numbers;
   load.numbers = load_numbers_.size();
   const auto move_one = [&] {

@@ -85,12 +85,13 @@ Stations stations(const Link& link, const Node& node) {
   Stations at;
   at.mass.resize(n);
   at.rest.resize(3, n);
-  at.linear.resize(n, node.directed);
+  at.linear.resize(n, node.quadratic.directed);
   for (Eigen::Index g = 0; g < n; ++g) {
     const MassSlice& s = slices[static_cast<std::size_t>(g)];
     at.mass[g] = s.mass;
     at.rest.col(g) = link.hub().end + s.table.X * Vector3d::UnitX();
-    for (int d = 0; d < node.directed; ++d) at.linear(g, d) = s.table.linear(node.direction[d], node.which[d]);
+    for (int d = 0; d < node.quadratic.directed; ++d)
+      at.linear(g, d) = s.table.linear(node.quadratic.direction[d], node.quadratic.which[d]);
   }
   at.basis = basis_of(*link.beam());
   return at;
@@ -141,13 +142,14 @@ void put_space(ArmBuilder& b, const Link& link, const Stations& at) {
   body.J += second_moment_to_inertia(Q);
   b.put(body);
   MatrixXd Mee = MatrixXd::Zero(ne, ne);
-  for (int d = 0; d < node.directed; ++d) {
+  for (int d = 0; d < node.quadratic.directed; ++d) {
     b.put(at.rest_of(one, at.linear.col(d)));
     for (int i = 0; i < 3; ++i) b.put(at.rest_of(at.rest.row(i), at.linear.col(d)));
-    for (int g = 0; g < node.directed; ++g) {
+    for (int g = 0; g < node.quadratic.directed; ++g) {
       const double L = at.rest_of(at.linear.col(d), at.linear.col(g));
       b.put(L);
-      if (node.direction[d] == node.direction[g]) Mee(node.which[d], node.which[g]) += L;
+      if (node.quadratic.direction[d] == node.quadratic.direction[g])
+        Mee(node.quadratic.which[d], node.quadratic.which[g]) += L;
     }
   }
   b.put_lower(Mee);
@@ -167,9 +169,10 @@ Points position_points(const Axes& axes, const Node& node, const Beam& beam, con
   for (int i = 0; i < (axes.planar ? 2 : 3); ++i) project(at.rest.row(i == 0 ? axes.x : i == 1 ? axes.y : axes.z));
   if (axes.planar) {
     for (int k = 0, d = 0; k < node.ne; ++k)
-      project(d < node.directed && node.which[d] == k ? VectorXd(at.linear.col(d++)) : VectorXd::Zero(at.mass.size()));
+      project(d < node.quadratic.directed && node.quadratic.which[d] == k ? VectorXd(at.linear.col(d++))
+                                                                          : VectorXd::Zero(at.mass.size()));
   } else {
-    for (int d = 0; d < node.directed; ++d) project(at.linear.col(d));
+    for (int d = 0; d < node.quadratic.directed; ++d) project(at.linear.col(d));
   }
   std::vector<VectorXd> products;
   for (Eigen::Index g = 0; g < at.mass.size(); ++g) {
@@ -204,14 +207,15 @@ void ArmBuilder::find_slices(const Beam& beam) {
   Node& n = node();
   KernelArm::Lists& own = lists();
   bool known = find_directions(beam, own.which, own.direction, own.about) &&
-               find_products(beam, own.blocks, n.position_blocks) && (beam.order() > 0 || own.blocks.empty());
-  n.directed = static_cast<int>(own.which.size());
-  n.blocks = static_cast<int>(own.blocks.size());
+               find_products(beam, own.blocks, n.quadratic.position_blocks) && (beam.order() > 0 || own.blocks.empty());
+  n.quadratic.directed = static_cast<int>(own.which.size());
+  n.quadratic.blocks = static_cast<int>(own.blocks.size());
   out.point();
   for (const std::vector<int>* list : {&own.which, &own.direction, &own.about}) note(*list);
   for (const Block& b : own.blocks) note({b.row, b.i, b.ni, b.j, b.nj});
   if (axes.planar)
-    for (int k = 0; known && k < n.position_blocks; ++k) known = own.blocks[static_cast<std::size_t>(k)].row == 0;
+    for (int k = 0; known && k < n.quadratic.position_blocks; ++k)
+      known = own.blocks[static_cast<std::size_t>(k)].row == 0;
   if (!known) throw std::logic_error("a beam whose strains move sections in another form than lanes/elastic.hpp has");
 }
 
@@ -219,7 +223,7 @@ void ArmBuilder::add_quadratic(const Link& link) {
   const Beam& beam = *link.beam();
   find_slices(beam);
   Node& n = node();
-  set(n.body, Node::quadratic);
+  set(n.body, Node::quadratic_beam);
   const Stations at = stations(link, n);
   const Points points = position_points(axes, n, beam, at);
   const Points turning = axes.planar ? Points{} : rotation_points(n, beam);
@@ -234,8 +238,8 @@ void ArmBuilder::add_quadratic(const Link& link) {
   begin_points();
   set(n.passes, points.size());
   set(n.rotary, turning.size());
-  n.point_numbers = points.empty() ? 0 : points[0].size();
-  n.rotary_numbers = turning.empty() ? 0 : turning[0].size();
+  n.quadratic.point_numbers = points.empty() ? 0 : points[0].size();
+  n.quadratic.rotary_numbers = turning.empty() ? 0 : turning[0].size();
   for (const Points* group : {&points, &turning})
     for (const std::vector<double>& point : *group)
       for (double x : point) put(x);

@@ -19,10 +19,14 @@ bool at_point(const MassSlice& s) { return s.table.point >= 0; }
 int dimensions(bool planar) { return planar ? 2 : 3; }
 /// Numbers of a slice besides its place and weights.
 int turns(const Node& node, bool planar) {
-  return planar ? node.curved + node.ne : node.uniaxial ? node.curved + node.turning : 0;
+  return planar                  ? node.sampled.curved + node.ne
+         : node.sampled.uniaxial ? node.sampled.curved + node.sampled.turning
+                                 : 0;
 }
 /// Rows of the curvature at rest.
-int rest_rows(const Node& node, bool planar) { return node.curved ? (planar || node.uniaxial ? 1 : 7) : 0; }
+int rest_rows(const Node& node, bool planar) {
+  return node.sampled.curved ? (planar || node.sampled.uniaxial ? 1 : 7) : 0;
+}
 
 void append(std::vector<double>& out, const VectorXd& x) { out.insert(out.end(), x.data(), x.data() + x.size()); }
 
@@ -35,26 +39,27 @@ const StrainField& strain_of(const Beam& beam, int coordinate) {
 }
 
 void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about) {
-  node.body = Node::sampled;
-  node.exact = beam.order() == kExact;
+  node.body = Node::sampled_beam;
+  node.sampled.exact = beam.order() == kExact;
   for (int k = 0; k < node.ne; ++k) {
     const StrainField& f = strain_of(beam, k);
-    if (f.is_curvature()) ++node.turning;  // these come first (Eq. 33)
+    if (f.is_curvature()) ++node.sampled.turning;  // these come first (Eq. 33)
     about.push_back(f.is_curvature() ? f.rotation : f.position);
   }
-  node.curved = beam.curved();
-  node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
-                                            [&](int axis) { return axis == about.front(); });
-  if (node.curved) node.uniaxial = node.uniaxial && node.turning > 0 && beam.curved_about(about.front());
-  node.half = (beam.points() + 1) / 2;
-  node.passes = node.half + 1;  // with X = 0, or the end
+  node.sampled.curved = beam.curved();
+  node.sampled.uniaxial = node.sampled.exact && std::all_of(about.begin(), about.begin() + node.sampled.turning,
+                                                            [&](int axis) { return axis == about.front(); });
+  if (node.sampled.curved)
+    node.sampled.uniaxial = node.sampled.uniaxial && node.sampled.turning > 0 && beam.curved_about(about.front());
+  node.sampled.half = (beam.points() + 1) / 2;
+  node.passes = node.sampled.half + 1;  // with X = 0, or the end
   for (const MassSlice& s : beam.slices()) {
     if (!planar && !s.inertia.isZero(0.0)) node.rotary = std::max(node.rotary, 3);
     if (!s.com.isZero(0.0) || (!planar && !s.inertia.isDiagonal(0.0))) node.rotary = 9;
-    if (!at_point(s)) ++node.further;
-    node.points_have_mass = node.points_have_mass || at_point(s);
+    if (!at_point(s)) ++node.sampled.further;
+    node.sampled.points_have_mass = node.sampled.points_have_mass || at_point(s);
   }
-  node.further_passes = node.further;
+  node.sampled.further_passes = node.sampled.further;
 }
 
 SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about)
@@ -63,7 +68,7 @@ SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node&
 /// In the order of the points, of a function at X = 0, the points, and the end. The middle one of an odd number is
 /// there twice, and what is summed is shared.
 VectorXd SampledTables::of_points(const VectorXd& f, bool shared) const {
-  const Index half = node_.half;
+  const Index half = node_.sampled.half;
   VectorXd out(2 * (half + 1));
   out << f.segment(1, half), f.head(1), f.reverse().segment(1, half), f.tail(1);
   if (shared && f.size() % 2 == 1) out[half - 1] = out[2 * half] = 0.5 * out[half - 1];
@@ -106,15 +111,15 @@ std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables)
     }
   };
   rows([&](const SliceTable& t, int k) {
-    if (axes_.planar && k < node_.turning) return axes_.sign * t.linear(3 + axes_.z, k);
+    if (axes_.planar && k < node_.sampled.turning) return axes_.sign * t.linear(3 + axes_.z, k);
     return (axes_.planar ? 1.0 : L) * t.strains(strain_of(beam_, k).strain, k);
   });
   if (!axes_.planar)
     rows([&](const SliceTable& t, int k) {
-      return k < node_.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
+      return k < node_.sampled.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
     });
   for (int row = 0; row < rest_rows(node_, axes_.planar); ++row) {
-    const bool one = axes_.planar || node_.uniaxial;
+    const bool one = axes_.planar || node_.sampled.uniaxial;
     VectorXd values(n);
     for (Index j = 0; j < n; ++j) {
       const SliceAtRest& rest = tables[static_cast<std::size_t>(j)].rest;
@@ -155,8 +160,8 @@ std::vector<double> SampledTables::slice(const SliceTable& at) const {
   weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
   append(out, of_points(weights, true));
   const bool planar = axes_.planar;
-  if (node_.curved && (planar || node_.uniaxial)) out.push_back(turn_at_rest(at.rest));
-  for (int k = 0; k < turns(node_, planar) - node_.curved; ++k)
+  if (node_.sampled.curved && (planar || node_.sampled.uniaxial)) out.push_back(turn_at_rest(at.rest));
+  for (int k = 0; k < turns(node_, planar) - node_.sampled.curved; ++k)
     out.push_back(planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
   return out;
 }
@@ -236,9 +241,9 @@ void group_points(const Node& from, const Node& to, bool planar, int width, cons
   for (int k = 0; k < (planar ? 1 : 2) * from.ne + rest_rows(from, planar); ++k) points();
   for (int k = 0; k < 1 + from.rotary; ++k) {
     points();
-    fill_up(from.further, to.further_passes * width, p, out);
+    fill_up(from.sampled.further, to.sampled.further_passes * width, p, out);
   }
-  for (int k = 0; k < from.further; ++k) group_slice(from, to, planar, width, p, out);
+  for (int k = 0; k < from.sampled.further; ++k) group_slice(from, to, planar, width, p, out);
 }
 
 void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
@@ -255,7 +260,8 @@ void ArmBuilder::add_sampled(const Link& link) {
   list.table = integral_table(list.points, 1);
   const Node& n = node();
   note(list.about);
-  note({n.body, n.exact, n.turning, n.further, n.points_have_mass, n.curved, n.uniaxial, n.rotary, list.points});
+  note({n.body, n.sampled.exact, n.sampled.turning, n.sampled.further, n.sampled.points_have_mass, n.sampled.curved,
+        n.sampled.uniaxial, n.rotary, list.points});
   const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, n, list.about);
   Mass body;  // of the hub, and what of the beam does not move in it
   body.add(link.hub(), Vector3d::Zero());
@@ -277,8 +283,8 @@ void ArmBuilder::add_sampled(const Link& link) {
   if (list.few_points == 0) return;
   list.few_table = integral_table(list.few_points, 1);
   few() = node();
-  few().half = list.few_points / 2;
-  few().passes = few().half + 1;
+  few().sampled.half = list.few_points / 2;
+  few().passes = few().sampled.half + 1;
   set(few().points, out.numbers_.size());
   put(SampledTables(link, {axes.planar, axes.y, axes.z, axes.sign}, few(), list.about).points(at.few));
 }

@@ -32,7 +32,8 @@ void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, con
       out.push_back(layout.turning * table.linear(3 + layout.about, k));
     }
   } else {
-    for (int d = 0; d < node.directed; ++d) out.push_back(table.linear(node.direction[d], node.which[d]));
+    for (int d = 0; d < node.quadratic.directed; ++d)
+      out.push_back(table.linear(node.quadratic.direction[d], node.quadratic.which[d]));
     for (int k = 0; k < node.ne; ++k) out.push_back(table.linear(3 + node.about[k], k));
   }
   for (const bool position : {true, false})
@@ -54,7 +55,7 @@ KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTa
   if (node.ne == 0)
     return fixed(seat.node, Place::frame, {origin.position + origin.rotation * rest, origin.rotation * table.rest.R});
   Spot spot{{Place::slice, seat.node}, {}};
-  if (node.body == Node::sampled) {
+  if (node.body == Node::sampled_beam) {
     const BeamAxes axes{layout_.planar, layout_.along[1], layout_.about, layout_.turning};
     const Lists& lists = lists_[static_cast<std::size_t>(seat.node)];
     for (double x : SampledTables(arm.link(link), axes, node, lists.about).slice(table)) spot.numbers.push_back(x);
@@ -108,7 +109,7 @@ KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) cons
     const PlacedLoad placed = out.put_load(arm, load);
     out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
     // between fewer points, slices are not as right as sums over all of them
-    if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].half = 0;
+    if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].sampled.half = 0;
     out.loads_.push_back(placed);
     for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices})
       out.structure_.push_back(x);

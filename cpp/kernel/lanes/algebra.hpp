@@ -1,4 +1,4 @@
-// Spatial vectors and Phi (Eq. 82-91) in space and in the plane, under the same names: the algorithm is written once
+// Spatial vectors and Phi (Eq. 14, 68) in space and in the plane, under the same names: the algorithm is written once
 // for both. An inertia M = [A B; B^T D] takes a motion to a force.
 #pragma once
 
@@ -36,7 +36,7 @@ typename Sp::Scalar dot(const Motion<Sp>& m, const Force<Sp>& f) {
   return Sp::dot(m.linear, f.force) + Sp::dot(m.angular, f.moment);
 }
 
-/// A frame in another one, its parent: the operator Phi between the two (Eq. 88). It takes motions outward and, as
+/// A frame in another one, its parent: the operator Phi between the two (Eq. 14, 68). It takes motions outward and, as
 /// Phi^T, forces and inertias inward: each by a shift between the origins, in the parent's axes, and a turn of the
 /// axes.
 template <class Sp>

@@ -67,7 +67,8 @@ class BodySlopes {
       for (int r = 0; r < n; ++r) *values++ = x[r];
     });
     by_rates(node, t, constants, q, dq, value, s);
-    if (node.body == Node::quadratic) end_by_rates(node, t, dual.elastic, dual_q, dual_dq, value.numbers + node.end);
+    if (node.body == Node::quadratic_beam)
+      end_by_rates(node, t, dual.elastic, dual_q, dual_dq, value.numbers + node.end);
     by_coordinates(i, constants, q, dq, s.w);
   }
 
@@ -111,8 +112,8 @@ class BodySlopes {
   }
   bool tabulated(const Node& node) const {
     if (node.ne == 0) return false;
-    if (node.body == Node::quadratic) return true;
-    if (node.body != Node::sampled || !(Sp::planar || node.exact)) return false;
+    if (node.body == Node::quadratic_beam) return true;
+    if (node.body != Node::sampled_beam || !(Sp::planar || node.sampled.exact)) return false;
     for (int k = 0; k < node.loads; ++k)  // whose slices are moved where the body was sampled
       if (layout_.load[node.load[k]].place.on == Place::slice) return false;
     return true;

@@ -148,7 +148,7 @@ struct Chain {
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
     const double* points = numbers + node.points;
-    if (node.body == Node::sampled) return bend_sampled<forces>(node, constants, q, dq, s);
+    if (node.body == Node::sampled_beam) return bend_sampled<forces>(node, constants, q, dq, s);
     move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
     if (node.body == Node::cut)
@@ -159,7 +159,7 @@ struct Chain {
 
   /// Where few points are enough.
   Mask is_small(const Node& node, const S* q) const {
-    if (!node.few) return Lanes<S>::everywhere(false);
+    if (!node.sampled.few) return Lanes<S>::everywhere(false);
     const double* p = numbers + node.bounds;
     S sum{};
     for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
@@ -173,7 +173,7 @@ struct Chain {
     for (int round = 0; round < 2; ++round) {
       const bool few = round == 0;
       if (few ? none : all) continue;
-      const Node& on = few ? *node.few : node;
+      const Node& on = few ? *node.sampled.few : node;
       const double* points = numbers + on.points;
       sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
       if constexpr (forces)
@@ -220,10 +220,10 @@ struct Chain {
   /// how its end moves.
   void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Force<Sp>& F,
                   Elastic<Sp>& e) {
-    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.few : node;
+    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.sampled.few : node;
     const double* points = numbers + on.points;
     typename Sp::Rigid body;
-    if (node.body == Node::sampled) {
+    if (node.body == Node::sampled_beam) {
       sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
       sampled::bend<true>(on, constants, points, q, dq, w, body, F, e, scratch);
     } else {

@@ -16,9 +16,10 @@ struct Block {
 };
 
 struct Node {
+  // the joint
   enum Kind { fixed, revolute, prismatic };
   Kind kind = fixed;
-  int axis = 0;         ///< 0 x, 1 y, 2 z; in the plane 2 for what turns
+  int axis = 0;         ///< 0 x, 1 y, 2 z; in the plane 2 for a hinge
   double sign = 1.0;    ///< -1: the other way
   int q = -1, v = -1;   ///< its coordinate and its rate
   bool given = false;   ///< its motion is prescribed
@@ -26,39 +27,44 @@ struct Node {
   /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
   /// others coincide with the first one's.
   bool ball = false, coincident = false;
-  enum Body { none, rigid, cut, quadratic, sampled };
-  Body body = none;  ///< rigid, or hub and beam
-  bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
-  // elastic
-  int ne = 0, qe = 0, ve = 0;
-  int stretching = 0;  ///< coordinates that stretch the beam's axis, the last ones
-  bool damped = false;
-  int directed = 0;                     ///< coordinates that displace slices at first order,
-  const int* which = nullptr;           ///< their numbers,
-  const int* about = nullptr;           ///< the axis about which each coordinate turns slices at first order
-  const int* direction = nullptr;       ///< and 0, 1 or 2 for along x, y or z
-  int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
-  const Block* block = nullptr;
-  int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation; of a sampled
-                                                      ///< body, numbers of a section's inertia: see Rows
-  std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
-  // sampled: of points that lie symmetrically about the middle, the first half, in so many passes; then other stations
-  int half = 0, further = 0, further_passes = 0;
-  int turning = 0;        ///< coordinates that are curvatures or twists, the first ones; the others shear or stretch
-  bool exact = false;     ///< or else of order 3
-  bool uniaxial = false;  ///< all sections turn about one axis
-  bool curved = false;    ///< at rest
-  bool points_have_mass = false;  ///< or else the other stations alone
-  const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
-  /// The same with fewer points, or null. These are enough where the sizes of the coordinates, times so many numbers,
-  /// sum up to less than 1.
-  const Node* few = nullptr;
-  std::size_t bounds = 0;
-  // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
-  std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
+
+  // the body: rigid, or a hub and a beam
+  enum Body { none, rigid, cut, quadratic_beam, sampled_beam };
+  Body body = none;
+  bool tip = false;            ///< the tip body of a beam
+  int ne = 0, qe = 0, ve = 0;  ///< elastic coordinates: how many, the first one, its rate
+  int stretching = 0;          ///< coordinates that stretch the beam's axis, the last ones
+  bool damped = false;         ///< the beam has damping
+  const int* about = nullptr;  ///< the axis about which each coordinate turns slices at first order
+  int passes = 0, rotary = 0;  ///< (groups of) points: of position, of rotation; of a sampled body, numbers of a
+                               ///< section's inertia: see Rows
+  struct {
+    int directed = 0;                     ///< coordinates that displace slices at first order,
+    const int* which = nullptr;           ///< their numbers,
+    const int* direction = nullptr;       ///< and 0, 1 or 2 for along x, y or z
+    int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
+    const Block* block = nullptr;
+    std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one point
+  } quadratic;
+  struct {
+    int half = 0;                         ///< of points that lie symmetrically about the middle, the first half,
+    int further = 0, further_passes = 0;  ///< and then other stations
+    int turning = 0;        ///< coordinates that are curvatures or twists, the first ones; the others shear or stretch
+    bool exact = false;     ///< or else of order 3
+    bool uniaxial = false;  ///< all sections turn about one axis
+    bool curved = false;    ///< at rest
+    bool points_have_mass = false;  ///< or else the other stations alone
+    const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
+    /// The same with fewer points, or null. These are enough where the sizes of the coordinates, times so many numbers,
+    /// sum up to less than 1.
+    const Node* few = nullptr;
+  } sampled;
+
+  // where its numbers begin: joint and body, the beam's end, its points, the tip body, the bounds of few points
+  std::size_t numbers = 0, end = 0, points = 0, tip_body = 0, bounds = 0;
   int loads = 0;              ///< that act on it,
-  const int* load = nullptr;  ///< which
+  const int* load = nullptr;  ///< and which
 };
 
 /// A place on an arm: fixed to a node's frame or to the end of its beam (its numbers: where it sits there, and how it
@@ -92,7 +98,7 @@ struct Layout {
 };
 
 /// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.
-inline bool slices_in_groups(const Node& node) { return node.ne > 0 && node.body == Node::quadratic; }
+inline bool slices_in_groups(const Node& node) { return node.ne > 0 && node.body == Node::quadratic_beam; }
 
 /// Time, in the kernels' terms.
 struct Shift {

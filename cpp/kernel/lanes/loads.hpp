@@ -13,9 +13,9 @@ using flexarm::lanes::PlacedLoad;
 
 /// Numbers P that the body of a node needs to work on.
 inline std::size_t scratch_of(const Node& node) {
-  return node.body == Node::sampled     ? sampled_scratch(node)
-         : node.body == Node::quadratic ? quadratic_scratch(node)
-                                        : 0;
+  return node.body == Node::sampled_beam     ? sampled_scratch(node)
+         : node.body == Node::quadratic_beam ? quadratic_scratch(node)
+                                             : 0;
 }
 
 /// A place that is fixed to a frame, of which `p` are the numbers, as a slice that no coordinate moves.
@@ -34,7 +34,7 @@ void slice_at(const Node& node, const double* p, const double* points, const S* 
               Slice<Sp>& out) {
   if (node.ne == 0)
     fixed_slice(p, out);
-  else if (node.body == Node::sampled)
+  else if (node.body == Node::sampled_beam)
     sampled::move_slice(node, p, points, q, dq, scratch, out);
   else
     move_slice<rates>(node, p, q, dq, out);

@@ -68,8 +68,8 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
     out.J[k].linear.y = l;
     out.J[k].angular = {t};
   }
-  for (int k = 0; k < node.position_blocks; ++k)
-    add_block<rates>(node.block[k], p, q, dq, out.frame.r.x, bias, slope, 1);
+  for (int k = 0; k < node.quadratic.position_blocks; ++k)
+    add_block<rates>(node.quadratic.block[k], p, q, dq, out.frame.r.x, bias, slope, 1);
   S x_dot{};
   for (int k = 0; k < node.ne; ++k) {
     out.J[k].linear.x = slope[k];
@@ -93,10 +93,10 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   S slope[6 * kMostElastic], value[6] = {}, bias[6] = {}, rate[6] = {};
   for (int k = 0; k < 6 * ne; ++k) slope[k] = S{};
   for (int r = 0; r < 3; ++r) value[r] = next<S>(p);
-  for (int d = 0; d < node.directed; ++d) {
+  for (int d = 0; d < node.quadratic.directed; ++d) {
     const S l = next<S>(p);
-    slope[node.direction[d] * ne + node.which[d]] = l;
-    value[node.direction[d]] += l * q[node.which[d]];
+    slope[node.quadratic.direction[d] * ne + node.quadratic.which[d]] = l;
+    value[node.quadratic.direction[d]] += l * q[node.quadratic.which[d]];
   }
   for (int k = 0; k < ne; ++k) {
     const S l = next<S>(p);
@@ -104,8 +104,8 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
     slope[r * ne + k] = l;
     value[r] += l * q[k];
   }
-  for (int k = 0; k < node.blocks; ++k) {
-    const Block& b = node.block[k];
+  for (int k = 0; k < node.quadratic.blocks; ++k) {
+    const Block& b = node.quadratic.block[k];
     add_block<rates>(b, p, q, dq, value[b.row], bias[b.row], slope + b.row * ne, 1);
   }
   const Turned<S> turned({value[3], value[4], value[5]});

@@ -29,9 +29,11 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
     }
     P s{}, b{}, s_dot{};
     if constexpr (again) {
-      for (int k = 0; k < node.position_blocks; ++k) move_block(node.block[k], t, q, dq, s, s_dot, b);
+      for (int k = 0; k < node.quadratic.position_blocks; ++k)
+        move_block(node.quadratic.block[k], t, q, dq, s, s_dot, b);
     } else {
-      for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], t, q, dq, s, b, slope, points);
+      for (int k = 0; k < node.quadratic.position_blocks; ++k)
+        add_block(node.quadratic.block[k], t, q, dq, s, b, slope, points);
       for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
     }
     // acceleration along x, and what s adds to it along y (Eq. 45)

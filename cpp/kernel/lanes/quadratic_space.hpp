@@ -45,17 +45,17 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
     const P one = next<P>(t);
     P x[3], b[3] = {P{}, P{}, P{}}, u[3] = {P{}, P{}, P{}};
     for (P& xi : x) xi = next<P>(t);
-    for (int d = 0; d < node.directed; ++d) {
+    for (int d = 0; d < node.quadratic.directed; ++d) {
       const P l = next<P>(t);
-      const int k = node.which[d], row = node.direction[d];
+      const int k = node.quadratic.which[d], row = node.quadratic.direction[d];
       x[row] += l * widen(q[k], P{});
       if constexpr (again)
         u[row] += l * widen(dq[k], P{});
       else
         slope[k * rows + row] = l;
     }
-    for (int k = 0; k < node.position_blocks; ++k) {
-      const Block& block = node.block[k];
+    for (int k = 0; k < node.quadratic.position_blocks; ++k) {
+      const Block& block = node.quadratic.block[k];
       if constexpr (again)
         move_block(block, t, q, dq, x[block.row], u[block.row], b[block.row]);
       else
@@ -100,8 +100,8 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
       column[node.about[k]] = l;
     }
   }
-  for (int k = node.position_blocks; k < node.blocks; ++k) {
-    const Block& block = node.block[k];
+  for (int k = node.quadratic.position_blocks; k < node.quadratic.blocks; ++k) {
+    const Block& block = node.quadratic.block[k];
     const int r = block.row - 3;
     if constexpr (again)
       move_block(block, t, q, dq, theta[r], d[r], b[r]);
@@ -191,17 +191,17 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
                 Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
   const bool stretches = node.stretching > 0;
-  for (int d = 0; d < node.directed; ++d) {
-    const int k = node.which[d];
+  for (int d = 0; d < node.quadratic.directed; ++d) {
+    const int k = node.quadratic.which[d];
     const S cl = next<S>(p);
     const typename Sp::Lin rest = Sp::read(p);
     S mx{}, my{}, mz{}, mx_dot{}, my_dot{}, mz_dot{};  // l_k is paired with x, y and z here
-    for (int g = 0; g < node.directed; ++g) {
-      const S L = next<S>(p), Lq = L * q[node.which[g]], Ld = L * dq[node.which[g]];
-      if (node.direction[g] == 1) {
+    for (int g = 0; g < node.quadratic.directed; ++g) {
+      const S L = next<S>(p), Lq = L * q[node.quadratic.which[g]], Ld = L * dq[node.quadratic.which[g]];
+      if (node.quadratic.direction[g] == 1) {
         my += Lq;
         my_dot += Ld;
-      } else if (!stretches || node.direction[g] == 2) {
+      } else if (!stretches || node.quadratic.direction[g] == 2) {
         mz += Lq;
         mz_dot += Ld;
       } else {
@@ -211,7 +211,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
     }
     typename Sp::Lin mk{rest.x, rest.y + my, rest.z + mz};
     if (stretches) mk.x += mx;
-    if (node.direction[d] == 0) {
+    if (node.quadratic.direction[d] == 0) {
       whole.c.x += cl * q[k];
       whole.c_rate.x += cl * dq[k];
       whole.xx.xx += q[k] * (rest.x + mk.x);
@@ -224,7 +224,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       out.M_er[k].force.x += cl;
       out.M_er[k].moment.y += mk.z;
       out.M_er[k].moment.z -= mk.y;
-    } else if (node.direction[d] == 1) {
+    } else if (node.quadratic.direction[d] == 1) {
       whole.c.y += cl * q[k];
       whole.c_rate.y += cl * dq[k];
       whole.xx.xy += q[k] * mk.x;

@@ -28,13 +28,13 @@ template <class Sp, class P, class Series>
 void place_further(const Node& node, const double* numbers, const double* points, const typename Sp::Scalar* q,
                    const typename Sp::Scalar* dq, const Series& s, P* scratch) {
   using S = typename Sp::Scalar;
-  if (node.further == 0) return;
+  if (node.sampled.further == 0) return;
   Motion<Sp> J[kMostElastic];
   Slice<Sp> slice;
   slice.J = J;
   clear_stations(node, points_of(node), stations_of(node), s);
   const int first = points_of(node) * static_cast<int>(sizeof(P) / sizeof(S));
-  for (int k = 0; k < node.further; ++k) {
+  for (int k = 0; k < node.sampled.further; ++k) {
     move_slice(node, numbers, points, q, dq, scratch, slice);
     put_slice(slice, node.ne, first + k, s);
   }

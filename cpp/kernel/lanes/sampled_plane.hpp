@@ -28,7 +28,7 @@ struct PlaneSeries {
   }
   /// dx' by the strain, or the turn, of coordinate k.
   const Field<Sp>& by(const Node& node, int k) const {
-    return k < node.turning ? by_turn : k < node.ne - node.stretching ? by_shear : by_stretch;
+    return k < node.sampled.turning ? by_turn : k < node.ne - node.stretching ? by_shear : by_stretch;
   }
 };
 
@@ -85,13 +85,13 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
   const int sheared = node.ne - node.stretching;
   for (int i = 0; i < rows.points; ++i) {
     P b{}, p{}, e{}, b_dot{}, p_dot{}, e_dot{};
-    if (node.curved) b = rows.at_rest(0, i);
-    for (int k = 0; k < node.turning; ++k) {
+    if (node.sampled.curved) b = rows.at_rest(0, i);
+    for (int k = 0; k < node.sampled.turning; ++k) {
       const P shape = rows.shape(k, i);
       b += shape * widen(q[k], P{});
       b_dot += shape * widen(dq[k], P{});
     }
-    for (int k = node.turning; k < sheared; ++k) {
+    for (int k = node.sampled.turning; k < sheared; ++k) {
       const P shape = rows.shape(k, i);
       p += shape * widen(q[k], P{});
       p_dot += shape * widen(dq[k], P{});
@@ -101,10 +101,10 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
       e += shape * widen(q[k], P{});
       e_dot += shape * widen(dq[k], P{});
     }
-    PlanarTangent<P> t(node.exact, b, p);
+    PlanarTangent<P> t(node.sampled.exact, b, p);
     const P& L = rows.length;
     if (node.stretching > 0) {
-      t.stretch(node.exact, e);
+      t.stretch(node.sampled.exact, e);
       s.by_stretch.set(i, {L * t.g_p, -L * t.f_p});
     }
     s.tangent.set(i, {L * t.f, L * t.g});
@@ -123,7 +123,7 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
 /// Places at the points and their Jacobians.
 template <bool again, class S, class P>
 void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const PlaneSeries<P>& s, P* work) {
-  const Integral<S, P> integral(node.table, node.half, node.passes, work);
+  const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, work);
   const int stride = s.place.value.stride;
   if constexpr (again) return integral(2, columns_of(s.tangent_bias), s.place.bias.at, stride);
   integral(4, columns_of(s.tangent), s.place.value.at, stride);  // and of the bias
@@ -147,12 +147,12 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
   out.bias.linear = get_lane(Sp{}, s.place.bias, end);
   out.rate.linear = Sp::zero();
   S turn{}, rate{};
-  if (node.curved) turn = rows.template rest_in_lane<S>(end);
+  if (node.sampled.curved) turn = rows.template rest_in_lane<S>(end);
   for (int k = 0; k < node.ne; ++k) {
     out.J[k].linear = get_lane(Sp{}, s.place.by(k), end);
     out.rate.linear += dq[k] * out.J[k].linear;
     out.J[k].angular = Sp::zero_angular();
-    if (k >= node.turning) continue;
+    if (k >= node.sampled.turning) continue;
     const S t = rows.template shape_in_lane<S>(k, end);
     turn += t * q[k];
     rate += t * dq[k];
@@ -195,7 +195,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     sum[1] += w * s.tangent_bias(i);
     const Lin by_turn = w * s.by_turn(i), by_shear = w * s.by_shear(i);
     const int sheared = node.ne - node.stretching;
-    for (int k = 0; k < sheared; ++k) sum[2 + k] += rows.shape(k, i) * (k < node.turning ? by_turn : by_shear);
+    for (int k = 0; k < sheared; ++k) sum[2 + k] += rows.shape(k, i) * (k < node.sampled.turning ? by_turn : by_shear);
     for (int k = sheared; k < node.ne; ++k) sum[2 + k] += rows.shape(k, i) * (w * s.by_stretch(i));
   }
   S* total = reinterpret_cast<S*>(s.end);
@@ -205,7 +205,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   out.bias.linear = of(1);
   out.rate.linear = Sp::zero();
   S turn{}, rate{};
-  if (node.curved) turn = next<S>(p);
+  if (node.sampled.curved) turn = next<S>(p);
   for (int k = 0; k < node.ne; ++k) {
     out.J[k].linear = of(2 + k);
     out.rate.linear += dq[k] * out.J[k].linear;

@@ -16,17 +16,17 @@ void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral
   using Sp = Space<P>;
   if constexpr (!again) {
     integral(
-        3 * node.turning,
+        3 * node.sampled.turning,
         [&](int c) {
           const P* axis = s.R[node.about[c / 3]].column(c % 3);
           return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
         },
         s.turned.first.at, s.turned.first.stride);
-    for (int k = node.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
+    for (int k = node.sampled.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
   }
   for (int i = 0; i < rows.points; ++i) {
     auto spin = Sp::zero();
-    for (int k = 0; k < node.turning; ++k) spin += widen(dq[k], P{}) * s.turned.by(k)(i);
+    for (int k = 0; k < node.sampled.turning; ++k) spin += widen(dq[k], P{}) * s.turned.by(k)(i);
     const auto K = s.K_rate(i);
     s.spin.set(i, spin);
     s.spin_bias_slope.set(i, Sp::cross(spin, K.x * s.R[0](i) + K.y * s.R[1](i) + K.z * s.R[2](i)));
@@ -38,7 +38,7 @@ void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral
 template <class P>
 void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
   using Sp = Space<P>;
-  const bool shears = node.turning < node.ne;  // or stretches
+  const bool shears = node.sampled.turning < node.ne;  // or stretches
   for (int i = 0; i < rows.points; ++i) {
     const auto w = s.spin(i);
     auto t = rows.length * s.R[0](i), rate = Sp::zero();
@@ -64,7 +64,7 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
   if constexpr (again) return integral(3, columns_of(s.tangent.bias), s.place.bias.at, stride);
   integral(6, columns_of(s.tangent.value), s.place.value.at, stride);  // and of the bias
   integral(
-      3 * node.turning,
+      3 * node.sampled.turning,
       [&](int c) {
         const int d = (c + 1) % 3, e = (c + 2) % 3;
         const Field<Space<P>> J = s.turned.by(c / 3);
@@ -73,13 +73,13 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
       },
       s.place.first.at, stride);
   integral(
-      3 * (node.ne - node.turning),
+      3 * (node.ne - node.sampled.turning),
       [&](int c) {
-        const int k = node.turning + c / 3;
+        const int k = node.sampled.turning + c / 3;
         const P* axis = s.R[node.about[k]].column(c % 3);
         return [=, &rows](int i) { return rows.shape(k, i) * axis[i]; };
       },
-      s.place.by(node.turning).at, stride);
+      s.place.by(node.sampled.turning).at, stride);
 }
 
 // --- Both. ---
@@ -88,7 +88,7 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
 /// K.
 template <bool again, class P>
 void add_rest(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
-  if (node.uniaxial) {
+  if (node.sampled.uniaxial) {
     for (int i = 0; i < rows.points; ++i) s.theta.column(node.about[0])[i] += rows.at_rest(0, i);
     return;
   }
@@ -109,15 +109,15 @@ template <bool again, class S, class P>
 void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   SpaceSeries<P> s(node, scratch);
   const Rows<Space<P>> rows(node, points);
-  const Integral<S, P> integral(node.table, node.half, node.passes, s.end);
+  const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, s.end);
   add_strains(node, rows, q, dq, s);
-  if (!node.exact) return sample_order_3(node, rows, integral, dq, s);
-  if (node.curved) add_rest<again>(node, rows, s);
+  if (!node.sampled.exact) return sample_order_3(node, rows, integral, dq, s);
+  if (node.sampled.curved) add_rest<again>(node, rows, s);
   if constexpr (!again) {
-    if (node.uniaxial)
+    if (node.sampled.uniaxial)
       turn_about_axis(s.theta, node.about[0], rows.points, s.p);
     else
-      solve_rotation(s.K, s.theta, rows.points, integral, node.curved, s.p, s.term, s.factor);
+      solve_rotation(s.K, s.theta, rows.points, integral, node.sampled.curved, s.p, s.term, s.factor);
     for (int i = 0; i < rows.points; ++i) {
       const auto R = rotation_of(s.p(i));
       s.R[0].set(i, {R.xx, R.yx, R.zx});
@@ -132,12 +132,12 @@ void sample(Space<S>, const Node& node, const double* points, const S* q, const 
 /// Places at the points and their Jacobians; and at order 3 rotations.
 template <bool again, class S, class P>
 void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s, P* work) {
-  const Integral<S, P> integral(node.table, node.half, node.passes, work);
-  if (node.exact)
+  const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, work);
+  if (node.sampled.exact)
     exact_places<again>(node, rows, integral, s);
   else
     third_order_places(node, rows, integral, dq, s);
-  if (again && node.exact) return;
+  if (again && node.sampled.exact) return;
   for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
 }
 
@@ -205,7 +205,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     const Lin t = w * s.tangent.value(i);
     sum[0] += t;
     sum[1] += w * s.tangent.bias(i);
-    if (!node.exact) {
+    if (!node.sampled.exact) {
       sum[2] += w * s.twist.value(i);
       sum[3] += w * s.twist.bias(i);
       for (int k = 0; k < ne; ++k) {
@@ -220,7 +220,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     sum[3] += w * s.spin_bias_slope(i);
     for (int k = 0; k < ne; ++k) {
       const Lin turn = (w * rows.shape(k, i)) * s.R[node.about[k]](i);
-      if (k < node.turning) {
+      if (k < node.sampled.turning) {
         sum[5 + k] += Space<P>::cross(s.turned.by(k)(i), t);
         sum[5 + ne + k] += turn;
       } else {
@@ -241,16 +241,16 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     out.rate.angular += dq[k] * out.J[k].angular;
   }
   out.bias.angular = of(3);
-  if (!node.exact) {
+  if (!node.sampled.exact) {
     const Turned<S> turned(of(2));
     out.frame.R = turned.rotation();
     out.bias.angular = turned.bias(out.rate.angular, out.bias.angular, 1.0);
     out.rate.angular = turned.jacobian(out.rate.angular, 1.0);
     for (int k = 0; k < ne; ++k) out.J[k].angular = turned.jacobian(out.J[k].angular, 1.0);
-  } else if (node.uniaxial) {
+  } else if (node.sampled.uniaxial) {
     S turn{}, sine, cosine;
-    if (node.curved) turn = next<S>(p);
-    for (int k = 0; k < node.turning; ++k) turn += next<S>(p) * q[k];
+    if (node.sampled.curved) turn = next<S>(p);
+    for (int k = 0; k < node.sampled.turning; ++k) turn += next<S>(p) * q[k];
     sine_cosine(turn, sine, cosine);
     out.frame.R = Sp::turn(node.about[0], sine, cosine);
   } else {

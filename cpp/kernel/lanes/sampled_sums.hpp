@@ -123,14 +123,14 @@ struct Columns {
 /// The beam's end, among points that may lie in lanes.
 template <class S, class P>
 int end_point(const Node& node) {
-  return node.passes * static_cast<int>(sizeof(P) / sizeof(S)) + node.half;
+  return node.passes * static_cast<int>(sizeof(P) / sizeof(S)) + node.sampled.half;
 }
 /// Of a node: P of points, and of all stations that carry mass; which of these do.
 inline int points_of(const Node& node) { return 2 * node.passes; }
-inline int stations_of(const Node& node) { return points_of(node) + node.further_passes; }
+inline int stations_of(const Node& node) { return points_of(node) + node.sampled.further_passes; }
 /// Between the columns of long fields, so that one place in all of them does not share a few lines of the cache.
 inline int stride_of(const Node& node) { return stations_of(node) < 16 ? stations_of(node) : stations_of(node) | 1; }
-inline int first_station(const Node& node) { return node.points_have_mass ? 0 : points_of(node); }
+inline int first_station(const Node& node) { return node.sampled.points_have_mass ? 0 : points_of(node); }
 
 /// The numbers of a node's points.
 template <class Sp>
@@ -152,7 +152,7 @@ struct Rows {
     };
     strain = rows(node.ne, points);
     turn = rows(Sp::planar ? 0 : node.ne, points);
-    rest = rows(node.curved ? (Sp::planar || node.uniaxial ? 1 : 7) : 0, points);
+    rest = rows(node.sampled.curved ? (Sp::planar || node.sampled.uniaxial ? 1 : 7) : 0, points);
     mass = rows(1, stations);
     inertia = rows(node.rotary, stations);
     further = p;

@@ -25,8 +25,8 @@ struct SpaceSeries {
     Field<Sp>* const fields[] = {&K,    &K_rate, &theta, &shear, &shear_rate,
                                  &R[0], &R[1],   &R[2],  &spin,  &spin_bias_slope};
     for (Field<Sp>* f : fields) *f = columns.field();
-    const int ne = node.exact ? 0 : node.ne;
-    if (node.exact) {
+    const int ne = node.sampled.exact ? 0 : node.ne;
+    if (node.sampled.exact) {
       p = {columns.take(4), columns.stride};
       term = {columns.take(4), columns.stride};
       factor = {columns.take(4), columns.stride};
@@ -48,9 +48,9 @@ void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const
   P* all = s.K.at;  // five fields, one after the other
   for (int k = 0; k < 15 * s.K.stride; ++k) all[k] = P{};
   for (int first = 0, end = 0; first < node.ne; first = end) {  // of one component
-    const bool turns = first < node.turning;
+    const bool turns = first < node.sampled.turning;
     const int axis = node.about[first];
-    while (end < node.ne && node.about[end] == axis && (end < node.turning) == turns) ++end;
+    while (end < node.ne && node.about[end] == axis && (end < node.sampled.turning) == turns) ++end;
     P *value = (turns ? s.K : s.shear).column(axis), *rate = (turns ? s.K_rate : s.shear_rate).column(axis);
     P* theta = s.theta.column(axis);
     for (int i = 0; i < rows.points; ++i) {

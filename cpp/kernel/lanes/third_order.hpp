@@ -76,7 +76,7 @@ void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const Sp
     };
     const Lin zero = Space<P>::zero();
     Lin theta_rate = zero;
-    for (int k = 0; k < node.turning; ++k)
+    for (int k = 0; k < node.sampled.turning; ++k)
       Space<P>::component(theta_rate, node.about[k]) += rows.turned(k, i) * widen(dq[k], P{});
     const ThirdOrder<M, P> all{moving(K, s.K_rate(i), zero),
                                moving(theta, theta_rate, zero),
@@ -93,7 +93,7 @@ void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const Sp
     };
     for (int k = 0; k < node.ne; ++k) {
       Lin dK = zero, dtheta = zero, dshear = zero;
-      const bool bends = k < node.turning;
+      const bool bends = k < node.sampled.turning;
       Space<P>::component(bends ? dK : dshear, node.about[k]) = rows.shape(k, i);
       if (bends) Space<P>::component(dtheta, node.about[k]) = rows.turned(k, i);
       const ThirdOrder<A, P> one{along(K, dK),
