@@ -1,7 +1,7 @@
 // Operations of one evaluation, by running it on numbers that count.
 #include <vector>
 
-#include "lanes/scalar.hpp"
+#include "wide/scalar.hpp"
 
 namespace {
 
@@ -61,9 +61,9 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 
 }  // namespace
 
-#include "lanes/composite.hpp"
-#include "lanes/elimination.hpp"
-#include "lanes/single.hpp"
+#include "arm/composite.hpp"
+#include "arm/elimination.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -75,7 +75,7 @@ long count(const KernelArm& arm) {
   using C = Chain<Sp, Counted>;
   const std::size_t nv = static_cast<std::size_t>(arm.layout().nv);
   const Memory memory(C::memory_needed(arm.layout()));
-  C chain(arm.layout(), arm.numbers().data(), Room(memory.get()));
+  C chain(arm.layout(), arm.numbers().data(), Arena(memory.get()));
   std::vector<Counted> q(static_cast<std::size_t>(arm.layout().nq), Counted(0.1)), v(nv, Counted(0.1)), tau = v, a = v;
   const double* p = arm.numbers().data();
   Counted::operations = 0;

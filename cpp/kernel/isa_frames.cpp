@@ -1,8 +1,8 @@
 // Compiled once for each instruction set, as isa.cpp.
-#include "lanes/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // what the others need first
 // clang-format: keep
-#include "lanes/frames.hpp"
-#include "lanes/tangent.hpp"
+#include "arm/frames.hpp"
+#include "slopes/tangent.hpp"
 
 namespace {
 
@@ -17,8 +17,8 @@ std::size_t memory(const Layout& layout) { return kHead + One::memory(layout); }
 void begin(const Layout& layout, const double* numbers, void* memory) {
   static_assert(sizeof(One) <= kHead, "the head");
   char* at = static_cast<char*>(memory);
-  Room room(at + kHead);
-  const One frames(layout, numbers, room);
+  Arena arena(at + kHead);
+  const One frames(layout, numbers, arena);
   __builtin_memcpy(at, &frames, sizeof(frames));
 }
 
@@ -114,8 +114,8 @@ void put_slope(const Motion<Tangent::Sp>& m, int direction, double*& out) {
 
 void slopes(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
             const double* q, const double* v, const double* a, double* by_q, double* by_v) {
-  Room room(memory);
-  Tangent f(layout, arm, room);
+  Arena arena(memory);
+  Tangent f(layout, arm, arena);
   set(q, layout.nq, f.q);
   set(v, layout.nv, f.v);
   set(a, layout.nv, f.a);
@@ -135,8 +135,8 @@ void slopes(const Layout& layout, const double* arm, void* memory, const Place& 
 
 void jacobian_rate(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
                    const double* q, const double* rate, double* J) {
-  Room room(memory);
-  Tangent f(layout, arm, room);
+  Arena arena(memory);
+  Tangent f(layout, arm, arena);
   set(q, layout.nq, f.q);
   for (int i = 0; i < layout.nq; ++i) f.q[i].d[0][0] = rate[i];
   f.place();

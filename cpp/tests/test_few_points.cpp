@@ -4,7 +4,7 @@
 #include "batches.hpp"
 #include "flexarm/load.hpp"
 #include "kernels.hpp"
-#include "lanes/sampled_tables.hpp"
+#include "setup/sampled_tables.hpp"
 
 using namespace flexarm;
 using namespace flexarm_test;
