@@ -5,7 +5,7 @@
 
 namespace {
 
-/// A double that counts what is done to it.
+/// A double that counts its operations.
 struct Counted {
   double x;
   static thread_local long operations;

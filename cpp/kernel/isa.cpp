@@ -1,6 +1,6 @@
 // Compiled once for each instruction set, with FLEXARM_ISA its name and FLEXARM_WIDTH its doubles. Everything but the
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
-#include "wide/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // before the others
 // clang-format: keep
 #include "arm/composite.hpp"
 #include "arm/elimination.hpp"

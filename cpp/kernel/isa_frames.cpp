@@ -1,5 +1,5 @@
 // Compiled once for each instruction set, as isa.cpp.
-#include "wide/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // before the others
 // clang-format: keep
 #include "arm/frames.hpp"
 #include "slopes/tangent.hpp"

@@ -18,7 +18,7 @@ struct Composite {
   /// Of each node in the base's axes, from the origin: the first node that turns, so that no digits are lost where a
   /// base is far away.
   Frame<Sp>* place;
-  S* H;  ///< kRows of nv: by rate, the motion of what it moves at the origin, base axes (Eq. 91)
+  S* H;  ///< kRows of nv: by rate, the motion at the origin of the bodies that it moves, base axes (Eq. 91)
 
   Composite(const Layout& layout, Arena& arena) : nv(layout.nv) {
     arena.take(layout.nodes, place);
@@ -71,7 +71,7 @@ struct Composite {
     }
   }
 
-  /// The entries of row `rate` before it: a force and a moment of a node, by what moves that node.
+  /// The entries of row `rate` before it: a force on a node, by the rates that move that node.
   void fill(int rate, int before, const Frame<Sp>& at, const Force<Sp>& own, S* M) const {
     const Force<Sp> F = at.to_parent(own);
     const S *x = reinterpret_cast<const S*>(&F), *y = x + Sp::linear;

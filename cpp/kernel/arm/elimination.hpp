@@ -10,7 +10,7 @@ namespace {
 using flexarm::lanes::Outcome;
 using flexarm::lanes::Shift;
 
-constexpr double kSingular = 1e-14;  // parts of an inertia below which what a freedom moves is rounding
+constexpr double kSingular = 1e-14;  // parts of an inertia below which a freedom's inertia is rounding
 
 /// Takes a pivot, which must be above the least.
 template <class C>
@@ -113,7 +113,7 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
 // `biased`: with the forces and accelerations of the motion. ---
 
 /// Takes a force F on a node's end, in link axes, to the link's origin without the elastic coordinates, which keep in y
-/// what `outward` goes on from.
+/// the values that `outward` needs.
 template <bool biased, class Sp, class V>
 inline void apply_beam(const Node& node, const State<Sp>& s, Force<typename SpaceOf<Sp, V>::type>& F, const V* tau,
                        V* y) {
@@ -146,8 +146,8 @@ inline V apply_joint(const Node& node, const State<Sp>& s, Force<typename SpaceO
   return u;
 }
 
-/// Outward (Eq. 92): accelerations, into x, which holds those that are given and, of the others, what `apply_beam` and
-/// `apply_joint` found.
+/// Outward (Eq. 92): accelerations, into x, which holds those that are given and, of the others, results of
+/// `apply_beam` and `apply_joint`.
 template <bool biased, class C, class V>
 inline void outward(C& chain, Motion<typename SpaceOf<typename C::Space, V>::type> a, V* x) {
   for (int i = 0; i < chain.layout.nodes; ++i) {

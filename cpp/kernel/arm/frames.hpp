@@ -1,4 +1,4 @@
-// Frames of an arm in motion, and what follows from these alone: poses, Jacobians, velocities and accelerations of
+// Frames of an arm in motion, and quantities of these alone: poses, Jacobians, velocities and accelerations of
 // places, energy and momentum. Always in space, so that nothing is mapped back from a plane.
 #pragma once
 

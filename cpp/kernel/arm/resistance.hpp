@@ -1,4 +1,4 @@
-// What resists the motion of joints: springs, dampers, stops and reflected inertia, with the slopes that implicit steps
+// Passive forces of joints: springs, dampers, stops and reflected inertia, with the slopes that implicit steps
 // need.
 #pragma once
 

@@ -1,4 +1,4 @@
-// A node of a chain in motion: what the recursions keep of it between one pass and the next.
+// A node of a chain in motion: the values that recursions keep between two passes.
 #pragma once
 
 #include "beam/elastic.hpp"

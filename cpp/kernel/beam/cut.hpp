@@ -1,8 +1,8 @@
-// The elastic body at order 0: its kinetic energy is cut to what is linear in the elastic coordinates (in J alone) and
-// constant (elsewhere), and what is left keeps its own equations of motion exactly. Momenta
+// The elastic body at order 0: its kinetic energy is cut to terms linear in the elastic coordinates (in J alone) and
+// constant (elsewhere); the rest is taken with its own exact equations of motion. Momenta
 //   p = m v + w x c + L dq,   h = c x v + J w + C dq,   with c = S + L q, J = J0 + sum_k dJ_k q_k
-// give, by the Boltzmann-Hamel equations, what stands below in the place of Eq. 80, 81. The tip body is part of it, and
-// so is gravity, but for what acts on the tip body where it really is. What the end carries moves with the slice there.
+// give, by the Boltzmann-Hamel equations, the code below in the place of Eq. 80, 81. The tip body is part of it, and
+// so is gravity, but for the part on the tip body where it really is. The next node moves with the end slice.
 #pragma once
 
 #include "beam/quadratic.hpp"
@@ -22,7 +22,7 @@ void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity
   // the tip body: its mass, its centre's place on the end and, at rest, in the link
   const S tip = next<S>(p);
   const Lin on_end = Sp::read(p), at_rest = Sp::read(p), arm = Sp::rotate(out.end.frame.R, on_end);
-  Lin beyond = tip * (out.end.frame.r + arm - at_rest);  // its mass times what the cut left out of its displacement
+  Lin beyond = tip * (out.end.frame.r + arm - at_rest);  // its mass times the part of its displacement beyond the cut
   Ang spin = Sp::zero_angular(), turning = Sp::zero_angular();  // C dq; dJ/dt w
   for (int k = 0; k < node.ne; ++k) {
     const Lin L = Sp::read(p);

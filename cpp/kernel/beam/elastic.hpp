@@ -1,4 +1,4 @@
-// What the dynamics asks of the elastic body of a node, and what its kinds share: quadratic.hpp (order 1 and 2),
+// The elastic body of a node as the dynamics knows it, and the parts that its kinds share: quadratic.hpp (order 1, 2),
 // sampled.hpp (order 3 and exact), cut.hpp (order 0). S is the scalar of the arm; P that of points along a beam: of one
 // arm, a pack takes several points at once.
 #pragma once
@@ -107,7 +107,7 @@ struct Slice {
   Motion<Sp>* J;    ///< by coordinate
 };
 
-/// The part that the dynamics asks of an elastic body. In link axes, about the link's origin.
+/// An elastic body as the dynamics knows it. In link axes, about the link's origin.
 template <class Sp>
 struct Elastic {
   using S = typename Sp::Scalar;

@@ -2,7 +2,7 @@
 //
 // Gauss points lie symmetrically about the middle. A column holds a function at those of the first half and at X = 0,
 // and then at their mirror images. Of a function that is even about the middle, the integral from the middle is odd,
-// and the other way round: two matrices of half the size do what one would, in half the operations. Lengths are parts
+// and the other way round: two matrices of half the size replace one, with half the operations. Lengths are parts
 // of the beam's.
 #pragma once
 

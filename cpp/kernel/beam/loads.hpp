@@ -27,8 +27,8 @@ void fixed_slice(const double* p, Slice<Sp>& out) {
 }
 
 /// A slice of a node's body at elastic coordinates q and rates dq, of which `p` are the numbers, by those of the body's
-/// points: what hangs on an arm (its end, loads, sensors, frames) hangs on one of these. A sampled body has been
-/// sampled into `scratch`. Without `rates`, what tells of its velocity may be left as it is.
+/// points: the arm's end, loads, sensors and frames each belong to one. A sampled body has been
+/// sampled into `scratch`. Without `rates`, its rate and bias may be left unset.
 template <bool rates = true, class Sp, class S, class P>
 void slice_at(const Node& node, const double* p, const double* points, const S* q, const S* dq, P* scratch,
               Slice<Sp>& out) {
@@ -126,7 +126,7 @@ void take_groups(const Node& node, const PlacedLoad& load, const double* p, cons
                  P* scratch, const BodyForces<Sp>& body) {
   using Pt = typename SpaceOf<Sp, P>::type;
   constexpr int W = Lanes<P>::width / Lanes<S>::width;
-  const int ne = node.ne, n = Pt::linear + Pt::angular + ne, square = (n + W - 1) / W * W;  // what sum_lanes likes
+  const int ne = node.ne, n = Pt::linear + Pt::angular + ne, square = (n + W - 1) / W * W;  // in whole packs
   P *all = scratch, *qp = all + square;
   Slice<Pt> at;
   at.J = reinterpret_cast<Motion<Pt>*>(qp + ne);
@@ -150,7 +150,7 @@ void take_groups(const Node& node, const PlacedLoad& load, const double* p, cons
   for (int i = 0; i < ne; ++i) body.e[i] -= total[Sp::linear + Sp::angular + i];
 }
 
-/// Takes the loads on a node off its body's forces, or off those of what its end carries; after these are set.
+/// Takes the loads on a node off its body's forces, or off those of the body on its end; after these are set.
 /// @param wrenches      of all loads
 /// @param end_attitude  in the world; of the beam's end
 /// @param points        numbers of the node's points

@@ -1,7 +1,7 @@
-// The elastic body at order 1 and 2: what a link's M_rfr and N_rfr (Eq. 80, 81) are made of.
+// The elastic body at order 1 and 2: the parts of a link's M_rfr and N_rfr (Eq. 80, 81).
 //
-// A slice is at x = e + l q + s, with e the beam at rest, l q what is linear in the elastic coordinates and s what is
-// quadratic. All integrals over the beam are of products of two such functions of X. What is linear leaves constant
+// A slice is at x = e + l q + s, with e the beam at rest, l q linear in the elastic coordinates and s quadratic
+// in them. All integrals over the beam are of products of two such functions of X. The linear parts leave constant
 // matrices, made at set-up. For the rest, set-up has chosen functions of X, orthonormal in the beam's mass, that span
 // every s (beam_points.cpp): a "point" is the projection of x on one of them. Points are far fewer than Gauss points,
 // and integrals are plain sums over them.

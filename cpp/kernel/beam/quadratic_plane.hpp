@@ -1,4 +1,4 @@
-// The quadratic body (quadratic.hpp) in the plane: its sums, and what they are made into.
+// The quadratic body (quadratic.hpp) in the plane: its sums, and inertia and forces by these.
 #pragma once
 
 #include "beam/quadratic_sums.hpp"
@@ -36,7 +36,7 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
         add_block(node.quadratic.block[k], t, q, dq, s, b, slope, points);
       for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
     }
-    // acceleration along x, and what s adds to it along y (Eq. 45)
+    // acceleration along x, and the part of s along y (Eq. 45)
     const P x = X + s, push = 2.0 * (wp * s_dot);
     const P acc = b - wp * (wp * x + 2.0 * y_dot);
     c += one * s;
@@ -57,7 +57,7 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
   if constexpr (!again) products(slopes, ne, points, sums.M);
 }
 
-/// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
+/// Adds the parts linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
 template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const S& w, Sums<Plane<S>> sums,
             typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out) {

@@ -1,4 +1,4 @@
-// The quadratic body (quadratic.hpp) in space: its sums, and what they are made into.
+// The quadratic body (quadratic.hpp) in space: its sums, and inertia and forces by these.
 #pragma once
 
 #include "beam/quadratic_sums.hpp"
@@ -80,7 +80,7 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
   sums.n = n;
 }
 
-/// A point of rotation: what it takes to turn the section there, and R times the root of its inertia, from the slopes
+/// A point of rotation: the moments that turn the section there, and R times the root of its inertia, from the slopes
 /// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
 template <bool again, class S, class P>
 void turn_section(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
@@ -182,10 +182,10 @@ template <class Sp>
 struct Whole {
   typename Sp::Lin c, c_rate;   ///< first moment and its rate
   typename Sp::Sym xx;          ///< the integral of x x^T
-  typename Sp::Lin Px, Py, Pz;  ///< integrals of x times what is linear in dx/dt, dy/dt, dz/dt
+  typename Sp::Lin Px, Py, Pz;  ///< integrals of x times the linear parts of dx/dt, dy/dt, dz/dt
 };
 
-/// Adds what points leave over of the functions linear in q: those that displace slices along x, y and z.
+/// Adds the remainder, not in the points, of functions linear in q: displacements of slices along x, y and z.
 template <bool again, class S>
 void add_linear(const Node& node, const double*& p, const S* q, const S* dq, const typename Space<S>::Ang& w,
                 Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
@@ -256,7 +256,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
   }
 }
 
-/// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
+/// Adds the parts linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
 template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const typename Space<S>::Ang& w,
             Sums<Space<S>> sums, typename Space<S>::Rigid& M, Force<Space<S>>& F, Elastic<Space<S>>& out) {
@@ -278,7 +278,7 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   const S trace = xx.xx + xx.yy + xx.zz;
   typename Sp::Sym J{J_rest.xx + trace - xx.xx, J_rest.yy + trace - xx.yy, J_rest.zz + trace - xx.zz,
                      J_rest.xy - xx.xy,         J_rest.xz - xx.xz,         J_rest.yz - xx.yz};
-  // the turning of sections brings its own gyroscopic moments: J of what is carried alone goes into w x J w
+  // the sections' turns have gyroscopic moments of their own: only J of the carried masses goes into w x J w
   const Lin h = Sp::apply(J, w);
   const S tr = whole.Py.y + whole.Pz.z;
   F.moment = Sp::cross(w, h) + body.n + body.n_turn +

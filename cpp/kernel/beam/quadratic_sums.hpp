@@ -1,4 +1,4 @@
-// What the quadratic body (quadratic.hpp) sums over its points, in space and in the plane.
+// Sums of the quadratic body (quadratic.hpp) over its points, in space and in the plane.
 #pragma once
 
 #include "beam/elastic.hpp"
@@ -38,7 +38,7 @@ template <class Sp>
 struct Moments;
 template <class T>
 struct Moments<Plane<T>> {
-  using Linear = T;   ///< what points know of a coordinate's first moment: its part along x
+  using Linear = T;   ///< the points' part of a coordinate's first moment: along x
   T c, c_rate, bias;  ///< first moment along x, its rate, and the convective part of its second rate
   T J, n;             ///< second moment; moment of the accelerations that velocities give
 };
@@ -66,7 +66,7 @@ struct Sums {
   Ang* M_angular;    ///< and with moments;
   T* M;              ///< of each pair, packed
   int size;          ///< numbers T of all this,
-  int forces;        ///< and of what comes before the couplings
+  int forces;        ///< and of those before the couplings
 
   Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
     e = at + sizeof(Body) / sizeof(T);
@@ -83,7 +83,7 @@ struct Sums {
   }
 };
 
-/// Where a position was found: what the constant 1 is there, and x.
+/// A point of position: the constant 1 there, and x.
 template <class P>
 struct Position {
   P one;
@@ -95,7 +95,7 @@ template <class Sp>
 struct Parts {
   int rows;       ///< of a coordinate's column of slopes
   int slopes;     ///< columns by coordinate, after the sums
-  int forces;     ///< in space: by row, what the accelerations that velocities give ask for;
+  int forces;     ///< in space: by row, the forces of accelerations by velocities;
   int positions;  ///< a Position of each point of position,
   int turns;      ///< and for each of rotation, R times the root of its inertia
   int size;
@@ -109,7 +109,7 @@ struct Parts {
   }
 };
 
-/// Mee of sums and what is constant of it, whose numbers are next, and elastic forces (Eq. 62).
+/// Mee of sums and its constant part, whose numbers are next, and elastic forces (Eq. 62).
 template <class Sp, class S>
 void finish_elastic(const Node& node, const double* p, const S* M, const S* q, const S* dq, Elastic<Sp>& out) {
   for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + M[k];

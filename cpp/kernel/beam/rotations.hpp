@@ -67,7 +67,7 @@ Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P
   return {L::select(mask, o, p.w), {L::select(mask, o, p.v.x), L::select(mask, o, p.v.y), L::select(mask, o, p.v.z)}};
 }
 
-/// Starts the rotation as a product P of unit turns, (1 + v) over its length each. What P still lacks turns by the rate
+/// Starts the rotation as a product P of unit turns, (1 + v) over its length each. The rest turns by the rate
 /// D, the vector of p' p^-1 - P' P^-1. The next turn is v = int D; behind it the rate is the vector of v D (1 + v)^-1,
 /// so that each turn squares the error. Where turns are large, that does not converge, and p starts at 1. The product
 /// begins at 1, or, of a beam that is curved at rest, at p, with its D.
@@ -126,9 +126,9 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
   }
 }
 
-/// Solves p = 1 + int p (0, K) / 2 by repeated integrals (Picard): what is still missing, integrated, converges like
+/// Solves p = 1 + int p (0, K) / 2 by repeated integrals (Picard): the residual, integrated, converges like
 /// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way; the digits that
-/// this costs come back when what is then missing is integrated again. Beyond some 60 rad none is left, and the result
+/// this costs come back when the residual is integrated again. Beyond some 60 rad none is left, and the result
 /// is not a number.
 template <class S, class P>
 void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,

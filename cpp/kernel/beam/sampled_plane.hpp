@@ -32,7 +32,7 @@ struct PlaneSeries {
   }
 };
 
-/// x' = [f, g] of slope b and shear p, and its slopes; `stretch` adds what a stretch e does.
+/// x' = [f, g] of slope b and shear p, and its slopes; `stretch` adds the part of a stretch e.
 template <class P>
 struct PlanarTangent {
   P f, g, f_b, g_b, f_p, g_p, f_bb, g_bb, f_bp, g_bp;
@@ -66,7 +66,7 @@ struct PlanarTangent {
     g_bp = -b;
   }
 
-  /// Adds what a stretch e does: e times [c, s], where p has [-s, c].
+  /// Adds the part of a stretch e: e times [c, s], where p has [-s, c].
   void stretch(bool exact, const P& e) {
     f += e * g_p;
     g -= e * f_p;
@@ -77,7 +77,7 @@ struct PlanarTangent {
   }
 };
 
-/// Fills the series: x' and its derivatives at the points; with `again`, what other rates change.
+/// Fills the series: x' and its derivatives at the points; with `again`, only the parts that rates change.
 template <bool again, class S, class P>
 void sample(Plane<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   const PlaneSeries<P> s(node, scratch);
@@ -165,7 +165,7 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
   out.bias.angular = Sp::zero_angular();
 }
 
-/// What the sums need of a slice, as station `i`.
+/// Puts a slice where the sums read it, as station `i`.
 template <class S, class P>
 void put_slice(const Slice<Plane<S>>& slice, int ne, int i, const PlaneSeries<P>& s) {
   put_lane(Plane<S>{}, s.place.value, i, slice.frame.r);

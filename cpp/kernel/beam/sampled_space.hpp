@@ -1,5 +1,5 @@
 // The sampled body in space. Exact: R' = R K~ (Eq. 25), x' = R (e1 + phi) (Eq. 24). Lengths of integrals are parts of
-// the beam's: K is what turns over the whole length.
+// the beam's: K is the turn over the whole length.
 #pragma once
 
 #include "beam/third_order.hpp"
@@ -104,7 +104,7 @@ void add_rest(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>
   }
 }
 
-/// Fills the series: what any slice sums; with `again`, what other rates change.
+/// Fills the series that slices are sums of; with `again`, only the parts that rates change.
 template <bool again, class S, class P>
 void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   SpaceSeries<P> s(node, scratch);
@@ -161,7 +161,7 @@ void end_slice(const Node& node, const Rows<Space<P>>&, const S*, const S* dq, c
   out.frame.R = {x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z};
 }
 
-/// What the sums need of a slice, as station `i`.
+/// Puts a slice where the sums read it, as station `i`.
 template <class S, class P>
 void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>& s) {
   using Lin = typename Space<S>::Lin;

@@ -13,7 +13,7 @@ struct Count {
   static constexpr int value = C;
 };
 
-/// What a masked lane says: of an arm in each lane, its own; of one arm, what any of its lanes says.
+/// The answer of a mask: of an arm in each lane, its own; of one arm, whether any lane is set.
 template <class S, class P>
 typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
   if constexpr (sizeof(S) == sizeof(P))
@@ -63,7 +63,7 @@ struct Field {
   }
 };
 
-/// Such a function with what an elastic motion does to it: its value, the convective part of its second rate, and its
+/// Such a function in an elastic motion: its value, the convective part of its second rate, and its
 /// derivative by each elastic coordinate.
 template <class Sp>
 struct Jet {
@@ -177,7 +177,7 @@ struct Rows {
   P inertia_of(int row, int i) const { return Lanes<P>::load(inertia + (row * stations + i) * width); }
 };
 
-/// What is summed over the slices: of one body, and of each coordinate.
+/// Sums over the slices: of one body, and of each coordinate.
 template <class Sp>
 struct Sums {
   using T = typename Sp::Scalar;
@@ -206,9 +206,9 @@ struct Sums {
 template <class Sp>
 struct Station {
   typename Sp::Scalar mass;
-  typename Sp::Lin x, force;  ///< place; what it takes to move it as velocities do, without other accelerations
+  typename Sp::Lin x, force;  ///< place; the force of accelerations by velocities alone
   typename Sp::Sym J;         ///< in space: its inertia about its place, in the link's axes
-  typename Sp::Lin torque;    ///< and what it takes to turn it so
+  typename Sp::Lin torque;    ///< and the torque of these
   typename Sp::Lin arm;       ///< from its place to its centre of mass, where these differ
 };
 
@@ -286,7 +286,7 @@ void add_second_moment(const P& m, const typename Plane<P>::Lin& x, typename Pla
   J.zz += m * (x.x * x.x + x.y * x.y);
 }
 
-/// A section's own inertia: what turns it.
+/// A section's own inertia: the torque that turns it.
 template <class P, class Series>
 void add_turning(const Rows<Space<P>>& rows, const Series& m, const typename Space<P>::Lin& w, int i, bool off_axis,
                  Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
@@ -414,7 +414,7 @@ void sum_slices(const Node& node, const Rows<Sp>& rows, const Series& m, const S
   for (; from < rows.stations; ++from) sum_stations<again, 1>(node, rows, m, dq, w, from, sums, products);
 }
 
-/// The sums, with the hub's part and the elastic forces, into what the dynamics asks for; with `again`, forces without
+/// The sums, with the hub's part and the elastic forces, into the elastic body; with `again`, forces without
 /// the elastic ones.
 template <bool again, class Sp, class S>
 void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
@@ -432,7 +432,7 @@ void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q,
     if constexpr (again) continue;
     out.M_er[k].force = sums.M_linear[k];
     out.M_er[k].moment = sums.M_angular[k];
-    if constexpr (Sp::planar) out.M_er[k].moment.z += next<S>(p);  // sections turn by what is linear in q
+    if constexpr (Sp::planar) out.M_er[k].moment.z += next<S>(p);  // sections turn by an angle linear in q
   }
   if constexpr (again) return;
   for (int k = 0; k < pairs; ++k) {

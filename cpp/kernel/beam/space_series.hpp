@@ -1,4 +1,4 @@
-// What a sampled body in space knows along its length: strains, rotation, places and their Jacobians.
+// Functions along a sampled body in space: strains, rotation, places and their Jacobians.
 #pragma once
 
 #include "beam/rotations.hpp"

@@ -9,13 +9,13 @@ namespace lanes {
 /// How an arm in fixed steps ended: flexarm::Status and, beyond it, BatchStatus.
 enum Ending { ok, singular, not_converged, not_finite, not_done, ended };
 
-/// What the one-step methods (methods.hpp) may be told; each reads what it has.
+/// Options of the one-step methods (methods.hpp); each reads its own.
 struct MethodOptions {
   double spectral_radius = 1.0, rtol = 1e-10;
   int max_iterations = 20;
 };
 
-/// What is to be known of a one-step method, beside its steps.
+/// Properties of a one-step method.
 struct MethodTraits {
   const char* name;
   bool rubs;      ///< dry friction is in its equations
@@ -23,15 +23,15 @@ struct MethodTraits {
   bool damps;     ///< it reads spectral_radius
   double limit;   ///< of its step times the highest frequency; 0: none
 };
-/// What a method has done.
+/// Counts of a method's work.
 struct Work {
   long evaluations = 0, factorisations = 0, solves = 0;
 };
 
-/// What arms in fixed steps are given, and what is made of their motion. Numbers of lane l are at i width + l.
+/// Inputs and outputs of arms in fixed steps. Numbers of lane l are at i width + l.
 class Scenarios {
  public:
-  /// Writes what is given at half step `half`: prescribed entries of q, v, a; tau; the laws' offsets; the loads [f; m].
+  /// Writes the inputs at half step `half`: prescribed entries of q, v, a; tau; the laws' offsets; the loads [f; m].
   virtual void set(long half, double* q, double* v, double* a, double* tau, double* offset, double* wrenches) = 0;
   /// Where `step` steps are taken: whether other forces may be held from there on (1), controllers look, which are
   /// shown accelerations (2), or nothing happens (0).
@@ -50,7 +50,7 @@ class Scenarios {
   ~Scenarios() = default;
 };
 
-/// Arms in fixed steps: what one call does. Numbers of lane l are at i width + l.
+/// Arms in fixed steps: the task of one call. Numbers of lane l are at i width + l.
 struct Roll {
   const Layout* layout;
   const double* numbers;  ///< of KernelArm::side_by_side; of one arm, of KernelArm::grouped
@@ -86,7 +86,7 @@ struct SlopesOf {
   const double *numbers, *grouped_numbers;
 };
 
-/// What became of a factorisation.
+/// Outcome of a factorisation.
 enum class Outcome { good, singular, not_finite };
 
 /// Of one arm, points of its beams lie across the lanes.
@@ -94,7 +94,7 @@ struct Kernels {
   const char* name;
   int width;  ///< doubles in a pack
   std::size_t (*memory)(const Layout&);
-  /// Lays out the memory (aligned to 64 bytes), which then is the `self` of what follows.
+  /// Lays out the memory (aligned to 64 bytes), which then is `self` for the other functions.
   void (*begin)(const Layout&, const double* numbers, void* memory);
   /// The loads' forces and moments from now on: [f; m] of each.
   void (*load)(void* self, const double* wrenches);
@@ -102,7 +102,7 @@ struct Kernels {
   Outcome (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
   /// Inverse dynamics.
   void (*inverse)(void* self, const double* q, const double* v, const double* a, double* tau);
-  /// Coordinates q and rates v for what follows; `forward` and `inverse` do so, too. Without v, for `mass_matrix`
+  /// Sets coordinates q and rates v; `forward` and `inverse` do so, too. Without v, for `mass_matrix`
   /// alone.
   void (*move)(void* self, const double* q, const double* v);
   /// Inverse dynamics where the chain is.

@@ -1,4 +1,4 @@
-// What a lane kernel needs to know of an arm: an unbranched list of nodes, each a frame that moves against the one
+// An arm as the lane kernels know it: an unbranched list of nodes, each a frame that moves against the one
 // before it by at most one freedom, with a rigid or an elastic body. Plain data: the kernels are compiled once for each
 // instruction set and share no inline function with the rest of the library.
 #pragma once

@@ -1,4 +1,4 @@
-// What the lane kernels sum a beam's inertia over.
+// Points over which the lane kernels sum a beam's inertia.
 #pragma once
 
 #include "flexarm/beam.hpp"

@@ -9,7 +9,7 @@ namespace lanes {
 
 namespace {
 
-/// What is kept with an arm.
+/// Data that is kept with an arm.
 struct Made {
   KernelArm best;
   MadeOnce in_space;
@@ -81,7 +81,7 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
   out.prescribe(given);
   out.numbers_.clear();
   const std::size_t w = static_cast<std::size_t>(width);
-  for (std::size_t k = 0, from = 0; k < nodes_.size(); ++k) {  // what goes before a node's points is moved alone
+  for (std::size_t k = 0, from = 0; k < nodes_.size(); ++k) {  // numbers before a node's points are moved alone
     const Node& node = nodes_[k];
     Node& moved = out.nodes_[k];
     const std::size_t shift = out.numbers_.size() - from;  // modulo 2^64
@@ -149,7 +149,7 @@ void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) 
   }
   for (std::size_t a = 0; a < slices; a += w)
     for (std::size_t i = 0; i < size; ++i)
-      for (std::size_t l = a; l < a + w; ++l)  // what is too much repeats the last, without weight
+      for (std::size_t l = a; l < a + w; ++l)  // surplus lanes repeat the last, without weight
         load_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
   load.slices = (load.slices + width - 1) / width;
 }

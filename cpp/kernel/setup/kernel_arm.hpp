@@ -70,7 +70,7 @@ class KernelArm {
   std::vector<Node> nodes_;
   std::vector<Lists> lists_;    ///< one for each node
   std::vector<Node> few_;       ///< for each node the same with few points: without any, where it has no such
-  std::vector<int> structure_;  ///< what arms share that lie side by side: of every node, as it was made
+  std::vector<int> structure_;  ///< equal in arms that lie side by side: of every node, from the builder
   Numbers numbers_;
   std::vector<Seat> seats_;  ///< one for each link
   std::vector<PlacedLoad> loads_;

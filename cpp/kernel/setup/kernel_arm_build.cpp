@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 
 constexpr double kAligned = 2.3e-16;  // of a unit vector's components: rounding, with which it is still along an axis
 
-/// The axis that a unit vector is along, or -1. By what it has across: what it has along tells no tilt below 1e-8.
+/// The axis that a unit vector is along, or -1. Decided by its parts across: the part along shows no tilt below 1e-8.
 int aligned(const Vector3d& axis, double& sign) {
   for (int k = 0; k < 3; ++k)
     if (std::abs(axis[(k + 1) % 3]) < kAligned && std::abs(axis[(k + 2) % 3]) < kAligned) {

@@ -1,4 +1,4 @@
-// What makes a KernelArm of an Arm, node by node; joints and rigid bodies in kernel_arm_build.cpp, each kind of elastic
+// Builds a KernelArm from an Arm, node by node; joints and rigid bodies in kernel_arm_build.cpp, each kind of elastic
 // body in a file of its own.
 #pragma once
 
@@ -45,7 +45,7 @@ struct ArmBuilder {
   const Arm& arm;
   Axes axes;
   KernelArm out;
-  // what is carried to the next node: from the frame of the last node, or the end of its beam
+  // the place of the next node: from the frame of the last node, or the end of its beam
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
 
@@ -109,8 +109,8 @@ struct ArmBuilder {
   void add_cut(const Link& link);
   void add_sampled(const Link& link);
 
-  // what beams have in common, in the order of their numbers, behind the constants of the inertia
-  /// What their motion is made of. @throws std::logic_error where it has not the forms of beam/elastic.hpp
+  // parts that all beams have, in the order of their numbers, behind the constants of the inertia
+  /// Their shape functions. @throws std::logic_error where it has not the forms of beam/elastic.hpp
   void find_slices(const Beam& beam);
   void put_stiffness(const Link& link);
   void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there

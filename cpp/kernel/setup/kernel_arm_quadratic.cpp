@@ -24,7 +24,7 @@ struct Stations {
 
   /// Projections of f on the basis.
   VectorXd project(const VectorXd& f) const { return basis.transpose() * (mass.cwiseSqrt().asDiagonal() * f); }
-  /// The integral of f g, less what their projections give.
+  /// The integral of f g, less that of their projections.
   double rest_of(const VectorXd& f, const VectorXd& g) const {
     return mass.dot(f.cwiseProduct(g)) - project(f).dot(project(g));
   }
@@ -126,7 +126,7 @@ void put_plane(ArmBuilder& b, const Link& link, const Stations& at) {
   b.put_lower(Lambda + T.transpose() * inertia.asDiagonal() * T);
 }
 
-/// Constants of bend() in space: of what is linear in the coordinates, less what the points have of it.
+/// Constants of bend() in space: of the parts linear in the coordinates, less the points' share.
 void put_space(ArmBuilder& b, const Link& link, const Stations& at) {
   const Node& node = b.node();
   const Eigen::Index ne = node.ne;
@@ -155,7 +155,7 @@ void put_space(ArmBuilder& b, const Link& link, const Stations& at) {
   b.put_lower(Mee);
 }
 
-/// Of every point what its functions are: of the constant 1, the place at rest, what is linear and the products.
+/// Values of the functions at every point: the constant 1, the place at rest, the linear ones and the products.
 using Points = std::vector<std::vector<double>>;
 
 Points position_points(const Axes& axes, const Node& node, const Beam& beam, const Stations& at) {

@@ -66,7 +66,7 @@ SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node&
     : link_(link), beam_(*link.beam()), axes_(axes), node_(node), about_(about) {}
 
 /// In the order of the points, of a function at X = 0, the points, and the end. The middle one of an odd number is
-/// there twice, and what is summed is shared.
+/// there twice, and the sums are shared.
 VectorXd SampledTables::of_points(const VectorXd& f, bool shared) const {
   const Index half = node_.sampled.half;
   VectorXd out(2 * (half + 1));
@@ -263,7 +263,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   note({n.body, n.sampled.exact, n.sampled.turning, n.sampled.further, n.sampled.points_have_mass, n.sampled.curved,
         n.sampled.uniaxial, n.rotary, list.points});
   const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, n, list.about);
-  Mass body;  // of the hub, and what of the beam does not move in it
+  Mass body;  // of the hub, and of the beam's part that does not move in it
   body.add(link.hub(), Vector3d::Zero());
   body.m += beam.mass();
   if (axes.planar) body.J(axes.z, axes.z) += tables.rotary();

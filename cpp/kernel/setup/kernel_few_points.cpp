@@ -37,7 +37,7 @@ struct ShapeTable {
   }
 };
 
-/// How many integrate products of some three shapes; the bounds below tell what they are good for. It depends on what
+/// How many integrate products of some three shapes; the bounds below tell where they suffice. It depends on what
 /// arms share that lie side by side alone. 0: there is nothing to save, slices are not at the points, or the beam is
 /// curved at rest.
 int few_points(const Beam& beam) {
@@ -67,7 +67,7 @@ VectorXd bounds_of_few(const Beam& beam, const std::vector<SliceTable>& few, con
   constexpr double kSmall = 1e-13;    // part of a coordinate's inertia
   constexpr double kNothing = 2e-15;  // which rounding leaves
   constexpr double kMost = 2.0;       // rad
-  constexpr double kSafe = 0.6;       // for what coordinates do together, and in motion
+  constexpr double kSafe = 0.6;       // for coordinates that act together, and in motion
   constexpr int kPowers = 12;
   const ShapeTable coarse(beam, few), fine(beam, all);
   const Eigen::RowVectorXd size = fine.turned.abs().colwise().maxCoeff();

@@ -18,7 +18,7 @@ struct BeamAxes {
   double sign = 1.0;  ///< of a turn about z, seen with x to y as positive
 };
 
-/// What a node says of a sampled body, and the axes of its coordinates (Node::about).
+/// Fills a node's fields of a sampled body, and the axes of its coordinates (Node::about).
 void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about);
 
 /// The strain that a coordinate is one of.
@@ -42,7 +42,7 @@ class SampledTables {
   std::vector<double> points(const std::vector<SliceTable>& tables) const;
   /// Of a slice: where the beam begins, weights of the integral from 0 to X, and how it turns.
   std::vector<double> slice(const SliceTable& at) const;
-  /// In the plane, where sections turn by what is linear: their moment of inertia, and its sums with the coordinates'
+  /// In the plane, where sections turn by a linear angle: their moment of inertia, and its sums with the coordinates'
   /// turns, and with pairs of these.
   double rotary() const;
   Eigen::VectorXd rotary_by() const;
@@ -63,7 +63,7 @@ class SampledTables {
 /// The matrices of integrals over as many points, for packs of so many (integral.hpp).
 std::shared_ptr<const Numbers> integral_table(int points, int width);
 
-/// Packs of points: moves on behind what it reads; `to` is described for the width, `from` for 1.
+/// Packs of points: moves p on behind the numbers read; `to` is described for the width, `from` for 1.
 void group_points(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out);
 void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out);
 

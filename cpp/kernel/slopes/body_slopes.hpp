@@ -1,4 +1,4 @@
-// What elastic coordinates q, their rates dq and the angular velocity w of its frame change of an elastic body: all
+// Derivatives of an elastic body by its coordinates q, their rates dq and the angular velocity w of its frame: all
 // that the chain asks of it depends on these alone. So it is differentiated once, by the text of its kind, and looked
 // up in all directions in which the chain then is.
 #pragma once
@@ -119,7 +119,7 @@ class BodySlopes {
     return true;
   }
 
-  /// visit(numbers, count) for what rates do not change of a body, and then for what they do.
+  /// visit(numbers, count) for the numbers of a body that rates do not change, and then for the others.
   template <class Any, class Visit>
   static void for_parts(State<Any>& s, int ne, const Visit& visit) {
     using T = typename Any::Scalar;
@@ -149,7 +149,7 @@ class BodySlopes {
   static double trace(const Space<double>::Sym& J) { return J.xx + J.yy + J.zz; }
   static double trace(const Plane<double>::Sym& J) { return J.zz; }
 
-  /// By central differences, which are exact of what is quadratic, over steps of as much kinetic energy as there is.
+  /// By central differences, which are exact for quadratic functions, over steps of as much kinetic energy as there is.
   void by_rates(const Node& node, const Table& t, const double* constants, const double* q, const double* dq,
                 Value& value, const State<One>& s) {
     const int ne = node.ne, columns = ne + Sp::angular;

@@ -1,6 +1,6 @@
 // The Jacobians of inverse dynamics, by dual numbers through the recursions of a chain, a segment of a few nodes at a
-// time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by what its end
-// carries, F. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
+// time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by the force F
+// on its end. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
 #pragma once
 
 #include "arm/elimination.hpp"
@@ -49,7 +49,7 @@ class Slopes {
     for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
   }
 
-  /// Of forward dynamics, whose accelerations go into a. @return what became of it
+  /// Of forward dynamics, whose accelerations go into a. @return the outcome
   Outcome forward(const double* wrenches, const double* q, const double* v, const double* tau, double* a, double* by_q,
                   double* by_v, double* by_tau) {
     begin(wrenches, q, v, a);
@@ -161,7 +161,7 @@ class Slopes {
     base_ = One::read(p);
   }
 
-  /// The chain's values, and what rates change of its elastic bodies.
+  /// The chain's values, and tables of its elastic bodies.
   void move_value(const double* q, const double* v) {
     turn_hinges(value_->layout, 0, layout_.nodes, q, value_->state, value_->scratch);
     typename One::Ang w = One::zero_angular();

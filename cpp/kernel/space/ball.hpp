@@ -1,5 +1,5 @@
-// Balls: a unit quaternion (w x y z) for the turn, the angular velocity in the axes that turn for its rates. And what
-// they make of an arm's coordinates, which are otherwise the integrals of its rates.
+// Balls: a unit quaternion (w x y z) for the turn, the angular velocity in the axes that turn for its rates. And
+// an arm's coordinates with them; the others are the integrals of its rates.
 #pragma once
 
 #include "door/layout.hpp"
@@ -89,7 +89,7 @@ void turn_ball(const S* p0, const S* u, S* p) {
 }
 
 /// Rates of a quaternion at an angular velocity w in the axes that turn: E(p) w, and, where its length has drifted,
-/// what draws it back to 1.
+/// a term that draws it back to 1.
 template <class S>
 void ball_rates(const S* p, const S* w, S* dp) {
   const S pull = kPull * (1.0 - square_of(p));
@@ -99,8 +99,8 @@ void ball_rates(const S* p, const S* w, S* dp) {
   dp[3] = 0.5 * (p[0] * w[2] + (p[1] * w[1] - p[2] * w[0])) + pull * p[3];
 }
 
-/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion turned by u. What is prescribed stays as it is in
-/// q.
+/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion turned by u. Prescribed coordinates keep their
+/// values.
 template <class S>
 void displace(const Layout& layout, const S* q0, const S* u, S* q) {
   for_coordinates(

@@ -1,5 +1,5 @@
-// The generalised-alpha method (Chung & Hulbert 1993), with dry friction in its equations. See methods.hpp for what it
-// asks of an engine, and what it offers.
+// The generalised-alpha method (Chung & Hulbert 1993), with dry friction in its equations. See methods.hpp for its
+// engine and its interface.
 #pragma once
 
 #include "door/kernels.hpp"
@@ -24,7 +24,7 @@ constexpr double kSame = 1e-9;       // of that ratio to 1
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
 inline bool new_matrix(int iteration) { return iteration == 1 || (iteration >= 4 && iteration % 2 == 0); }
 
-/// What the method is made of, by its spectral radius.
+/// Coefficients of the method, by its spectral radius.
 struct AlphaNumbers {
   double alpha_m, alpha_f, beta, gamma;
   AlphaNumbers() = default;
@@ -89,7 +89,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     contacts.end_instant(v, now);
     return good;
   }
-  /// Arms without friction get what they get in a pack that has none.
+  /// Arms without friction get the same numbers as in a pack without friction.
   Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
     const Mask rubs = contacts.anywhere();
     if (!L::any(rubs)) return engine.accelerate(q, v, tau, x);
@@ -121,7 +121,7 @@ struct GeneralisedAlpha : AlphaNumbers {
 
   bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
   double continued(double h) const { return h_before > 0.0 && h <= kGrown * h_before ? h / h_before : 0.0; }
-  /// What is left of alpha0 - a0 where a step of h begins.
+  /// The remainder of alpha0 - a0 where a step of h begins.
   double lag(double h) const { return changed(h) ? continued(h) : 1.0; }
 
   /// Accelerations extrapolated, and the auxiliary ones that follow:

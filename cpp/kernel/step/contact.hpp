@@ -1,7 +1,7 @@
 // Dry friction of joints within a step, on any engine (see alpha.hpp): of one arm, or of a pack of arms.
 //
 // A step knows of each freedom how it began: sliding, or at rest. It ends sliding, or at rest, held by an unknown force
-// (Moreau 1988; Acary & Brogliato 2008). What keeps the second order is the force between: where the rate passes
+// (Moreau 1988; Acary & Brogliato 2008). The second order is kept by the force between: where the rate passes
 // through zero within the step, or the hold gives way, that instant is estimated, and the force at the step's end is
 // chosen such that its mean over the step, in the method's own weights, is that of the law. Which freedoms end at rest
 // is found by pivoting in the equations that Newton's iteration solves, condensed to the freedoms with friction.
@@ -27,7 +27,7 @@ struct Contacts {
   S *before, *force;        ///< at the step's beginning, and at its end; `force` of resting ones is an unknown
   // of this step, by number: held at its end; gone over to sliding along `way`; share of the step before that
   S *held, *over, *way, *share;
-  S *end, *pull, *burden;  ///< rate at its end; what holds, and in parts of the stiction
+  S *end, *pull, *burden;  ///< rate at its end; holding force, and in parts of the stiction
   S *turn, *rhs;           ///< changes of the forces; given forces
   S *W, *G, *columns;      ///< S^-1 of the contacts (count^2); the equations of `turn`; its columns (count nv)
   S* column;               ///< one that is being made (nv)
@@ -67,7 +67,7 @@ struct Contacts {
       force[c] = before[c];
     }
   }
-  /// At a state where what does not move may stick: forces at an instant. What slides keeps its way.
+  /// At a state where joints at rest may stick: forces at an instant. Sliding joints keep their direction.
   void begin_instant(const S* v) {
     left = number<S>(4.0 + 6.0 * count);
     for (int c = 0; c < count; ++c) {
@@ -77,7 +77,7 @@ struct Contacts {
       force[c] = -coulomb[c] * way_now;
     }
   }
-  /// At a state between two switches: what is held stays so, by whatever that needs, and what slides keeps its way.
+  /// At a state between two switches: sticking joints stay so, by any force, and sliding ones keep their direction.
   void begin_between() {
     left = S{};
     for (int c = 0; c < count; ++c) {
@@ -87,7 +87,7 @@ struct Contacts {
     }
   }
 
-  /// Accelerations under dry friction. `between`: see begin_between; else what does not move takes what holds it, as
+  /// Accelerations under dry friction. `between`: see begin_between; else those at rest get a force that holds them, as
   /// far as it may.
   /// @param own, rest, turned  memory (nv each)
   /// @return where the mass matrix is positive definite; `force` has the forces of friction
@@ -122,7 +122,7 @@ struct Contacts {
   }
 
   /// Column c of W in the arms that need it and have not got it since the last factorisation; the others' is left as it
-  /// is, so that an arm's digits do not depend on when its partners need theirs. What slides on needs none.
+  /// is, so that an arm's digits do not depend on when its partners need theirs. Joints that slide on need none.
   void make_column(Engine& engine, int c, const Mask& need, S* unit) {
     const Mask now = need & L::none_of(is(made[c]));
     if (!L::any(now)) return;
@@ -152,7 +152,7 @@ struct Contacts {
   }
 
   /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose
-  /// hold takes most of what it may, and more; or what was let go, and would move the wrong way, is held again, and in
+  /// is held by the largest force allowed, or more; or one let go, that would move the wrong way, is held again, and in
   /// later rounds only the first of them (Murty's rule).
   /// @param weight  of the force at the step's end in its mean; @param v0  rates at its beginning; null: an instant
   Mask pivot(const S* x, const S* rate, const S* v0, double d, double weight, const Mask& open, bool late) {
@@ -169,7 +169,7 @@ struct Contacts {
       marked = marked | switched;
       mark = L::select(switched, L::larger(mark, share[c]), mark);
     }
-    for (int c = 0; c < count; ++c) {  // what holds it from when it came to rest, or from the last switch
+    for (int c = 0; c < count; ++c) {  // holding force since it came to rest, or since the last switch
       const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], mean = weight * f + (1.0 - weight) * before[c];
       const Mask slides = s * s > 0.5;
       pull[c] = L::select(slides, mean + s * share[c] * coulomb[c], L::select(marked, mean - mark * before[c], f));
@@ -247,7 +247,7 @@ struct Contacts {
     for (int c = 0; c < count; ++c) found = found || is(over[c]) || (is(held[c]) && sense[c] != 0.0);
     return found;
   }
-  /// Behind a step, or `begin_instant`: what rests is exactly still.
+  /// Behind a step, or `begin_instant`: joints at rest are exactly still.
   /// @return where a freedom has come to rest, has been torn loose or has turned
   Mask end_step(S* v, const Mask& where) {
     Mask switched = L::everywhere(false);

@@ -1,6 +1,6 @@
 // Feedback laws without memory, u = offset - by_q . q - by_v . v within -limit .. limit, whose generalised force is
 // column u: in the forces, and in the matrix of an implicit step, S + sum column slopes^T, by Woodbury's formula. Rates
-// whose motor has a limit get no more than that of the laws and of what is given beside them. Arrays of laws and limits
+// whose motor has a limit get no more than that of the laws and the given forces together. Arrays of laws and limits
 // have those of the laws first.
 #pragma once
 
@@ -24,11 +24,11 @@ struct FeedbackLaws {
   const S* given = nullptr;                ///< forces beside the laws now (nv)
   S* offset = nullptr;                     ///< of each law, now
   S* slopes = nullptr;                     ///< of each law (nv)
-  S* acts = nullptr;                       ///< what of a law's column is at each rate with a limit
+  S* acts = nullptr;                       ///< entries of a law's column at each rate with a limit
   S* solved = nullptr;                     ///< S^-1 of the rest of each column, and of each rate with a limit
-  S *H = nullptr, *G = nullptr;            ///< 1 + slopes^T solved; of what is not at its limit now, factored
+  S *H = nullptr, *G = nullptr;            ///< 1 + slopes^T solved; of those below their limit now, factored
   S *wanted = nullptr, *linear = nullptr;  ///< before the limits; 0: beyond its own, 1: not
-  S *rise = nullptr, *turn = nullptr, *ahead = nullptr;  ///< see follow; of what acts; see to_kink
+  S *rise = nullptr, *turn = nullptr, *ahead = nullptr;  ///< see follow; of those that act; see to_kink
   S* r = nullptr;                                        ///< scratch (nv)
   S* asked = nullptr;                                    ///< of the rates with a limit
 
@@ -52,11 +52,11 @@ struct FeedbackLaws {
     return u;
   }
   static S within(const S& x, const S& bound) {
-    return L::smaller(bound, L::larger(-bound, x));  // in this order, what is not a number stays so
+    return L::smaller(bound, L::larger(-bound, x));  // in this order, nan stays nan
   }
   /// A law's u.
   S value(int law, const S* q, const S* v) const { return within(unlimited(law, q, v), of(limit, law)); }
-  /// Adds sign times the laws' forces, and what limits take off them and what is given.
+  /// Adds sign times the laws' forces, less the part of these and of the given ones beyond a limit.
   void add(const S* q, const S* v, double sign, S* tau) const {
     for (int l = 0; l < laws; ++l) {
       const S u = sign * value(l, q, v);

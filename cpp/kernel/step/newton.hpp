@@ -18,7 +18,7 @@ struct Newton {
   S contraction;  ///< of the last corrections, as measured, in this step or before
   S last{};       ///< size of the last correction
 
-  /// At the first iteration of a step, what was measured before is doubted more with every step.
+  /// At the first iteration of a step, the rate measured before counts less with every step.
   /// @param best  contraction that is believed without a measurement in the same step
   void begin(double best) {
     contraction = L::larger(number<S>(best), L::root(contraction) * L::root(L::root(contraction)));

@@ -1,5 +1,5 @@
 // The classical Runge-Kutta method of fourth order; whatever rubs goes on as it does all through a step. See
-// methods.hpp for what it asks of an engine, and what it offers.
+// methods.hpp for its engine and its interface.
 #pragma once
 
 #include "door/kernels.hpp"

@@ -180,7 +180,7 @@ struct Roller {
         S& force = arms.total[job.limited[c]];
         force = arms.laws.within(c, force);
       }
-      arms.laws.add(q, v, 1.0, forces);  // the reactions of what is prescribed, and of nothing else
+      arms.laws.add(q, v, 1.0, forces);  // the reactions of prescribed motions alone
       for (int k = 0; k < arms.free_count; ++k) forces[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
         const S speed = v[job.rubbing[c]], most = arms.of(job.coulomb, c);

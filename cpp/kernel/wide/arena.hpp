@@ -6,7 +6,7 @@
 namespace {
 
 /// Gives pieces of a block of memory, one after the other. Of no block it gives none, and tells how large one must be:
-/// so that what is taken stands in one place.
+/// so that the list of pieces stands in one place.
 class Arena {
  public:
   Arena() = default;

@@ -1,4 +1,4 @@
-// Sine and cosine, and what a rotation vector asks for, of any scalar and without branches.
+// Sine and cosine, and functions of a rotation vector, of any scalar and without branches.
 #pragma once
 
 #include "wide/scalar.hpp"
@@ -8,11 +8,11 @@ namespace {
 /// sin and cos without branches: x less whole quarter turns (pi/2 in three parts: exact to 1e5 turns), Taylor series.
 template <class S>
 void sine_cosine(const S& x, S& s, S& c) {
-  constexpr double kRound = 6755399441055744.0;  // 1.5 2^52: what is added and taken off again rounds to a whole number
+  constexpr double kRound = 6755399441055744.0;  // 1.5 2^52: added and taken off again, it rounds to a whole number
   const S whole = (x * 0.63661977236758134308 + kRound);
   const S n = whole - kRound;
   S r = ((x - n * 1.57079632673412561417e+00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
-  constexpr double kDigits = 1e15;  // what has none behind the point has no sine: not a number, for all to see
+  constexpr double kDigits = 1e15;  // a number without digits behind the point has no sine: nan
   r = Lanes<S>::select(Lanes<S>::size(x) < kDigits, r, number<S>(__builtin_nan("")));
   const S z = r * r;
   S a = number<S>(1.0 / 355687428096000.0), b = number<S>(1.0 / 20922789888000.0);

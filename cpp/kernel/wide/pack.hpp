@@ -60,7 +60,7 @@ struct Lanes<Pack> {
 inline Pack widen(double x, const Pack&) { return x - Pack{}; }  // no operation: x + 0 is not -0 where x is
 inline Pack widen(const Pack& x, const Pack&) { return x; }
 
-/// Loads a factor once: compilers load it again for each product, and loads are then what products wait for.
+/// Loads a factor once: compilers load it again for each product, and products then wait for loads.
 inline void in_register(Pack& x) {
 #if FLEXARM_WIDTH == 8
   asm("" : "+v"(x));

@@ -1,4 +1,4 @@
-// What kernels ask of a scalar: of one double, or (pack.hpp) of one in each lane.
+// The operations that kernels need of a scalar: of one double, or (pack.hpp) of one in each lane.
 #pragma once
 
 #include <cstddef>

@@ -6,7 +6,7 @@
 
 namespace {
 
-/// G = L U in place: below the diagonal L, above it U, on it what is one over U's.
+/// G = L U in place: below the diagonal L, above it U, on it one over U's.
 template <class S>
 void factor_small(S* G, int n) {
   for (int k = 0; k < n; ++k) {
