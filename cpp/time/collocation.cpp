@@ -7,8 +7,8 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
-#include "lanes/ball.hpp"
-#include "lanes/newton.hpp"
+#include "space/ball.hpp"
+#include "step/newton.hpp"
 #include "turning.hpp"
 
 namespace flexarm {

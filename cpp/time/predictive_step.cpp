@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "flexarm/ci.hpp"
-#include "lanes/newton.hpp"
+#include "step/newton.hpp"
 
 namespace flexarm {
 
