@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import flexarm._core as _core
@@ -186,6 +187,14 @@ def integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
     Raises:
         ValueError: an unknown name; an option that it does not have; a step that is missing.
     """
+    try:
+        return _integrator_of(integrator, **options)
+    except TypeError:  # options that are not hashable
+        return _integrator_of.__wrapped__(integrator, **options)
+
+
+@lru_cache(64, typed=True)
+def _integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
     given = {k: x for k, x in options.items() if x is not None}
     for name in given:
         if name == "method":
