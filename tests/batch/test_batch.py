@@ -17,8 +17,6 @@ import pytest
 from arms import STEEL, G, close, floating_arm, paper_link, pendulum
 from flexarm.acting.sampled import Sampled
 
-pytestmark = pytest.mark.filterwarnings("ignore:link.0..beam.modes:flexarm.ModelWarning")
-
 
 def two_links(tip: float = 0.05) -> fa.Arm:
     beam = fa.Beam(0.4, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, damping_ratio=0.01)

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from .._console import progress_bar
-from ..analysis.coarse import coarse
-from ..analysis.validity import RangeWarning, range_warning
+from ..analysis.findings import RangeWarning
+from ..analysis.validity import range_warning
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
 from ..batch.rollout import NOT_DONE
 from ..batch.runner import Runner
 from ..batch.simulate import make_job, warn_of_first
 from ..batch.storage import File, Memory
-from ..parts.part import ModelWarning
 from ..scene.scene import Scene, load
 from ..store.files import named
 from .quantities import RunSummary, check_quantities, quantity
@@ -70,9 +69,6 @@ def sweep(
     plan = plan if isinstance(plan, Sweep) else load_sweep(plan)
     if plan.trajectories and out is None:
         raise ValueError("trajectories = true: needs a folder to write them to, out=")
-    scene.arm._warn()
-    for text in coarse(scene.arm, scene.drive, scene.control):
-        warnings.warn(text, ModelWarning, stacklevel=2)
     job, count = _job(scene, plan)
     workers = default_workers(1 if workers is None and executor is not None else workers)
     runner = Runner(job, count, job.engine(), workers, batch, executor)
@@ -100,9 +96,9 @@ def sweep(
     if interrupted:
         raise SweepInterrupted(f"interrupted after {done.sum()} of {count} scenarios", result)
     if result.beyond:
-        i, text, *rest = result.beyond[0]
-        others = f"; so do {len(result.beyond) - 1} others" if len(result.beyond) > 1 else ""
-        warnings.warn(RangeWarning(f"scenario {i}: {text}{others}", *rest), stacklevel=2)
+        i, worst = result.beyond[0]
+        others = f" (and {len(result.beyond) - 1} others)" if len(result.beyond) > 1 else ""
+        warnings.warn(worst.of(f"scenario {i}{others}"), stacklevel=2)
     warn_of_first(job, held)
     return result
 
@@ -133,13 +129,12 @@ def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None, un
     return File(job, count, folder / FILE, resume, name, "sweep", "output file", otherwise, titles)
 
 
-def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[Any, ...]]:
+def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[int, RangeWarning]]:
     """Of each scenario that bent a beam too far, and did not fail: what `SweepResult.beyond` says."""
     found = []
     for i in np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]) & (held["status"] != FAILED)).tolist():
         arm, worst = job.variation.setup.arm, held["out_of_range"][i]
         if getattr(arm.links[int(worst[0])].beam, "order", None) == "exact":  # whose message tells of its points
             arm = job.variation.scenario(i).arm
-        too_far = range_warning(arm, worst)
-        found.append((i, str(too_far), too_far.link, too_far.time, too_far.rotation, too_far.limit))
+        found.append((i, range_warning(arm, worst)))
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
 from ..parts.sections import GeneralSection, SectionMatrix
+from .findings import Finding
 
-# Each is past anything that is built; what is said is a warning, for who means it.
+# Each is past anything that is built; a finding is no error, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
 #: kg/m^3, Pa; what is as dense as metal is not softer than rubber, as dense as fibres or magnesium not than silicone
 _DENSE = ((5e3, 1e6), (1.5e3, 2e5))
@@ -30,26 +31,28 @@ _SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter a
 _COUPLED = 0.01  # of a strain's stiffness, by another that is held
 
 
-def _places(where: str, body: RigidBody, length: float) -> Iterator[str]:
+def _places(where: str, body: RigidBody, length: float) -> Iterator[Finding]:
     for name, place in (("com", body.com), ("end", body.end)):
-        far = float(np.linalg.norm(place))
-        if far > max(_FAR * length, _FAR_AWAY):
-            yield f"{where}.{name} = {_numbers(place)} m, on a beam of {length:g} m: is it in mm?"
+        far, most = float(np.linalg.norm(place)), max(_FAR * length, _FAR_AWAY)
+        if far > most:
+            numbers = ", ".join(f"{x:g}" for x in place)
+            what = f"({numbers}) m, on a beam of {length:g} m"
+            yield Finding(f"{where}.{name}", what, far, most, "m", "is it in mm?")
 
 
-def _inertia(where: str, body: RigidBody, length: float, on: str) -> Iterator[str]:
+def _inertia(where: str, body: RigidBody, length: float, on: str) -> Iterator[Finding]:
     """`length`: of what it is on (m)."""
     least, _, most = np.linalg.eigvalsh(inertia_matrix(body.inertia)).tolist()
     limits = ((most, _WIDE, _WIDE_SPREAD), (least, _ALL_WIDE, _ALL_SPREAD))
-    if 0 < body.mass < _STATION and any(x > body.mass * max(wide * length, spread) ** 2 for x, wide, spread in limits):
-        yield (
-            f"{where}.inertia: {most:g} kg m^2 of {body.mass:g} kg would be {(most / body.mass) ** 0.5:.3g} m away, on "
-            f"a {on} of {length:g} m: is it in g mm^2 or kg mm^2?"
-        )
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return "(" + ", ".join(f"{x:g}" for x in values) + ")"
+    for value, wide, spread in limits:
+        limit = body.mass * max(wide * length, spread) ** 2
+        if 0 < body.mass < _STATION and value > limit:
+            what = (
+                f"{most:g} kg m^2 of {body.mass:g} kg would be {(most / body.mass) ** 0.5:.3g} m away, on a {on} of "
+                f"{length:g} m"
+            )
+            yield Finding(f"{where}.inertia", what, value, limit, "kg m^2", "is it in g mm^2 or kg mm^2?")
+            return
 
 
 def _thickness(beam: Beam, axis: str) -> tuple[float, float, float]:
@@ -59,16 +62,19 @@ def _thickness(beam: Beam, axis: str) -> tuple[float, float, float]:
     return section.area, second, section.area * section.shear_correction["yz".index(axis)]
 
 
-def _too_soft(E: float, density: float) -> bool:
-    return E < _SOFTEST or any(density > dense and E < softest for dense, softest in _DENSE)
+def _softest(E: float, density: float) -> float:
+    """The least modulus (Pa) of such a material, where E is below it; else 0."""
+    limits = [_SOFTEST, *(softest for dense, softest in _DENSE if density > dense)]
+    return max((x for x in limits if E < x), default=0.0)
 
 
 def _too_thick(thin: float, broad: float, length: float) -> bool:
     return thin > _THICK * length or broad > _BROAD * length
 
 
-def _in_mm(where: str, thin: float, broad: float, length: float) -> str:
-    return f"{where}.section: is {thin:.3g} m by {broad:.3g} m, of a beam of length {length:g} m: is it in mm?"
+def _in_mm(where: str, thin: float, broad: float, length: float) -> Finding:
+    what = f"is {thin:.3g} m by {broad:.3g} m, of a beam of length {length:g} m"
+    return Finding(f"{where}.section", what, thin, _THICK * length, "m", "is it in mm?")
 
 
 def _whole(arm: Chain, k: int) -> float:
@@ -86,32 +92,38 @@ def _whole(arm: Chain, k: int) -> float:
     return sum(link.beam.length for link in arm.links[first : last + 1] if link.beam is not None)
 
 
-def _beam(where: str, beam: Beam, whole: float) -> Iterator[str]:
+def _beam(where: str, beam: Beam, whole: float) -> Iterator[Finding]:
     """`whole`: the length (m) that bends."""
     material, L = beam.material, beam.length
     if material is None:
         yield from _matrices(where, beam)
         return
     E, density = material.youngs_modulus, material.density
-    if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not isinstance(beam.section, GeneralSection):
-        yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
+    general = isinstance(beam.section, GeneralSection)  # its integrals may be but numbers
+    dense, stiff = f"{where}.material.density", f"{where}.material.youngs_modulus"
+    if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not general:
+        what = f"{density:g} kg/m^3: no solid so stiff is so light"
+        yield Finding(dense, what, density, E / _FASTEST, "kg/m^3", "is it in g/cm^3?")
     if density < _LIGHT:
-        in_grams = _GRAMS[0] < density < _GRAMS[1] and _GIGA[0] <= E <= _GIGA[1]
-        if in_grams and not isinstance(beam.section, GeneralSection):
-            yield f"{where}.material: density = {density:g} kg/m^3, youngs_modulus = {E:g} Pa: in g/cm^3 and GPa?"
+        if _GRAMS[0] < density < _GRAMS[1] and _GIGA[0] <= E <= _GIGA[1] and not general:
+            what = f"density {density:g} kg/m^3, youngs_modulus {E:g} Pa"
+            yield Finding(f"{where}.material", what, density, _LIGHT, "kg/m^3", "in g/cm^3 and GPa?")
         return
-    if _too_soft(E, density):
-        yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
+    if softest := _softest(E, density):
+        yield Finding(stiff, f"{E:g} Pa is softer than any such material", E, softest, "Pa", "is it in GPa or MPa?")
     G = material.shear_modulus
     odd = G is not None and not _SOFTEST_SHEAR * E <= G <= _STIFFEST_SHEAR * E
-    if odd:
-        yield f"{where}.material.shear_modulus = {G:g} Pa, of a Young's modulus of {E:g} Pa: is its unit Pa?"
+    if odd and G is not None:
+        limit = E * (_STIFFEST_SHEAR if G > E else _SOFTEST_SHEAR)
+        what = f"{G:g} Pa, of a Young's modulus of {E:g} Pa"
+        yield Finding(f"{where}.material.shear_modulus", what, G, limit, "Pa", "is its unit Pa?")
     if density > _DENSEST:
-        yield f"{where}.material.density = {density:g} kg/m^3: no solid is so dense; what is its unit?"
-    general = isinstance(beam.section, GeneralSection)  # its integrals may be but numbers
+        what = f"{density:g} kg/m^3: no solid is so dense"
+        yield Finding(dense, what, density, _DENSEST, "kg/m^3", "what is its unit?")
     radii = [(i / a) ** 0.5 for a, i, _ in (_thickness(beam, axis) for axis in "yz")]
     if (L > _LONG and L > _THIN * min(radii)) or beam.mass > _HEAVY:
-        yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin: are they in mm?"
+        what = f"{L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin"
+        yield Finding(f"{where}.length", what, L, _LONG, "m", "are they in mm?")
     thin, broad = (12**0.5 * f(radii) for f in (min, max))  # sides, of a rectangle
     if not general and _too_thick(thin, broad, whole):
         yield _in_mm(where, thin, broad, L)
@@ -124,13 +136,12 @@ def _beam(where: str, beam: Beam, whole: float) -> Iterator[str]:
                 ratio = E / material.shear_modulus
             share = 3 * ratio * second / (shear * whole * whole)
             if share > _SHEAR:
-                yield (
-                    f"{where}: is so short for its thickness that shear adds {100 * share:.2g} % to the deflection of "
-                    f"its tip; give it modes shear_{axis}, which it lacks"
-                )
+                what = f"is so short for its thickness that shear adds {100 * share:.2g} % to the deflection of its tip"
+                remedy = f"give it modes shear_{axis}, which it lacks"
+                yield Finding(where, what, 100 * share, 100 * _SHEAR, "%", remedy)
 
 
-def _matrices(where: str, beam: Beam) -> Iterator[str]:
+def _matrices(where: str, beam: Beam) -> Iterator[Finding]:
     """Of a beam of SectionMatrix: units, as if it were a rectangle of one material; strains that it lacks, and others
     pull at."""
     section = beam.section.at(0.0)
@@ -140,46 +151,42 @@ def _matrices(where: str, beam: Beam) -> Iterator[str]:
     density = section.mass / (thin * broad) if thin else 0.0
     if density >= _LIGHT:
         E = EA / (thin * broad)
-        if _too_soft(E, density):
-            yield (
-                f"{where}.section: stiffness {EA:g} N and {section.mass:g} kg/m, of about {thin:.3g} m by {broad:.3g} "
-                f"m, are of a Young's modulus of {E:.3g} Pa, softer than any such material; is it in GPa or MPa?"
+        if softest := _softest(E, density):
+            what = (
+                f"stiffness {EA:g} N and {section.mass:g} kg/m, of about {thin:.3g} m by {broad:.3g} m, are of a "
+                f"Young's modulus of {E:.3g} Pa, softer than any such material"
             )
+            yield Finding(f"{where}.section", what, E, softest, "Pa", "is it in GPa or MPa?")
         if _too_thick(thin, broad, beam.length):
             yield _in_mm(where, thin, broad, beam.length)
     given = list(beam.counts)
     for strain in (s for s in STRAINS if s not in given and section.rigidity(s) > 0):
         pulled = max(given, key=lambda s: section.coupling(s, strain), default="")
         if pulled and section.coupling(pulled, strain) > _COUPLED:
-            yield (
-                f"{where}.modes: {strain} has none and is held at zero, while the section's stiffness couples it to "
-                f"{pulled}, {100 * section.coupling(pulled, strain):.2g} % of whose stiffness is due to that; give it "
-                "modes"
+            share = 100 * section.coupling(pulled, strain)
+            what = (
+                f"{strain} has none and is held at zero, while the section's stiffness couples it to {pulled}, "
+                f"{share:.2g} % of whose stiffness is due to that"
             )
+            yield Finding(f"{where}.modes", what, share, 100 * _COUPLED, "%", f"give {strain} modes")
 
 
-def _bare(where: str, beam: Beam, tip: RigidBody | None) -> Iterator[str]:
-    """Of modes that are to be those of a loaded beam, and are those of the bare one."""
-    if tip is not None and tip.mass > 0 and beam.basis == "loaded" and beam.basis_tip is None:
-        yield (
-            f"{where}.basis_tip: is missing, so that basis = 'loaded' has the modes of the bare beam, while the link's "
-            f"tip has {tip.mass:g} kg; give basis_tip that tip"
-        )
-
-
-def doubts(arm: Chain) -> list[str]:
-    """Lists the numbers of an arm that are probably mistakes, a sentence each."""
-    found: list[str] = []
+def mistakes(arm: Chain) -> Iterator[Finding]:
+    """The numbers of an arm that are probably mistakes."""
     for k, link in enumerate(arm.links):
-        bodies = {f"link[{k}].{name}": x for name, x in (("hub", link.hub), ("tip", link.tip)) if x is not None}
+        at, beam = f"link[{k}]", link.beam
+        bodies = {f"{at}.{name}": x for name, x in (("hub", link.hub), ("tip", link.tip)) if x is not None}
         reach = max((float(np.linalg.norm(place)) for x in bodies.values() for place in (x.com, x.end)), default=0.0)
         for where, body in bodies.items():
-            if link.beam is None:
-                found += _inertia(where, body, reach, "rigid link")
-            else:
-                found += _places(where, body, link.beam.length)
-                found += _inertia(where, body, link.beam.length, "beam")
-        if link.beam is not None:
-            found += _beam(f"link[{k}].beam", link.beam, _whole(arm, k))
-            found += _bare(f"link[{k}].beam", link.beam, link.tip)
-    return found
+            if beam is not None:
+                yield from _places(where, body, beam.length)
+            yield from _inertia(where, body, *((reach, "rigid link") if beam is None else (beam.length, "beam")))
+        if beam is None:
+            continue
+        yield from _beam(f"{at}.beam", beam, _whole(arm, k))
+        if link.tip is not None and link.tip.mass > 0 and beam.basis == "loaded" and beam.basis_tip is None:
+            what = (
+                "is missing, so that basis = 'loaded' has the modes of the bare beam, while the link's tip has "
+                f"{link.tip.mass:g} kg"
+            )
+            yield Finding(f"{at}.beam.basis_tip", what, link.tip.mass, 0.0, "kg", "give basis_tip that tip")
