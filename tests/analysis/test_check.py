@@ -137,6 +137,10 @@ def test_beams_almost_without_mass_are_looked_at_too() -> None:
     assert not said(far, [0, 1e-9]) and "is it in mm" in str(fa.check(far))
 
 
+def test_a_tip_of_inertia_alone_is_looked_at_without_overflow() -> None:
+    fa.check(arm(tip=fa.RigidBody(0.0, inertia=(1e9, 1e9, 1e9)), modes={"bending_y": 2, "torsion": 1}))
+
+
 def test_a_short_piece_of_a_split_beam_is_no_short_beam() -> None:
     pzt = fa.Piezo(62e9, 0.3, 7800, d31=-1.8e-10)
     patch = fa.Patch(0.005, 0.05, 0.02, 3e-4, pzt)

@@ -128,7 +128,7 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
         exact = (lever * (w / rigidity)) @ lever.T
         missing = exact - reach @ np.linalg.solve(K[at, at], reach.T)
         carried = A[np.ix_(moved, moved)]
-        mass = max(float(A[0, 0]), 1e-300)
+        mass = max(float(A[0, 0]), 1e-9 * float(A.diagonal()[3:].max()) / beam.length**2, 1e-300)
         towards = np.sqrt(np.maximum(A[3:4, 3], 0.0) / mass)
         whole = carried.copy()
         if len(moved) == 2:

@@ -82,7 +82,8 @@ def rotation(beam: Beam, qe: Array) -> Array:
 
     In a plane that is the whole angle a. Torsion moves nothing by itself, so that in space the measure is
     (b a^n)^(1/(n+1)), with b the angle of bending: the terms that order n leaves out grow like that."""
-    angles = (qe @ _turns(beam)[0].T).reshape(len(qe), -1, 3)
+    turns = _turns(beam)[0]
+    angles = (qe @ turns.T).reshape(len(qe), len(turns) // 3, 3)
     whole, bending = np.linalg.norm(angles, axis=2), np.linalg.norm(angles[:, :, 1:], axis=2)
     n = 1 if beam.order in (0, "exact") else int(beam.order)
     out: Array = ((bending * whole**n) ** (1.0 / (n + 1))).max(axis=1)
