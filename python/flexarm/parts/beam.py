@@ -95,7 +95,7 @@ class Beam(Part):
     basis_tip: RigidBody | None = None
     patches: Sequence[Patch] = ()
     curvature: Any = None
-    #: number of shape functions of each strain that has any
+    #: number of shape functions, for each strain with any
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
@@ -225,7 +225,7 @@ def inertia_matrix(value: Any) -> Any:
 
 
 def as_floats(value: Any) -> Any:
-    """Nested tuples of floats, so that parts compare, print and pickle plainly."""
+    """Nested tuples of floats, so that parts compare, print and pickle simply."""
     return tuple(as_floats(v) if np.ndim(v) else float(v) for v in value)
 
 

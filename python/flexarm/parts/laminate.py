@@ -16,7 +16,7 @@ from .material import Material
 from .part import ModelWarning, Part
 from .sections import SectionMatrix
 
-_THICK = 1 / 3  # of the width: what is thicker is no plate
+_THICK = 1 / 3  # of the width: the largest thickness of a plate
 _GAUSS = np.polynomial.legendre.leggauss(5)  # exact for squares of the plies' shear stress, of order 4
 
 
@@ -129,7 +129,7 @@ def laminate(width: float, plies: Sequence[Ply], normal: str = "y") -> SectionMa
         SectionMatrix, which holds the plies' density.
 
     Warns:
-        ModelWarning: where the laminate is thicker than a third of its width, which is not a plate.
+        ModelWarning: the laminate is thicker than a third of its width, so that plate theory does not hold.
 
     Raises:
         ValueError: naming the field and the value.

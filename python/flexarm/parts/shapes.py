@@ -1,4 +1,4 @@
-"""Strain shapes of the user's own: measured, from finite elements, or any function along the beam."""
+"""Strain shapes given by the user: measured, from finite elements, or any function along the beam."""
 
 from __future__ import annotations
 
@@ -127,21 +127,21 @@ def curvature(field: str, value: Any, length: float) -> Array:
 
 
 def kept_curvature(c: Array) -> Any:
-    """Those coefficients as a beam keeps them: three numbers, {"legendre": three lists}, or None of a straight one."""
+    """The coefficients as a beam stores them: three numbers, {"legendre": three lists}, or None if straight."""
     if len(c) == 1:
         return tuple(c[0].tolist())
     return MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())}) if len(c) else None
 
 
 def curvature_at(kept: Any, length: float, x: float) -> Array:
-    """K1, K2, K3 at rest at x metres (1/m), (3,), of what a beam of a length (m) keeps."""
+    """K1, K2, K3 at rest at x metres (1/m), (3,), from the stored form `kept` of a beam of that length (m)."""
     if not isinstance(kept, Mapping):
         return np.zeros(3) if kept is None else np.array(kept)
     return np.asarray(legendre.legval(2 * x / length - 1, np.array(kept["legendre"]).T))
 
 
 def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float, ...]]:
-    """The columns of one that varies."""
+    """The columns of a curvature that varies."""
     if callable(value):
 
         def at(x: float) -> Array:
