@@ -76,7 +76,7 @@ def _body(body: Body) -> dict[str, Any]:
 
 
 def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
-    """16-bit numbers, a row for each frame, and what restores them: value = centre + scale n."""
+    """16-bit numbers, a row for each frame, and their scaling: value = centre + scale n."""
     rows, about = [], {}
     for name, x in columns.items():
         flat = x.reshape(-1, x.shape[-1]) if x.size else np.zeros((1, x.shape[-1]))
@@ -96,7 +96,7 @@ def _track(track: Track, triangles: int) -> dict[str, Any]:
 
 
 def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
-    """All that the viewer is told."""
+    """All data of the viewer."""
     most = stage.round_up(stage.greatest_strain(tracks))
     factor, unit = stage.strain_label(most)
     view = stage.camera(tracks)
@@ -117,7 +117,7 @@ def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
 def page(tracks: Sequence[Track], title: str, options: Mapping[str, Any]) -> str:
     """The whole file. Raises ImportError without three.js."""
     here = resources.files("flexarm") / "view"
-    # a browser reads "</script" and "<!--" in a script, whatever they stand in
+    # a browser reads "</script" and "<!--" even within strings of a script
     told = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = {
         "TITLE": html.escape(title),
