@@ -313,9 +313,9 @@ def plot_trials(
     scale_errors(ax, 2 * top)
     label_errors(ax, ylabel)
     _add_title(fig, ax, title, notes, under)
-    heading = "Dots: models, compared\nat about 400 instants;\nothers: at all output times\n"
+    head = "Dots: models, compared\nat about 400 instants;\nothers: at all output times\n"
     at = (1.01, 1.0)
     ax.legend(
-        frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=at, title=heading, alignment="left", labelspacing=0.9
+        frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=at, title=head, alignment="left", labelspacing=0.9
     )
     return fig

@@ -15,7 +15,7 @@ from .looks import rotation_of, urdf_looks
 from .tree import Mass, Pose, Tree, TreeJoint
 
 _NUMBERS = ("origin", "axis", "mass", "inertia", "limit", "dynamics")  #: have no other attributes
-#: what is read of each element, its attributes and its elements; the parser is given nothing else
+#: the attributes and children that are read of each element; the parser gets no others
 _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name",), ("link", "joint")),
     "link": (("name",), ("inertial",)),
@@ -46,7 +46,7 @@ def read_text(path: Any) -> str:
 
 
 def parse_xml(text: str) -> ET.Element:
-    """Its root. ValueError with the line where it is broken."""
+    """The root of the XML text. ValueError with the line of a syntax error."""
     try:
         return ET.fromstring(text.encode())
     except ET.ParseError as e:
@@ -88,7 +88,7 @@ def read_urdf(path: Any, gravity: Any) -> Tree:
 
 
 def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> None:
-    """Keeps what is read, and notes what is not."""
+    """Removes the elements and attributes that are not read, and notes them."""
     attributes, elements = _READ[node.tag]
     whose = node.get("name", whose) if node.tag in ("link", "joint") else whose
     for key in sorted(set(node.attrib) - set(attributes)):
@@ -118,10 +118,10 @@ def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> Non
             left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else whose or inner.get("name", "")))
 
 
-def _unique(what: str, names: list[str]) -> None:
+def _unique(kind: str, names: list[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise ValueError(f"{what} '{name}': is named twice")
+            raise ValueError(f"{kind} '{name}': is named twice")
 
 
 def _numbers(where: str, values: Any, n: int) -> Array:
@@ -152,7 +152,7 @@ def _mass(link: Any) -> Mass:
         _numbers(f"{where}: inertia", inertia.ravel(), 9)
     if mass < 0:
         raise ValueError(f"{where}: mass = {mass}: must not be negative")
-    return Mass(mass, np.zeros(3), inertia).seen(pose)
+    return Mass(mass, np.zeros(3), inertia).placed(pose)
 
 
 def _joint(given: Any, left_out: list[tuple[str, str]]) -> TreeJoint:
