@@ -52,7 +52,7 @@ class Limits:
 
     Attributes:
         torque, speed, acceleration, jerk: as given.
-        middle, reach: between its stops a joint goes as far as `reach` from `middle`.
+        middle, reach: a joint's range between its stops: `middle` plus and minus `reach`.
     """
 
     torque: Array
@@ -93,7 +93,7 @@ def _stops(arm: Arm) -> dict[str, Array]:
             none = -np.inf if name == "lower" else np.inf
             out += np.broadcast_to(none if value is None else value, (link.joint.nv,)).tolist()
     low, high = np.array(ends["lower"]), np.array(ends["upper"])
-    far = 1e3  # instead of a stop that is not there
+    far = 1e3  # stands for a missing stop
     held = np.isfinite(low) | np.isfinite(high)
     low, high = low[held], high[held]
     low, high = np.where(np.isfinite(low), low, high - far), np.where(np.isfinite(high), high, low + far)
@@ -103,7 +103,7 @@ def _stops(arm: Arm) -> dict[str, Array]:
 
 
 def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
-    """One number for all joints, one for each, or a dictionary by link; None, or what a dictionary leaves out: inf."""
+    """One number for all joints, one for each, or a dictionary by link; None and missing keys stand for inf."""
     out = np.full(len(driven.rates), np.inf)
     if value is None:
         return out
