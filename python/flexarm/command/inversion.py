@@ -179,7 +179,7 @@ class Inversion:
         return self.arm.coordinate_of(rate)
 
     def _joint_places(self) -> dict[Any, float]:
-        """Of each freedom of each joint, its value at the start."""
+        """The start value of each freedom of each joint."""
         places = {}
         for n, link in enumerate(self.arm.links):
             for k in range(link.joint.nv):

@@ -155,12 +155,12 @@ def _duration(name: str, value: Any) -> float:
     return float(value)
 
 
-def _freedoms(arm: Arm, name: str, given: Any) -> list[tuple[int, int]]:
+def _freedoms(arm: Arm, name: str, links: Any) -> list[tuple[int, int]]:
     """(link, freedom) of each freedom of the joints named."""
-    if isinstance(given, (str, Mapping)) or not isinstance(given, Iterable):
-        raise ValueError(f"{name} = {given!r}: must be a list of links, or (link, freedom)")
+    if isinstance(links, (str, Mapping)) or not isinstance(links, Iterable):
+        raise ValueError(f"{name} = {links!r}: must be a list of links, or (link, freedom)")
     found = []
-    for key in given:
+    for key in links:
         rates = arm.joint_rates(key, f"{name}: link")
         n = arm._link(key[0] if isinstance(key, tuple) else key)
         found += [(n, i - arm._core.first(n)) for i in rates]

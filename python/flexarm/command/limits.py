@@ -38,12 +38,12 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
         raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
     for name, value in (limits or {}).items():
         choice("limits", name, LIMITS)
-        given = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
-        if name != "range" and not (given > 0).all():
+        bounds = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
+        if name != "range" and not (bounds > 0).all():
             raise ValueError(f"limits[{name!r}] = {value}: must be positive")
-        if name == "range" and not (given[:, 0] < given[:, 1]).all():
+        if name == "range" and not (bounds[:, 0] < bounds[:, 1]).all():
             raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
-        out[name] = given.T
+        out[name] = bounds.T
     if "range" not in out:
         stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),
                                                                                  joint._per_freedom("upper", joint.nv))]
@@ -62,11 +62,11 @@ def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, 
             raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
         read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
         return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
-    given = array(field, value)
+    limits = array(field, value)
     try:
-        return np.broadcast_to(given, shape)
+        return np.broadcast_to(limits, shape)
     except ValueError:
-        raise ValueError(f"{field} has shape {given.shape}: must fit {shape}, the driven joints") from None
+        raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
 
 
 def applied(of: Equations, found: Motions) -> Array:

@@ -86,7 +86,7 @@ class Move:
 
     @property
     def motions(self) -> tuple[Motion, ...]:
-        """Of the joints, in their order."""
+        """The motions of the joints, in their order."""
         return tuple(self.drive.values())
 
     @property

@@ -64,8 +64,8 @@ class Limits:
 
     @staticmethod
     def of(arm: Arm, driven: Driven, torque: Any, speed: Any, acceleration: Any, jerk: Any) -> Limits:
-        given = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
-        read = {name: _read(arm, driven, name, value) for name, value in given.items()}
+        values = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
+        read = {name: _read(arm, driven, name, value) for name, value in values.items()}
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
@@ -110,10 +110,10 @@ def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
     if isinstance(value, Mapping):
         for i, x in arm.by_rate(name, value).items():
             field = f"{name} of '{arm.coordinates[i]}'"
-            given = np.inf if x is None else _numbers(field, x)
-            if np.ndim(given):
+            limit = np.inf if x is None else _numbers(field, x)
+            if np.ndim(limit):
                 raise ValueError(f"{field} = {x!r}: must be one number")
-            out[driven.rates == i] = given
+            out[driven.rates == i] = limit
     else:
         finite = _numbers(name, value)
         if finite.shape not in ((), out.shape):
@@ -129,7 +129,7 @@ def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
 
 
 def _numbers(name: str, value: Any) -> Array:
-    """As `array`, but inf stands for no limit."""
+    """Numbers as `array` reads them; inf stands for no limit."""
     try:
         out = np.array(value, dtype=float)
     except (TypeError, ValueError):

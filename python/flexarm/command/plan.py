@@ -132,9 +132,9 @@ def plan_move(
             found = plan.shaped()
         else:
             found = plan.optimal() if independent else plan.fast()
-        made = plan.move(*found)
-    _warn(made, allowed, plan.scale)
-    return made
+        move = plan.move(*found)
+    _warn(move, allowed, plan.scale)
+    return move
 
 
 def _points(arm: Arm, driven: Driven, q_from: Any, q_to: Any, path: Any) -> Array:
@@ -297,18 +297,18 @@ class _Plan:
             best = found
         return found
 
-    def _within(self, aim: Aim, first: Profile, afar: Profile | None = None) -> tuple[Found, Any]:
+    def _within(self, aim: Aim, first: Profile, slower: Profile | None = None) -> tuple[Found, Any]:
         """The smoothest motion, again with margins if peaks between the knots exceed a limit; and its run on a fine
-        grid. If there is none near `first`, the search begins from `afar`, and from slower motions."""
+        grid. If there is none near `first`, the search begins from `slower`, and from slower motions."""
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
-        found = found if found.good else self._from_slower(aim, replace(afar or first, fine=2))
-        for again in range(_TIGHTER + 1):
+        found = found if found.good else self._from_slower(aim, replace(slower or first, fine=2))
+        for attempt in range(_TIGHTER + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
             run = self.plant.run(p.t, *p.joints(), fine, float(fine[1]))
             over = {k: np.maximum(x.max(axis=0) - 1.0 - _ROUNDING, 0.0) for k, x in self._peaks(run).items()}
-            if again == _TIGHTER or not any(x.any() for x in over.values()):
+            if attempt == _TIGHTER or not any(x.any() for x in over.values()):
                 break
             margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
             if any((x > _RIPPLE).any() for x in over.values()) and p.fine == 1:  # include rows between the knots
@@ -332,15 +332,15 @@ class _Plan:
     def move(self, found: Found, run: Any) -> Move:
         p, plant, d = found.profile, self.plant, self.plant.driven
         frequencies = np.stack([plant.modes_start.frequencies[: self.kept], plant.modes.frequencies[: self.kept]])
-        made = Move(
+        move = Move(
             plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
             tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, (),
             0.0, 0.0, self._keyed(p.t, *p.joints()), self.rigid_drive, plant,
         )  # fmt: skip
         with quiet():
-            tried = made.simulate()
-        left = swing(plant, tried, p.duration)
-        return replace(made, limits=self._uses(tried), residual=left, residual_unshaped=self.unshaped)
+            simulated = move.simulate()
+        left = swing(plant, simulated, p.duration)
+        return replace(move, limits=self._uses(simulated), residual=left, residual_unshaped=self.unshaped)
 
     def _uses(self, run: Any) -> tuple[LimitUse, ...]:
         uses = []

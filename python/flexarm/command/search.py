@@ -149,18 +149,18 @@ class Search:
                 worth = max(_GAIN, _GAIN_OF_PENALTY * (best.merit - best.goal))
                 if step is None or trust < 1e-3 or gain < worth:
                     return best
-                tried = self.judge(step)
+                trial = self.judge(step)
                 for _ in range(corrections):  # further steps with the same slopes correct for curvature
-                    step = self._next(tried, best, slopes, trust)[0] if max(tried.over, tried.left) > _NOISE else None
-                    again = tried if step is None else self.judge(step)
-                    if again.merit >= tried.merit:
+                    step = self._next(trial, best, slopes, trust)[0] if max(trial.over, trial.left) > _NOISE else None
+                    corrected = trial if step is None else self.judge(step)
+                    if corrected.merit >= trial.merit:
                         break
-                    tried = again
-                share = (best.merit - tried.merit) / max(gain, 1e-300)
+                    trial = corrected
+                share = (best.merit - trial.merit) / max(gain, 1e-300)
                 if share > 0.05:
                     break
                 trust *= 0.3
-            best = tried
+            best = trial
             trust = min(2.0 * trust, 2.0) if share > 0.5 else trust
         return best
 

@@ -110,17 +110,17 @@ class Solver:
         zero, inner = np.zeros_like(q), self.of.inner
         K = np.array([self.of.stiffness(x) for x in self.poses.q])
         pose = np.abs(grid.t[:, None] - self.poses.t).argmin(axis=1)
-        tried, step = 0, np.full(1, np.inf)
-        while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and tried < _ITERATIONS:
+        iteration, step = 0, np.full(1, np.inf)
+        while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and iteration < _ITERATIONS:
             r = self.of.arm._core.inverse_dynamics(q, zero, zero)[:, inner]
             step = -np.linalg.solve(K[pose], r[..., None])[..., 0]
             q[:, inner] += step
             q, off = self.of.on_path(q, grid.wanted, near)
-            tried += 1
+            iteration += 1
         self._check_path(grid, off)
-        if tried == _ITERATIONS:
+        if iteration == _ITERATIONS:
             raise NotConverged("tip: no balance with gravity was found along the path; the arm may be too soft")
-        return self._motions(grid, q, tried, 0.0)
+        return self._motions(grid, q, iteration, 0.0)
 
     def solve(self, grid: Grid, q: Array, tolerance: float) -> Motions:
         """The motion on the grid, from a guess q.
@@ -132,7 +132,7 @@ class Solver:
         self._check_path(grid, off)
         if not self.of.elastic or not len(self.of.inner):
             return self._motions(grid, q, 0, 0.0)
-        inner, done, last, kept = self.of.inner, 0, np.inf, q
+        inner, done, last, best_q = self.of.inner, 0, np.inf, q
         for renewal in range(_RENEWALS + 1):
             if not self._matrices or renewal:
                 self._renew(grid, q, renewal)
@@ -141,7 +141,7 @@ class Solver:
             except np.linalg.LinAlgError:
                 break
             mixing, best, since = Mixing(), np.inf, 0
-            for tried in range(_ITERATIONS):
+            for k in range(_ITERATIONS):
                 done += 1
                 self.of.tell(f"{grid.n} rows, iteration {done}")
                 v, a = grid.motion(q)
@@ -154,11 +154,11 @@ class Solver:
                 last = _size(direct, f)
                 if last <= 0.05 * tolerance:
                     return self._motions(grid, q, done, last)
-                since = tried if last < 0.7 * best else since
-                if not last < 1e3 * best or tried > since + _PATIENCE:
+                since = k if last < 0.7 * best else since
+                if not last < 1e3 * best or k > since + _PATIENCE:
                     break
                 if last < best:
-                    best, kept = last, q
+                    best, best_q = last, q
                 moved = mixing(q[:, inner], f) - q[:, inner]
                 q = q.copy()
                 q[:, inner] += moved
@@ -166,7 +166,7 @@ class Solver:
                 q, off = self.of.on_path(q, grid.wanted, near)
                 if not off.max() <= REACHED * max(1.0, self.of.length):
                     break
-            q = kept
+            q = best_q
         raise NotConverged(
             f"tip: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower "
             "or smoother path, one that stays farther from singular poses, or another posture"

@@ -52,8 +52,8 @@ class ClosedLoop:
         channels: the outputs of the controllers, where loops are broken: `.control`, `.output`, `.rate`, `.limit`.
     """
 
-    def __init__(self, _setup: Setup, _hybrid: Hybrid, _given: dict[str, Any], _system: tuple[Any, ...]) -> None:
-        self._setup, self._hybrid, self._given = _setup, _hybrid, _given
+    def __init__(self, _setup: Setup, _hybrid: Hybrid, _options: dict[str, Any], _system: tuple[Any, ...]) -> None:
+        self._setup, self._hybrid, self._options = _setup, _hybrid, _options
         self.arm, self.control, self.q, self.v = _setup.arm, _setup.control, _hybrid.plant.q, _hybrid.plant.v
         self.A, self.B, self.C, self.D, self.inputs, self.outputs = _system
         self.poles, self.z = _hybrid.poles()
@@ -193,8 +193,8 @@ class ClosedLoop:
         """The poles with changed parameters: all of the controllers, or one of the arm."""
         found = Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
         if all(path.startswith("control.") for path in values):  # the arm does not change
-            return _hybrid(self._hybrid.plant, found.control, self._given["t"], found.loads).poles()[0]
-        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given).poles
+            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.loads).poles()[0]
+        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._options).poles
 
     def _poles_over(self, path: str) -> tuple[Any, float]:
         """A callable value -> poles, and the present value."""
@@ -406,6 +406,6 @@ def closed_loop(
     except np.linalg.LinAlgError:
         raise ValueError("q: the mass matrix is singular in double precision; no linear model follows") from None
     hybrid = _hybrid(plant, controls, now, loads)
-    given = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
+    options = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
     setup = Setup(arm, {}, tuple(loads or ()), tuple(controls))
-    return ClosedLoop(setup, hybrid, given, _system(hybrid, inputs, outputs, locked))
+    return ClosedLoop(setup, hybrid, options, _system(hybrid, inputs, outputs, locked))

@@ -74,8 +74,8 @@ def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
     except NameError:  # a user's class may import names for typing only
         hints = {}
     docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # base classes first
-    said = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
-    return {k: Argument(k, hints.get(k, Any), p.default, said.get(k, "")) for k, p in parameters.items()}
+    meanings = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
+    return {k: Argument(k, hints.get(k, Any), p.default, meanings.get(k, "")) for k, p in parameters.items()}
 
 
 @cache
@@ -117,14 +117,14 @@ def with_inherited(cls: type) -> str | None:
     doc = cls.__dict__.get("__doc__")
     if not doc:
         return None
-    said = set(re.findall(r"\w+(?=(?:, \w+)*: )", _block(doc)))
+    explained = set(re.findall(r"\w+(?=(?:, \w+)*: )", _block(doc)))
     more = []
     for base in cls.__mro__[1:]:
         for entry in filter(None, re.split(r"\n(?! )", _block(base.__doc__ or ""))):
             names = entry.partition(": ")[0].split(", ")
-            if said.isdisjoint(names):
+            if explained.isdisjoint(names):
                 more.append(entry)
-                said.update(names)
+                explained.update(names)
     if not more:
         return str(doc)
     doc, new = inspect.cleandoc(doc) + "\n", textwrap.indent("\n".join(more), "    ") + "\n"

@@ -64,7 +64,7 @@ class Beam(Part):
         gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
             lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
             radian these may be too few; then a RangeWarning says so. With None, uniform beams of order 3
-            and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
+            and "exact" take fewer of them while their coordinates are so small that only rounding errors change.
         basis_tip: the body that the modes of the loaded basis carry on the beam's end; its mass, com along x and
             principal inertia are used. It changes only the basis; the load itself is the link's `tip`. None: the modes
             carry nothing, even if the link has a tip (then a ModelWarning says so).

@@ -147,7 +147,7 @@ def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float,
         def at(x: float) -> Array:
             return array(f"{field} at x = {x:g}", value(x), (3,))
 
-        seen = np.array([at(float(x)) for x in np.linspace(0.0, length, 33)])
+        values = np.array([at(float(x)) for x in np.linspace(0.0, length, 33)])
         parts: list[Any] = [lambda x, c=c: float(at(x)[c]) for c in range(3)]
     else:
         if isinstance(value, Mapping):
@@ -155,10 +155,10 @@ def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float,
             if set(value) != {"x", "K"}:
                 raise ValueError(f"{field} = {value!r}: must have x and K, or legendre")
             value = value["x"], value["K"]
-        x, seen = array(f"{field}.x", value[0]), array(f"{field}.K", value[1])
-        if x.ndim != 1 or seen.shape != (x.size, 3):
-            raise ValueError(f"{field} has shapes x {x.shape}, K {seen.shape}: must be (n,) and (n, 3)")
-        parts = [{"x": x, "strain": column} for column in seen.T]
-    largest = np.abs(seen).max(axis=0)
+        x, values = array(f"{field}.x", value[0]), array(f"{field}.K", value[1])
+        if x.ndim != 1 or values.shape != (x.size, 3):
+            raise ValueError(f"{field} has shapes x {x.shape}, K {values.shape}: must be (n,) and (n, 3)")
+        parts = [{"x": x, "strain": column} for column in values.T]
+    largest = np.abs(values).max(axis=0)
     zero = largest <= 1e-13 * largest.max()
     return [(0.0,) if none else coefficients(field, part, length) for part, none in zip(parts, zero, strict=True)]

@@ -50,12 +50,12 @@ def mesh_file(name: str, folder: Path) -> Path | None:
     none. Packages are looked for in the folders above the URDF, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH."""
     url = urlparse(name)
     if url.scheme in ("package", "model"):
-        tried = _in_packages(unquote(url.netloc), unquote(url.path).lstrip("/"), folder)
+        candidates = _in_packages(unquote(url.netloc), unquote(url.path).lstrip("/"), folder)
     elif url.scheme == "file":
-        tried = iter([Path(unquote(url.netloc + url.path))])
+        candidates = iter([Path(unquote(url.netloc + url.path))])
     else:
-        tried = iter([folder / name])
-    return next((path.resolve() for path in tried if path.is_file()), None)
+        candidates = iter([folder / name])
+    return next((path.resolve() for path in candidates if path.is_file()), None)
 
 
 def _in_packages(package: str, rest: str, folder: Path) -> Iterator[Path]:
@@ -97,10 +97,10 @@ def urdf_looks(root: ET.Element, folder: Path, left_out: Omissions) -> Looks:
 
 
 def _colour(material: ET.Element | None) -> str | None:
-    given = None if material is None else material.find("color")
-    if given is None:
+    color = None if material is None else material.find("color")
+    if color is None:
         return None
-    return _hex([float(x) for x in given.get("rgba", "").split()])
+    return _hex([float(x) for x in color.get("rgba", "").split()])
 
 
 def _hex(rgba: Any) -> str | None:
@@ -173,9 +173,9 @@ def _geom(
         left_out.append((f"the look of geoms that are {kind.name.removeprefix('mjGEOM_').lower()}s", body))
         return []
     mesh = int(model.geom_dataid[k])
-    given = bytes(model.paths[int(model.mesh_pathadr[mesh]) :]).partition(b"\0")[0].decode()
-    if int(model.mesh_pathadr[mesh]) < 0 or not (file := folder / given).is_file():
-        left_out.append((f"the mesh {given}: there is no such file" if given else "meshes without a file", body))
+    path = bytes(model.paths[int(model.mesh_pathadr[mesh]) :]).partition(b"\0")[0].decode()
+    if int(model.mesh_pathadr[mesh]) < 0 or not (file := folder / path).is_file():
+        left_out.append((f"the mesh {path}: there is no such file" if path else "meshes without a file", body))
         return []
     # MuJoCo stores a mesh in the axes of its inertia; this pose restores the file's axes
     own = Pose(model.mesh_pos[mesh].copy(), quaternion_rotation(model.mesh_quat[mesh])).inverse

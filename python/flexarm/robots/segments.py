@@ -87,8 +87,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
     if fit and len(wanted):
         links = _fitted(arm._made(links), of, wanted)
-    made = arm._made(links, arm.gravity)
-    return Segmented(made, of, locked_frequencies(made, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
+    near = arm._made(links, arm.gravity)
+    return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
 
 
 def _left_out(name: str, beam: Beam) -> list[str]:

@@ -73,9 +73,9 @@ def _quaternion(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_quat())[[3, 0, 1, 2]]
 
 
-def _in_space(given: Mass) -> Mass:
+def _in_space(mass: Mass) -> Mass:
     """The same body for programs that refuse bodies without mass or inertia."""
-    body = realisable(given)
+    body = realisable(mass)
     small = _SMALL * np.eye(3) * (np.linalg.eigvalsh(body.inertia)[0] < _SMALL)
     return Mass(max(body.mass, _SMALL), body.com, body.inertia + small)
 
@@ -104,9 +104,9 @@ def lost(cut: Segmented, fields: dict[str, str]) -> list[str]:
     return out + _of("looks (shapes and meshes)", [name for name, link in links if link.looks])
 
 
-def _of(words: str, whose: Sequence[str]) -> list[str]:
-    more = f" and {len(whose) - 6} more" if len(whose) > 6 else ""
-    return [f"{words}: {', '.join(whose[:6])}{more}"] if whose else []
+def _of(words: str, owners: Sequence[str]) -> list[str]:
+    more = f" and {len(owners) - 6} more" if len(owners) > 6 else ""
+    return [f"{words}: {', '.join(owners[:6])}{more}"] if owners else []
 
 
 def _has(joint: Joint, field: str) -> bool:
@@ -132,24 +132,24 @@ def mjcf(cut: Segmented) -> str:
     ET.SubElement(root, "compiler", angle="radian", autolimits="false")
     option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
     ET.SubElement(root, "option", option)
-    here = ET.SubElement(root, "worldbody")
+    element = ET.SubElement(root, "worldbody")
     end, motors, taken = Pose(), list[str](), _taken(arm)
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
         name = _free(name, [WORLD])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         at = end @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
-        here = ET.SubElement(here, "body", name=name, pos=_numbers(at.position), quat=turn)
+        element = ET.SubElement(element, "body", name=name, pos=_numbers(at.position), quat=turn)
         freedoms = _freedoms(name, link.joint, taken)
         anchor = outboard.inverse
         for f in freedoms:
-            _mjcf_joint(here, f, anchor)
+            _mjcf_joint(element, f, anchor)
         if k not in cut.hinges:
             motors += [f.name for f in freedoms]
-        _mjcf_inertia(here, mass_of(link.hub), bool(freedoms))
-        _mjcf_shape(here, _at_end(link))
+        _mjcf_inertia(element, mass_of(link.hub), bool(freedoms))
+        _mjcf_shape(element, _at_end(link))
         end = Pose(_at_end(link))
-    ET.SubElement(here, "site", name="tip", pos=_numbers(end.position))
+    ET.SubElement(element, "site", name="tip", pos=_numbers(end.position))
     if motors:
         actuator = ET.SubElement(root, "actuator")
         for name in motors:
@@ -159,27 +159,27 @@ def mjcf(cut: Segmented) -> str:
 
 
 def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
-    given = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
-    given["pos"] = _numbers(anchor.position)
+    attributes = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
+    attributes["pos"] = _numbers(anchor.position)
     v = f.values
     if v["stiffness"]:
-        given |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
+        attributes |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
     for key, field in (("damping", "damping"), ("frictionloss", "coulomb"), ("armature", "reflected_inertia")):
         if v[field]:
-            given[key] = _numbers(v[field])
+            attributes[key] = _numbers(v[field])
     if np.isfinite([v["lower"], v["upper"]]).any():
         limits = np.nan_to_num([v["lower"], v["upper"]], posinf=1e6, neginf=-1e6)
-        given |= {"limited": "true", "range": _numbers(limits)}
+        attributes |= {"limited": "true", "range": _numbers(limits)}
     if np.isfinite(v["torque_limit"]):
         most = v["torque_limit"]
-        given |= {"actuatorfrclimited": "true", "actuatorfrcrange": _numbers([-most, most])}
-    ET.SubElement(body, "joint", given)
+        attributes |= {"actuatorfrclimited": "true", "actuatorfrcrange": _numbers([-most, most])}
+    ET.SubElement(body, "joint", attributes)
 
 
-def _mjcf_inertia(body: ET.Element, given: Mass, moves: bool) -> None:
-    if not (moves or given.mass):
+def _mjcf_inertia(body: ET.Element, mass: Mass, moves: bool) -> None:
+    if not (moves or mass.mass):
         return
-    own = _in_space(given)
+    own = _in_space(mass)
     I = own.inertia
     entries = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     ET.SubElement(body, "inertial", pos=_numbers(own.com), mass=_numbers(own.mass), fullinertia=entries)
@@ -240,10 +240,10 @@ def _urdf_origin(parent: ET.Element, at: Pose) -> None:
     ET.SubElement(parent, "origin", xyz=_numbers(at.position), rpy=_numbers(rpy))
 
 
-def _urdf_inertia(link: ET.Element, given: Mass, moves: bool) -> None:
-    if not (moves or given.mass or given.inertia.any()):
+def _urdf_inertia(link: ET.Element, mass: Mass, moves: bool) -> None:
+    if not (moves or mass.mass or mass.inertia.any()):
         return
-    own = _in_space(given)
+    own = _in_space(mass)
     inertial = ET.SubElement(link, "inertial")
     _urdf_origin(inertial, Pose(own.com))
     ET.SubElement(inertial, "mass", value=_numbers(own.mass))

@@ -276,7 +276,7 @@ def _rates(arm: Arm, q: Array, v: Array) -> Array:
 
 
 def _slope(h: Array, x: Array, rate: Array) -> Array:
-    """The derivatives halfway between rows of the cubic pieces through x and `rate`; 0 for constant rows."""
+    """The slope halfway between rows of the cubic pieces through x and `rate`; the mean rate if x is constant."""
     move, mean = np.diff(x, axis=0), 0.5 * (rate[:-1] + rate[1:])
     return np.asarray(mean + np.where(move == 0, 0.0, 1.5 * (move / h - mean)))
 
@@ -365,9 +365,9 @@ class Sampler:
         rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
                            for x0, x1 in zip(before[1:], self._last_input[1:], strict=True)]  # fmt: skip
         middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]
-        old, given = self._filter, np.stack([before[0], middle, y])
-        self._filter = f.step(t - self._history[-1][0]) @ np.vstack([old, given])
-        return self._filter[0], (old, given)
+        old, inputs = self._filter, np.stack([before[0], middle, y])
+        self._filter = f.step(t - self._history[-1][0]) @ np.vstack([old, inputs])
+        return self._filter[0], (old, inputs)
 
     def _output_at(self, t: float) -> Array:
         while len(self._history) > 2 and self._history[1][0] <= t:

@@ -112,7 +112,7 @@ def with_motion(scene: Scene, recording: Recording) -> Scene:
 
 def with_currents(scene: Scene, recording: Recording) -> Scene:
     """The scene with the measured currents in its motors, and the joints' measured start."""
-    there, arm = with_motion(scene, recording), scene.arm
+    moved, arm = with_motion(scene, recording), scene.arm
     q0 = scene.start()
     v0 = np.zeros(arm.nv) if scene.v0 is None else np.array(scene.v0)
     friction = []
@@ -124,14 +124,14 @@ def with_currents(scene: Scene, recording: Recording) -> Scene:
         K[0, arm.nv + i] = actuate[0, i] = 1.0
         friction.append(StateFeedback(K.tolist(), actuate=actuate.tolist(), limit=1.0))
     drive: dict[Any, Any] = {k: recording.current(name) for k, name in enumerate(CURRENTS)}
-    return replace(there, drive=drive, control=(*scene.control, *friction), q0=q0, v0=v0)
+    return replace(moved, drive=drive, control=(*scene.control, *friction), q0=q0, v0=v0)
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     """The scene with these values, by path."""
     setup = Setup(scene.arm, scene.drive, scene.loads, scene.control, scene.sensors)
-    made = Variation(setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
-    return replace(scene, arm=made.arm, drive=made.drive, control=made.control, sensors=made.sensors)  # type: ignore
+    varied = Variation(setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+    return replace(scene, arm=varied.arm, drive=varied.drive, control=varied.control, sensors=varied.sensors)  # type: ignore
 
 
 def compared(scene: Scene, recording: Recording, names: Sequence[str]) -> Comparison:
@@ -147,11 +147,11 @@ def outputs(scene: Scene, names: Sequence[str]) -> dict[str, Sensor]:
 
 
 def _sensors(scene: Scene, recording: Recording) -> dict[str, Sensor]:
-    """By column: the scene's gauges, tared as in the recording, and its encoders without their steps."""
+    """The scene's gauges by column, tared as in the recording, and its encoders without their steps."""
     gauges = [s for s in scene.sensors if isinstance(s, StrainGauge)]
     encoders = [s for s in scene.sensors if isinstance(s, Encoder)]
     found: dict[str, Sensor] = {}
     for name, gauge, tare in zip(DEFLECTIONS, gauges, recording.tares, strict=True):
-        given = {f: getattr(gauge, f) for f in ("link", "x", "face", "gauge_factor", "filter", "gain", "offset")}
-        found[name] = TaredGauge(**given, tare=tare)
+        settings = {f: getattr(gauge, f) for f in ("link", "x", "face", "gauge_factor", "filter", "gain", "offset")}
+        found[name] = TaredGauge(**settings, tare=tare)
     return found | {name: replace(e, pulses=None) for name, e in zip(JOINTS, encoders, strict=True)}

@@ -59,60 +59,60 @@ def validate(
     sources = list(data) if isinstance(data, (list, tuple)) else [data]
     if not sources:
         raise ValueError("data: an empty list; give at least one recording")
-    made = Validation([])
+    validation = Validation([])
     for recording in [read(source) for source in sources]:
-        _judge(scene, recording, calibrate, made, progress)
-    return made
+        _judge(scene, recording, calibrate, validation, progress)
+    return validation
 
 
 def _shipped(scene: Scene, fit: str, progress: Any) -> Validation:
     """Fits to one of the shipped recordings and predicts the other."""
     first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
     done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, progress)
-    made = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
+    validation = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
     other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, progress)
-    made.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
-    made.calibrations[other.name] = other_fit.values
-    made.notes += [f"{other.name}: {x}." for x in other_fit.loose]
+    validation.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
+    validation.calibrations[other.name] = other_fit.values
+    validation.notes += [f"{other.name}: {x}." for x in other_fit.loose]
     for recording, one in ((first, done), (other, other_fit)):
-        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, made, progress)
-    return made
+        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, progress)
+    return validation
 
 
-def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Validation, progress: Any) -> None:
+def _judge(scene: Scene, recording: Recording, calibrate: float | None, validation: Validation, progress: Any) -> None:
     """Judges a recording to which no parameter of the arm was fitted."""
     t = recording.data.t
     until = float(t[-1]) / 2 if calibrate is None else number("calibrate", calibrate)
     least, most = float(t[recording.judged][0]) + 1.0, float(t[-1]) - 1.0
     if not least <= until <= most:
         raise ValueError(f"calibrate = {until:g}: must be from {least:.4g} to {most:.4g} s, for {recording.name}")
-    there = with_motion(scene, recording)
-    best, begin = _nearest(there, recording, "motion", DEFLECTIONS)
-    made.judged.append(best)
+    moved = with_motion(scene, recording)
+    best, begin = _nearest(moved, recording, "motion", DEFLECTIONS)
+    validation.judged.append(best)
     own = PER_RUN if recording.from_rest else {**PER_RUN, **START}
-    done = _fitted(there, recording, own, DEFLECTIONS, progress, until, begin)
+    done = _fitted(moved, recording, own, DEFLECTIONS, progress, until, begin)
     rest = done.validate(recording.data)
-    made.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
-    made.calibrations[recording.name] = done.values
-    made.notes += [f"{recording.name}: {x}." for x in done.loose]
-    _drive(done.scene, recording, until, made, progress)
+    validation.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
+    validation.calibrations[recording.name] = done.values
+    validation.notes += [f"{recording.name}: {x}." for x in done.loose]
+    _drive(done.scene, recording, until, validation, progress)
 
 
-def _drive(scene: Scene, recording: Recording, until: float, made: Validation, progress: Any) -> None:
+def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, progress: Any) -> None:
     """The drives: with the best values of the shipped recordings, and fitted to the currents of the first part."""
-    there, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
+    driven, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
     try:
-        best, begin = _nearest(there, recording, "current", columns)
+        best, begin = _nearest(driven, recording, "current", columns)
         if recording.name not in SHIPPED:
-            made.judged.append(best)
+            validation.judged.append(best)
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
-        done = _fitted(with_values(there, own), recording, DRIVES, columns, progress, until, begin)
+        done = _fitted(with_values(driven, own), recording, DRIVES, columns, progress, until, begin)
         rest = done.validate(recording.data)
     except (FitError, SimulationError) as e:  # a drive that runs away
-        made.notes.append(f"{recording.name}, driven by current: {e}")
+        validation.notes.append(f"{recording.name}, driven by current: {e}")
         return
-    made.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
-    made.fits.setdefault("current", done)
+    validation.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
+    validation.fits.setdefault("current", done)
 
 
 def _nearest(

@@ -33,9 +33,9 @@ class Eye:
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Places (..., 2) and distances from the eye (...)."""
-        seen = (points - self.camera.centre) @ self.axes.T
-        depth = self.distance - seen[..., 2]
-        return seen[..., :2] * (self.scale / depth)[..., None], depth
+        placed = (points - self.camera.centre) @ self.axes.T
+        depth = self.distance - placed[..., 2]
+        return placed[..., :2] * (self.scale / depth)[..., None], depth
 
     def sees(self, faces: Array) -> NDArray[np.bool_]:
         """Whether faces (n, 4, 3), whose corners run counterclockwise as seen from outside, turn to the eye."""
@@ -178,10 +178,10 @@ def _add_track(
         mean = (values[:-1] + after[:-1] + after[1:] + values[1:]) / 4
         plain = None if beam["part"] == "beam" else stage.PART_COLOURS[beam["part"]]
         sides, colours = _quads(rings), _beam_colours(mean.ravel(), most)
-        seen = eye.sees(sides)
+        visible = eye.sees(sides)
         towards = (rings.mean(axis=(0, 1)) - p[nodes].mean(axis=0)) @ eye.axes[2]  # towards the patch's face
         lift = float(np.sign(towards) * np.linalg.norm(rings[1, 0] - rings[0, 0])) if plain else 0.0
-        faces.add(sides[seen], plain or colours[seen], lift)
+        faces.add(sides[visible], plain or colours[visible], lift)
         for k in (0, -1):
             faces.add_polygon(rings[k], plain or _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
     for solid in body.solids:

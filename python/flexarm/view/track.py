@@ -100,13 +100,13 @@ def magnified(arm: Chain, q: Array, magnify: float) -> Array:
 
 def _slices(arm: Chain, q: Array) -> list[int]:
     """Numbers of slices of the beams: neighbours turn by less than 6 degrees at the rows q (nt, nq), 33 at most."""
-    some = q[:: max(len(q) // 60, 1)]
+    rows = q[:: max(len(q) // 60, 1)]
     counts = []
     for k, link in enumerate(arm.links):
         if link.beam is None:
             counts.append(0)
             continue
-        R = np.array([arm.frame(some, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
+        R = np.array([arm.frame(rows, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
         cosine = (np.einsum("stij,stij->st", R[1:], R[:-1]) - 1) / 2
         turn = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=0).max()
         fewest = min(max(8, 4 * max(link.beam.counts.values(), default=0)), 32)  # colours follow the strain shapes
@@ -124,14 +124,14 @@ def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_]
     last = len(t) - 1
     tolerance, most = _TOLERANCE * max(float(np.ptp(ends, axis=0).max()), 1e-9), max(most, 2)
     finest = -(-last // (most - 1)) if last else 1
-    kept, error = np.arange(len(t)), 0.0
+    frames, error = np.arange(len(t)), 0.0
     for stride in sorted({int(finest * 1.4**k) for k in range(30)}):
         rows = np.unique(np.append(np.arange(0, len(t), stride), last))
         off = float(np.abs(curve(t[rows], ends[rows])(t) - ends).max()) if stride > 1 else 0.0
         if (stride > finest and off > tolerance) or len(rows) < min(9, len(t)):
             break
-        kept, error = rows, off
-    return kept, error
+        frames, error = rows, off
+    return frames, error
 
 
 def _pose(arm: Chain, body: Body, q: Array) -> tuple[Array, Array, Array]:
@@ -185,8 +185,8 @@ def make_track(
     t, q = t[rows], q[rows]
     large = magnified(arm, q, magnify)
     body = make_body(arm, _slices(arm, large), loads)
-    kept, error = _frames(arm, t, large, int(share * _BUDGET / (20 * len(body.places) + 12 * len(loads))))
-    t, q, large = t[kept], q[kept], large[kept]
+    frames, error = _frames(arm, t, large, int(share * _BUDGET / (20 * len(body.places) + 12 * len(loads))))
+    t, q, large = t[frames], q[frames], large[frames]
     p, R, strain = _pose(arm, body, large)
     _strains(arm, body, q, strain)
     wrench = np.array([[load(float(s)) for load in loads] for s in t]).reshape(len(t), len(loads), 2, 3)

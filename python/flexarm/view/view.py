@@ -199,12 +199,12 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
     if tool is None:
         raise ValueError(f"path = {str(file)!r}: .mp4 needs the program ffmpeg, which is not here; .gif does without")
     with tempfile.TemporaryDirectory(prefix="flexarm-") as folder:
-        made = Path(folder) / "film.mp4"
+        film = Path(folder) / "film.mp4"
         first = next(pictures)
         height, width = first.shape[:2]
         command = [tool, "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         command += ["-r", f"{rate:g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
-        command.append(str(made))
+        command.append(str(film))
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as p:
             assert p.stdin is not None and p.stderr is not None
             try:
@@ -214,10 +214,10 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
                 p.stdin.close()
             except BrokenPipeError:
                 pass
-            said = p.stderr.read().decode(errors="replace").strip()
-        if p.returncode or not made.exists():
-            raise ValueError(f"path = {str(file)!r}: ffmpeg failed: {said[-300:]}")
-        content = made.read_bytes()
+            error = p.stderr.read().decode(errors="replace").strip()
+        if p.returncode or not film.exists():
+            raise ValueError(f"path = {str(file)!r}: ffmpeg failed: {error[-300:]}")
+        content = film.read_bytes()
     write_whole(file, lambda f: f.write(content), "path")
 
 
