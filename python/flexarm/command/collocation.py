@@ -21,7 +21,7 @@ from .plant import Plant
 
 _SMOOTH = 1e-4  # weight of the mean squared change of the joints' accelerations from knot to knot beside the duration
 _TOLERANCE, _ITERATIONS = 1e-6, 200
-_ACCEPTABLE = 1e-3  # tolerance for the objective's gradient, if eight rounds in turn hardly change it
+_ACCEPTABLE = 1e-3  # IPOPT's tolerance, and change of the objective, for an end after eight such rounds
 _RANGE = (0.3, 1.05)  # of the duration, in parts of the first; a wider range leads the search far away
 
 

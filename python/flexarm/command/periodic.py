@@ -50,7 +50,7 @@ class Banded:
         for k in range(n):
             M, C, K = matrices(k)
             M, C = M / h**2, C / (2 * h)
-            # the node's blocks in the rows to its right, its own, and to its left
+            # the node's blocks in the rows of its right neighbour, its own, and its left neighbour
             parts.append((M - C + _SHARE * K, (1 - 2 * _SHARE) * K - 2 * M, M + C + _SHARE * K))
         for k in range(n):
             below, centre, above = parts[k - 1][0], parts[k][1], parts[(k + 1) % n][2]

@@ -212,8 +212,8 @@ class _Plan:
         return float(np.clip(self.unshaped, _LEAST_SCALE * most, most))
 
     def _first(self) -> Profile:
-        """The rigid move, shaped by ZV; or one of constant jerks, if that excites the modes as much as an impulse or
-        the shaped move exceeds the limits of jerk. Brought to rest at the end."""
+        """The rigid move, shaped by ZV; or, if it acts as an impulse on the modes or exceeds the limits of jerk, a move
+        of constant jerks. Brought to rest at the end."""
         half, n = self.plant.half_period, self.knots
         T = self.target
         if np.isfinite(self.limits.jerk).any():

@@ -238,6 +238,6 @@ class Solver:
 
 def _size(direct: Array, f: Array) -> float:
     """Size of changes f (n, k) of the inner coordinates: the output's displacement with the joints held, by direct
-    (n, p, k); and for changes without such an effect, parts of their own size."""
+    (n, p, k), or a hundredth of the largest change, if that is more."""
     seen = float(np.abs(np.einsum("npk,nk->np", direct, f)).max())
     return max(seen, 1e-2 * float(np.abs(f).max()))

@@ -84,7 +84,7 @@ def plot_pair(pair: Pair) -> Figure:
     grid = fig.subplots(down, across, sharex=True, squeeze=False)
     for i, ax in enumerate(grid.ravel()):
         if i < len(names):
-            _both(ax, pair, names[i], "simulated", "", 60 if across == 1 else 40)
+            _panel(ax, pair, names[i], "simulated", "", 60 if across == 1 else 40)
             ax.set_xlabel("Time (s)" if i >= len(names) - across else "")
             ax.tick_params(labelbottom=i >= len(names) - across)
         else:
@@ -93,7 +93,7 @@ def plot_pair(pair: Pair) -> Figure:
     return fig
 
 
-def _both(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -> None:
+def _panel(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -> None:
     t, unit = pair.measured.t, pair.measured.units[name]
     ax.plot(t, pair.measured[name], color=BLUE, linewidth=1.6, label="measured")
     ax.plot(t, pair.simulated[name], color=RED, linewidth=1.1, linestyle="--", label=other)
@@ -107,7 +107,7 @@ def _both(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -
 
 def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool, letters: int) -> None:
     t = pair.measured.t
-    _both(top, pair, name, "fitted", run, letters)
+    _panel(top, pair, name, "fitted", run, letters)
     below.plot(t, pair.simulated[name] - pair.measured[name], color=INK, linewidth=0.7)
     label_axes(below, "error", "Time (s)" if last else "")
     below.ticklabel_format(axis="y", scilimits=(-3, 4))

@@ -94,7 +94,7 @@ def chain(
         inboard = joint.rest_pose @ inboard
     limited = [j.name for j in moving if j.lower is not None or j.upper is not None]
     if limited and stops is None:
-        out.notes.append(f"limits of position (`stops` makes soft stops of them): {_few(limited)}")
+        out.notes.append(f"limits of position (`stops` makes soft stops of them): {_first_few(limited)}")
     for group in groups:
         link, inboard = _link(group, inboard, wanted.get(group.joint.child), stops, out)
         out.links.append(link)
@@ -162,18 +162,18 @@ def _note_omissions(tree: Tree, path: Sequence[TreeJoint], out: Conversion) -> N
     off, held = [j.name for j in away], {j.name for j in away if j.child not in on_base}
     if held:
         how = "they are held at zero, their bodies move with the link"
-        out.notes.append(f"motion of the joints of branches: {how}: {_few(n for n in off if n in held)}")
+        out.notes.append(f"motion of the joints of branches: {how}: {_first_few(n for n in off if n in held)}")
     if len(off) > len(held):
-        out.notes.append(f"branches of the base: {_few(n for n in off if n not in held)}")
+        out.notes.append(f"branches of the base: {_first_few(n for n in off if n not in held)}")
     whole: dict[str, list[str]] = {}
     elsewhere = {j.name for j in tree.joints} - {j.name for j in path}
     for item, owner in tree.left_out:
         if owner not in elsewhere:
             whole.setdefault(item, []).append(owner)
-    out.notes += [f"{item}: {_few(owners)}" if any(owners) else item for item, owners in whole.items()]
+    out.notes += [f"{item}: {_first_few(owners)}" if any(owners) else item for item, owners in whole.items()]
 
 
-def _few(names: Iterable[str]) -> str:
+def _first_few(names: Iterable[str]) -> str:
     names = list(dict.fromkeys(names))
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 

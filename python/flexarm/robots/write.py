@@ -95,16 +95,16 @@ def _comment(cut: Segmented) -> str:
     return f"<!-- {' '.join(' '.join(about(cut)).replace('--', '- -').split())} -->\n"
 
 
-def lost(cut: Segmented, fields: dict[str, str]) -> list[str]:
+def missing_features(cut: Segmented, fields: dict[str, str]) -> list[str]:
     """Features of the arm that the file does not have; for joints, by the names of their arguments."""
     out = list(cut.left_out)
     links = list(zip(cut.names, cut.arm.links, strict=True))
     for field, words in fields.items():
-        out += _of(words, [link.joint.name or name for name, link in links if _has(link.joint, field)])
-    return out + _of("looks (shapes and meshes)", [name for name, link in links if link.looks])
+        out += _note(words, [link.joint.name or name for name, link in links if _has(link.joint, field)])
+    return out + _note("looks (shapes and meshes)", [name for name, link in links if link.looks])
 
 
-def _of(words: str, owners: Sequence[str]) -> list[str]:
+def _note(words: str, owners: Sequence[str]) -> list[str]:
     more = f" and {len(owners) - 6} more" if len(owners) > 6 else ""
     return [f"{words}: {', '.join(owners[:6])}{more}"] if owners else []
 
