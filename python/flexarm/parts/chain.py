@@ -351,24 +351,24 @@ class Chain:
         return finite("frame", p), finite("frame", R)
 
     def jacobian(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
+        """Jacobian (..., 6, nv) of a frame of `frame`: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
         (q,) = self._batch(q=q)
         return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
 
     def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
+        """Time derivative (..., 6, nv) of `jacobian` at the rates v: acceleration = J a + dJ/dt v."""
         q, v = self._batch(q=q, v=v)
         return finite("jacobian rate", self._core.jacobian_rate(q, v, self._link(link), self._x(x)))
 
     def velocity(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
+        """Velocity (..., 6) of a frame of `frame`: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
         q, v = self._batch(q=q, v=v)
         return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
 
     def acceleration(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None
     ) -> Array:
-        """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        """Acceleration (..., 6) of a frame of `frame`: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
         q, v, a = self._batch(q=q, v=v, a=a)
         return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])
 
