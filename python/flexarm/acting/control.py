@@ -412,4 +412,4 @@ def padded(x: Array, size: int) -> Array:
 def extended(arm: Chain, memory: int) -> Chain:
     """The arm with a link without bodies for each state of a controller, whose rate is that state: on a joint with unit
     inertia of its own, x' is the force, and nothing else of the arm feels it. So every integrator integrates x."""
-    return arm._made([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)
+    return type(arm)([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)

@@ -45,7 +45,7 @@ class Plan:
         error: largest distance of the lean run from the check's, in the terms of `tol`.
         time: wall time of the lean run (s). seconds: that deciding took. runs: simulations that it took.
         choices: every choice; see Choice.
-        watch: monitors for `simulate(..., watch=plan.watch)`: the range that the lean run has used, and half as much.
+        watch: limits for `result.check(plan.watch)`: the range that the lean run has used, and half as much.
     """
 
     given: Scene
@@ -144,7 +144,7 @@ class Plan:
             t: other output times (s), say a longer run. None: the scene's.
 
         Warns:
-            WatchWarning: the run left the range that the model was chosen for, and adapt is False.
+            RangeWarning: the run left the range that the model was chosen for, and adapt is False.
         """
         scene = self.scene if t is None else replace(self.scene, t=np.asarray(t, dtype=float))
         if not adapt:

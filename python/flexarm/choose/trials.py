@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..analysis.validity import RangeWarning
+from ..analysis.findings import RangeWarning
 from ..run.result import Result
-from ..run.simulation import SimulationError, simulate
+from ..run.simulation import SimulationError, simulated
 from ..scene.scene import Scene
 from .coordinates import carried_q, carried_v, some_rows
 from .integrators import OVER_OUTPUTS
@@ -47,21 +46,18 @@ class Budget:
 
 
 def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Result, float, str]:
-    """Runs a scene: the result, its time (s), and what RangeWarning said. (Whether its modes are enough, which
-    ModelWarning doubts, the distance from richer models tells.) The time is the lesser of the simulation's wall time
-    and what this thread has used of the processor, which a busy machine does not lengthen.
+    """Runs a scene: the result, its time (s), and what RangeWarning would say. The time is the lesser of the
+    simulation's wall time and what this thread has used of the processor, which a busy machine does not lengthen.
 
     Args:
         look: called now and then; may raise OutOfTime.
     """
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        used = time.thread_time()
-        given = {**scene.given(), **scene.options}
-        result = simulate(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
-        used = time.thread_time() - used
+    used = time.thread_time()
+    given = {**scene.given(), **scene.options}
+    result = simulated(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
+    used = time.thread_time() - used
     spent = max(1e-6, min(float(result.stats["wall_time"]), used))  # 0 where nothing is integrated
-    return result, spent, "; ".join(str(w.message) for w in said if issubclass(w.category, RangeWarning))
+    return result, spent, "; ".join(str(w) for w in result._wrong if isinstance(w, RangeWarning))
 
 
 @dataclass(eq=False)
@@ -76,7 +72,7 @@ class Run:
         status: "ok", "failed", "skipped" (not begun) or "cut" (given up); `reason` says why.
         time: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut.
         steps, evaluations: of the integrator; so many of the steps were `halved` others.
-        warning: what RangeWarning said, if a beam bent further than its order is good for.
+        warning: what RangeWarning would say, if a beam bent further than its order is good for.
         error: in a chart, the largest distance from the truth over the quantity's span; None if not known.
         absolute: the same by unit, such as {"m": 1e-5}.
         values: what is compared, at the times of comparison; None where the run failed.
