@@ -18,7 +18,7 @@ from pathlib import Path
 import flexarm as fa
 from flexarm.draw.style import DPI
 from flexarm.validate.recordings import DEFLECTIONS, SHIPPED, Recording, read
-from flexarm.validate.rig import ARM, EACH, found, moved, seen, with_values
+from flexarm.validate.rig import ARM, PER_RUN, compared, identified, with_motion, with_values
 from flexarm.validate.validate import _fitted
 from flexarm.validate.validation import Judged
 
@@ -26,7 +26,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 ZERO, SPRING, LEVEL = "link.1.joint.outboard.rotation.2", "control.0.K.0.0", "gravity.1"
 DRAG = "control.1.limit"
 LEFT_OUT = {ZERO: 0.0, SPRING: 0.0, LEVEL: 0.0, DRAG: 1e-9}
-GAUGES = [path for path in EACH if path.startswith("sensor")]
+GAUGES = [path for path in PER_RUN if path.startswith("sensor")]
 BODIES = [path for path in ARM if path != DRAG]
 MODELS = (
     ("stiffness, mass and damping of the strips; gains and zeros of the gauges", []),
@@ -49,12 +49,12 @@ def both_ways(free: list[str], filtered: bool) -> list[str]:
     if not filtered:
         scene = replace(scene, sensors=tuple(replace(s, filter=None) for s in scene.sensors))
     arm = {k: x for k, x in ARM.items() if k in BODIES or k in free}
-    each = {k: x for k, x in EACH.items() if k in GAUGES or k in free}
+    each = {k: x for k, x in PER_RUN.items() if k in GAUGES or k in free}
     cells = []
     for names in (("lqr", "fsf"), ("fsf", "lqr")):
         first, other = map(read, names)
-        fit = _fitted(moved(scene, first), first, {**arm, **each}, DEFLECTIONS, False)
-        again = _fitted(moved(fit.scene, other), other, each, DEFLECTIONS, False)
+        fit = _fitted(with_motion(scene, first), first, {**arm, **each}, DEFLECTIONS, False)
+        again = _fitted(with_motion(fit.scene, other), other, each, DEFLECTIONS, False)
         cells += errors(first, fit.comparisons[0]) + errors(other, again.comparisons[0])
     return cells
 
@@ -88,12 +88,12 @@ def refits() -> str:
     cells: dict[str, list[str]] = {name: [] for name, _ in steps}
     for names in (("lqr", "fsf"), ("fsf", "lqr")):
         first, other = map(read, names)
-        fit = _fitted(moved(fa.load("quanser"), first), first, {**ARM, **EACH}, DEFLECTIONS, False)
-        scene, free = moved(fit.scene, other), list[str]()
+        fit = _fitted(with_motion(fa.load("quanser"), first), first, {**ARM, **PER_RUN}, DEFLECTIONS, False)
+        scene, free = with_motion(fit.scene, other), list[str]()
         for name, more in steps:
             free += more
-            each, begin = {path: EACH[path] for path in free}, {path: fit.values[path] for path in free}
-            said = seen(scene, other, DEFLECTIONS)
+            each, begin = {path: PER_RUN[path] for path in free}, {path: fit.values[path] for path in free}
+            said = compared(scene, other, DEFLECTIONS)
             if free:
                 said = _fitted(scene, other, each, DEFLECTIONS, False, None, begin).comparisons[0]
             cells[name].append(", ".join(errors(other, said)))
@@ -106,8 +106,9 @@ def levels() -> str:
     lines = ["| recording | tilt of the table, degrees | 95 % interval | numbers that stand in for it |", "|-|-:|-:|-|"]
     for name in SHIPPED:
         recording = read(name)
-        begin = found(name)[0]
-        fit = _fitted(moved(fa.load("quanser"), recording), recording, EACH, DEFLECTIONS, False, None, begin)
+        begin = identified(name)[0]
+        scene = with_motion(fa.load("quanser"), recording)
+        fit = _fitted(scene, recording, PER_RUN, DEFLECTIONS, False, None, begin)
         angle, low, high = (math.degrees(math.asin(g / 9.81)) for g in (fit.values[LEVEL], *fit.intervals[LEVEL]))
         others = [path for x in fit.loose if LEVEL in x.names for path in x.names if path != LEVEL]
         row = dict(zip(fit.values, fit.correlation[list(fit.values).index(LEVEL)], strict=True))

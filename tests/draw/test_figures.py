@@ -12,7 +12,7 @@ from flexarm.draw.fit import plot_fit, plot_pair
 from flexarm.draw.loop import plot_loop
 from flexarm.draw.modes import plot_modes
 from flexarm.draw.sweep import plot_sweep
-from flexarm.draw.tradeoff import Cheapest, Kind, Line, Tried, plot_lines, plot_tried
+from flexarm.draw.tradeoff import Cheapest, Kind, Line, Trial, plot_lines, plot_trials
 from flexarm.draw.trajectory import plot_panels
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -122,8 +122,8 @@ def test_numbers_of_a_chart_lie_apart_where_its_points_do_not() -> None:
 def test_a_plan_of_twelve_links() -> None:
     label = "; ".join(f"{name}: order 2, bending_y 2, torsion 1, 5 Gauss points" for name in NAMES)
     note = "NOT CERTIFIED: against the check it is off by 0.003, and the reference, against which choices were " * 2
-    models = [Tried(1e-3 * k, 1e-4 * k, 2) for k in range(1, 9)]
+    models = [Trial(1e-3 * k, 1e-4 * k, 2) for k in range(1, 9)]
     for notes in ([], [note]):
-        readable(plot_tried(models, [(1e-3, 1e-3)], (2e-3, 1e-3), (1e-3, 1e-4), 1e-3, False,
+        readable(plot_trials(models, [(1e-3, 1e-3)], (2e-3, 1e-3), (1e-3, 1e-4), 1e-3, False,
                             "Largest error of the tip (share of its span, 0.1 m)", "Twelve links", f"chosen: {label}",
                             notes))  # fmt: skip

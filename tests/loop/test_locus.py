@@ -34,7 +34,7 @@ def test_a_sampled_damper_is_lost_at_two() -> None:
     lost = loop.limits()
     assert lost.stable and lost.low == 0.0 and lost.high == pytest.approx(4.0, rel=1e-9)
     assert lost.frequencies[1] == pytest.approx(np.pi * 100, rel=1e-6)
-    assert str(lost) == "the gains: unstable above 4 times what they are (lost at 314.2 rad/s)"
+    assert str(lost) == "the gains: unstable above 4 times their value (lost at 314.2 rad/s)"
     assert loop.margins[0].gain[1] == pytest.approx(4.0, rel=1e-9)
     assert loop.limits("control.0.D.0.0").high == pytest.approx(4 * 0.5 * INERTIA * 100, rel=1e-9)
     assert loop.limits("control.0.rate").low == pytest.approx(25.0, rel=1e-9)

@@ -98,7 +98,7 @@ def test_a_beam_is_drawn_for_its_link_and_what_is_fixed_to_it_moves_with_its_end
     beam = fa.Beam(0.5, fa.Tube(0.01, 0.001), alloy, {"bending_y": 2})
     arm, said = robot(tmp_path, tip="hand", flexible={"fore": beam})
     (ball,) = arm["fore"].looks
-    assert (ball.shape, ball.on) == ("ball", "tip") and "what 'fore' looks like: its beam is drawn" in said
+    assert (ball.shape, ball.on) == ("ball", "tip") and "the look of 'fore': its beam is drawn" in said
     q = np.array([0.2, 0.1, 0.05, 0.0])
     track = arm.show(q, open=False).tracks[0]
     p, R, *_ = track.at(0.0)

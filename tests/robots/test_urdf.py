@@ -12,7 +12,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.robots.chain import Made, _say_left_out
+from flexarm.robots.chain import Conversion, _note_omissions
 from flexarm.robots.tree import Mass, Tree, TreeJoint
 
 pytest.importorskip("urdf_parser_py")
@@ -300,7 +300,7 @@ def test_long_chains_take_work_in_proportion() -> None:
         sys.setprofile(counted)
         try:
             path = tree.path(tree.default_tip())
-            _say_left_out(tree, path, Made())
+            _note_omissions(tree, path, Conversion())
         finally:
             sys.setprofile(None)
         assert path == joints

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flexarm.cli.main import main
 from flexarm.validate.recordings import CURRENTS, DEFLECTIONS, FOLDER, JOINTS, UNITS, read
-from flexarm.validate.rig import EACH, driven, found, moved, seen, with_values
+from flexarm.validate.rig import PER_RUN, compared, identified, with_currents, with_motion, with_values
 from flexarm.validate.validate import _fitted
 from flexarm.validate.validation import Judged
 
@@ -21,12 +21,12 @@ EXCERPT = Path(__file__).parents[1] / "data" / "quanser_excerpt.csv"
 def errors(name: str, driven_by: str = "motion", **changed: float) -> dict[str, float]:
     """NRMSE of the shipped values, nothing fitted."""
     recording = read(name)
-    each, drives = found(name)
-    scene = with_values(moved(fa.load("quanser"), recording), {**each, **changed})
+    each, drives = identified(name)
+    scene = with_values(with_motion(fa.load("quanser"), recording), {**each, **changed})
     if driven_by == "motion":
-        return Judged.of(recording, driven_by, "", seen(scene, recording, DEFLECTIONS)).nrmse
-    scene = with_values(driven(scene, recording), drives)
-    return Judged.of(recording, driven_by, "", seen(scene, recording, (*JOINTS, *DEFLECTIONS))).nrmse
+        return Judged.of(recording, driven_by, "", compared(scene, recording, DEFLECTIONS)).nrmse
+    scene = with_values(with_currents(scene, recording), drives)
+    return Judged.of(recording, driven_by, "", compared(scene, recording, (*JOINTS, *DEFLECTIONS))).nrmse
 
 
 @pytest.mark.parametrize("name", ["lqr", "fsf"])
@@ -56,7 +56,7 @@ def test_recordings_are_shipped_with_their_licence() -> None:
 
 def test_a_tared_gauge_reads_nothing_and_then_less_its_mean() -> None:
     recording = read("fsf")
-    scene = moved(fa.load("quanser"), recording)
+    scene = with_motion(fa.load("quanser"), recording)
     result = scene.run()
     plain = fa.StrainGauge(link=0, face="-y", gauge_factor=scene.sensors[0].gauge_factor)  # type: ignore[attr-defined]
     there, t = plain.measure(result.arm, result.t, result.q, result.v)[:, 0], result.t
@@ -88,8 +88,9 @@ def test_a_mirrored_recording_has_mirrored_values() -> None:
     """The search begins on the wrong side: 0.7 rad from straight, to the other."""
     lqr = read("lqr")
     mirrored = replace(lqr, data=fa.Data(lqr.data.t, {k: -x for k, x in lqr.data.columns.items()}, UNITS))
-    scene, begin = fa.load("quanser"), found("lqr")[0]
-    one, other = (_fitted(moved(scene, r), r, EACH, DEFLECTIONS, False, 10.0, begin) for r in (lqr, mirrored))
+    scene, begin = fa.load("quanser"), identified("lqr")[0]
+    free, recordings = PER_RUN, (lqr, mirrored)
+    one, other = (_fitted(with_motion(scene, r), r, free, DEFLECTIONS, False, 10.0, begin) for r in recordings)
     odd = ("rotation", "offset", "gravity")
     for path, x in one.values.items():
         sign = -1.0 if any(word in path for word in odd) else 1.0

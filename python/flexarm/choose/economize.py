@@ -13,7 +13,7 @@ import numpy as np
 from .._check import number
 from .._console import aligned, progress_bar, seconds
 from ..arm import Arm
-from ..draw.tradeoff import Point, Tried, plot_tried
+from ..draw.tradeoff import Point, Trial, plot_trials
 from ..run.result import Result
 from ..run.watch import Watch
 from ..scene.scene import Scene
@@ -104,11 +104,11 @@ class Plan:
             return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tol)
 
         ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
-        models = [Tried(*point(r), _order(r.model)) for r in ran if not r.whole]
+        models = [Trial(*point(r), _order(r.model)) for r in ran if not r.whole]
         settings = [point(r) for r in found.settings if r in ran]
         spans = ", ".join(f"{s:.3g} {u}".rstrip() for u, s in self.span.items())
         unit = " ".join(self.span) if self.absolute else f"share of its span, {spans}"
-        return plot_tried(
+        return plot_trials(
             models, settings, None if given is None else point(given), point(found.lean), self.tol, self.absolute,
             ylabel=f"Largest error of the {self.quantity} ({unit})",
             title=self.given.name,

@@ -1,1 +1,1 @@
-"""Commands of an arm's end and joints: what to send so that it goes where it should, without ringing."""
+"""Commands of an arm's joints for a wanted motion of its end, without residual vibration."""

@@ -1,11 +1,11 @@
-"""The fastest motion of a flexible arm by direct collocation: its motion, not only that of its joints, is unknown.
+"""The fastest motion of a flexible arm by direct collocation: the motion of all coordinates is unknown.
 
 Coordinates, rates and accelerations stand at the knots and midway between them. Accelerations are quadratic from knot
 to knot (those of the joints linear), which is of fourth order: the Hermite-Simpson rule for second-order systems
 (Hargraves and Paris, J. Guidance 10 (1987), 338-342; M. Kelly, SIAM Review 59 (2017), 849-904). At all these places
-inverse dynamics leaves no force on the elastic coordinates; what it gives for the joints are their torques. Time runs
-from 0 to 1, so that these rules are linear; the duration is one more unknown. IPOPT (Wächter and Biegler, Mathematical
-Programming 106 (2006), 25-57), as CasADi brings it, gets exact sparse Jacobians from the arm's.
+(Hargraves and Paris, J. Guidance 10 (1987), 338-342; M. Kelly, SIAM Review 59 (2017), 849-904). At all these places
+the inverse dynamics must give zero forces on the elastic coordinates; its forces on the joints are their torques. Time
+runs Programming 106 (2006), 25-57), as CasADi brings it, gets exact sparse Jacobians from the arm's.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from .plant import Plant
 
 _SMOOTH = 1e-4  # weight of the mean squared change of the joints' accelerations from knot to knot beside the duration
 _TOLERANCE, _ITERATIONS = 1e-6, 200
-_ACCEPTABLE = 1e-3  # of the slopes of the objective, where eight rounds in turn hardly change it
-_RANGE = (0.3, 1.05)  # of the duration, in parts of the first; wider, the search first goes far away
+_ACCEPTABLE = 1e-3  # IPOPT's tolerance, and change of the objective, for an end after eight such rounds
+_RANGE = (0.3, 1.05)  # of the duration, in parts of the first; a wider range leads the search far away
 
 
 class Collocated(NamedTuple):
     """Attributes: duration (s). alpha: d²q/d(t/duration)² of the joints at the knots, (N + 1, nj). iterations.
-    converged. said: what IPOPT says of its end."""
+    converged. status: IPOPT's message at its end."""
 
     duration: float
     alpha: Array
     iterations: int
     converged: bool
-    said: str
+    status: str
 
 
 def collocate(plant: Plant, limits: Limits, first: Result) -> Collocated:
     """The motion of least duration from rest to rest within the limits.
 
     Args:
-        first: a motion to begin with, rows at the knots and midway between them, evenly spaced in time.
+        first: the initial motion, rows at the knots and midway between them, evenly spaced in time.
 
     Raises:
-        ImportError: there is no CasADi.
+        ImportError: CasADi is not installed.
     """
     ca = casadi()
     d, n, P = plant.driven, plant.arm.nv, len(first.t)
@@ -90,7 +90,7 @@ def collocate(plant: Plant, limits: Limits, first: Result) -> Collocated:
         "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": _TOLERANCE,
         "ipopt.hessian_approximation": "limited-memory", "ipopt.limited_memory_max_history": 30,
         "ipopt.max_iter": _ITERATIONS, "ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-3,
-        "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4,  # the first motion is near to what is sought
+        "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4,  # the first motion is near the optimum
         "ipopt.acceptable_tol": _ACCEPTABLE, "ipopt.acceptable_constr_viol_tol": _TOLERANCE,
         "ipopt.acceptable_obj_change_tol": _ACCEPTABLE, "ipopt.acceptable_iter": 8,
         "error_on_fail": False,
@@ -112,7 +112,7 @@ def casadi() -> Any:
 
 
 def _sizes(x: Array) -> Array:
-    """Of the rows, (n, 1); none much smaller than the largest."""
+    """Sizes of the rows, (n, 1); none much smaller than the largest."""
     most = np.abs(x).max(axis=1, keepdims=True)
     return np.asarray(np.maximum(most, 1e-4 * most.max()))
 
@@ -122,7 +122,7 @@ def _from(guess: list[Array]) -> list[Array]:
 
 
 def _rules(q: Any, u: Any, w: Any, knots: int, scale: list[Array], joints: Indices) -> list[Any]:
-    """What is zero where u and q are the integrals of accelerations w that are quadratic from knot to knot."""
+    """Residuals of the rule that u and q are the integrals of accelerations w, quadratic from knot to knot."""
     h = 1.0 / knots
     (q0, qm, q1), (u0, um, u1), (w0, wm, w1) = ((x[:, :-2:2], x[:, 1::2], x[:, 2::2]) for x in (q, u, w))
     at = joints.tolist()
@@ -136,7 +136,7 @@ def _rules(q: Any, u: Any, w: Any, knots: int, scale: list[Array], joints: Indic
 
 
 def _bounds(plant: Plant, limits: Limits, q: Array, scale: list[Array], P: int) -> tuple[Array, Array]:
-    """Of the scaled unknowns: at rest in balance at both ends, joints between their stops."""
+    """Bounds of the scaled unknowns: at rest in balance at both ends, joints between their stops."""
     d, n = plant.driven, len(q)
     order = np.array([plant.arm.coordinate_of(i) for i in range(n)])
     most = [np.full((n, P), np.inf) for _ in range(3)]
@@ -171,7 +171,7 @@ def _forces(ca: Any, plant: Plant, P: int) -> Any:
             self.construct(name, opts)
 
         def get_n_in(self) -> int:
-            return 4  # the forces, too, which are not needed
+            return 4  # the fourth are the forces, which are not used
 
         def get_n_out(self) -> int:
             return 3
@@ -214,7 +214,7 @@ def _forces(ca: Any, plant: Plant, P: int) -> Any:
             return True
 
         def get_jacobian(self, name: str, inames: Any, onames: Any, opts: dict[str, Any]) -> Any:
-            self.slopes = Slopes(name, opts)  # which CasADi does not keep
+            self.slopes = Slopes(name, opts)  # keeps a reference, as CasADi does not
             return self.slopes
 
         def has_jac_sparsity(self, oind: int, iind: int) -> bool:

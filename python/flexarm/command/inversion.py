@@ -1,4 +1,4 @@
-"""What an inversion gives: the motion, the torques, how good they are, and runs that try them."""
+"""The result of an inversion: the motion, the torques, their errors, and runs that try them."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ REPLAYS = ("motion", "torque", "feedback")
 
 @dataclass(repr=False, eq=False)
 class Inversion:
-    """The motion of an arm whose tip follows a path, and the torques that it takes; rows at times t, evenly spaced.
+    """The motion of an arm whose tip follows a path, and the torques for it; rows at times t, evenly spaced.
 
     Attributes:
         arm: the arm. method: "stable", "quasi-static" or "rigid".
         t: times (s), from `pre` before the path begins to `post` after it has ended, (nt,).
         q: coordinates, (nt, nq). v, a: their rates and accelerations, (nt, nv).
-        tau: generalised forces (N, N m), (nt, nv): of the driven joints what their motors give; 0 of all others.
+        tau: generalised forces (N, N m), (nt, nv): the motors' at the driven joints; 0 elsewhere.
         wanted: the components of the tip on the path, (nt, p), in the order of `names`.
         joints: of each driven freedom, its link, or (link, freedom) where the joint has several.
         pre, post: how long the joints move before the path begins and after it has ended (s).
-        error: how far the tip is off the path between the rows, estimated from what the equations leave there (m, rad).
-        edge: how far the window's ends are from rest, as a motion of the tip with the joints held (m, rad). A run that
-            begins at rest may be off by several times that.
+        error: distance of the tip from the path between the rows, estimated from the equations' residual (m, rad).
+        edge: largest distance of the window's ends from rest, as a motion of the tip with the joints held (m, rad). A
+            run that begins at rest may be off by several times that.
         iterations: of the solver, on all grids. seconds: of computing.
-        slowed: the factor that the path was slowed by, for the limits; 1 if it was not.
-        exceeded: limits that are not respected, a list of (kind, joint, time, value, limit).
-        poles: of the internal dynamics at rest (1/s, complex), at the path's start and at its end: what the arm does
-            while its tip stands still. Those in the right half plane make the joints move ahead of the tip. Empty, but
-            for "stable".
+        slowed: the factor by which the path was slowed for the limits; 1 without slowing.
+        exceeded: limits that are exceeded, a list of (kind, joint, time, value, limit).
+        poles: of the internal dynamics at rest (1/s, complex), at the path's start and at its end: the arm's dynamics
+            with its tip at rest. Those in the right half plane make the joints move ahead of the tip. Empty unless the
+            method is "stable".
     """
 
     arm: Arm
@@ -68,8 +68,8 @@ class Inversion:
     poles: tuple[Array, Array]
     exceeded: list[Exceeded] = field(default_factory=list)
     _path: Any = None  # a Path or a Slower
-    _at: tuple[int, float | None] = (-1, None)  # link and x of what follows it
-    _held: tuple[Any, ...] = ()  # (link, freedom) of joints in lock, and of passive ones
+    _at: tuple[int, float | None] = (-1, None)  # link and x of the slice on the path
+    _held: tuple[Any, ...] = ()  # (link, freedom) of locked and of passive joints
     _passive: tuple[Any, ...] = ()
 
     def __repr__(self) -> str:
@@ -81,7 +81,7 @@ class Inversion:
 
     @property
     def motions(self) -> dict[Any, Motion]:
-        """The motion of each driven joint, as `simulate(drive=...)` takes it: for servos that keep to it."""
+        """The motion of each driven joint, as `simulate(drive=...)` takes it: for servos that follow it exactly."""
         return {
             joint: Motion(self.t, self.q[:, self._coordinate(i)], self.v[:, i], self.a[:, i])
             for joint, i in self._rates()
@@ -91,7 +91,7 @@ class Inversion:
     def torques(self) -> dict[Any, Torque]:
         """The torque of each driven joint, as `simulate(drive=...)` takes it: splines of degree 5 through the rows.
 
-        Nothing corrects them: see `replay`."""
+        They are open-loop: see `replay`."""
         return {joint: _smooth_torque(self.t, self.tau[:, i]) for joint, i in self._rates()}
 
     def feedback(self, kp: Any, kv: Any) -> tuple[dict[Any, Torque], list[PD]]:
@@ -112,15 +112,15 @@ class Inversion:
 
     def replay(self, arm: Arm | None = None, how: str = "motion", *, kp: Any = None, kv: Any = None,
                **options: Any) -> Result:  # fmt: skip
-        """A simulation that tries the inversion: from rest in balance, over all rows. `tip_error` of it tells how far
-        the tip is off.
+        """A simulation that tries the inversion: from rest in balance, over all rows. `tip_error` gives its distance
+        from the path.
 
         Args:
             arm: another model of the same arm, such as one with more modes; None: the inverted one.
-            how: "motion": the driven joints keep exactly to their motion. "torque": the torques alone, uncorrected: an
-                arm that gravity upsets, or whose joints nothing holds, drifts away from rounding errors on; that is
-                the arm, not the inversion. "feedback": the torques, and PD about the motion, with gains kp and kv.
-            options: of `fa.simulate`. Where none names an integrator, "ida" with rtol 1e-9, atol 1e-11, max_order 5.
+            how: "motion": the driven joints follow their motion exactly. "torque": the torques alone, open-loop: an arm
+                that gravity upsets, or whose joints are not held, amplifies rounding errors and drifts away; this is a
+                property of the arm. "feedback": the torques, and PD about the motion, with gains kp and kv.
+            options: of `fa.simulate`. Without an integrator, "ida" with rtol 1e-9, atol 1e-11, max_order 5.
         """
         choice("how", how, REPLAYS)
         if (how == "feedback") != (kp is not None and kv is not None):
@@ -143,17 +143,17 @@ class Inversion:
         return simulate(arm, self.t, self._start(arm), drive=drive, control=control, **options)
 
     def tip_error(self, result: Result) -> Array:
-        """How far the tip is off the path in a result, (nt, p): components of `names`, wanted less simulated.
+        """Distance of the tip from the path in a result, (nt, p): components of `names`, wanted less simulated.
 
         Raises:
-            ValueError: what is given is no Result."""
+            ValueError: the argument is no Result."""
         if not isinstance(result, Result):
             raise ValueError(f"result = {result!r}: must be a Result, such as replay() gives")
         output = Output(result.arm, *self._at, self.names)
         return output.error(result.q, self._path(result.t))
 
     def plot(self) -> Figure:
-        """The path from where it begins, joint motions, their rates and torques; dotted: its ends."""
+        """A figure of the path from its start, joint motions, their rates and torques; dotted: its ends."""
         rates = [i for _, i in self._rates()]
         label = [self.arm.coordinates[i] for i in rates]
         at = [self._coordinate(i) for i in rates]
@@ -179,7 +179,7 @@ class Inversion:
         return self.arm.coordinate_of(rate)
 
     def _joint_places(self) -> dict[Any, float]:
-        """Of every freedom of every joint, where it starts."""
+        """The start value of each freedom of each joint."""
         places = {}
         for n, link in enumerate(self.arm.links):
             for k in range(link.joint.nv):

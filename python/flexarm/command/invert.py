@@ -22,11 +22,11 @@ from .solve import Motions
 from .window import check_rest, solve
 
 METHODS = ("stable", "quasi-static", "rigid")
-_TOLERANCE, _SHARE, _LEAST = 1e-7, 1e-4, 1e-12  # (m, rad); of the way of the tip; rounding
+_TOLERANCE, _SHARE, _LEAST = 1e-7, 1e-4, 1e-12  # (m, rad); share of the tip's way; rounding
 
 
 class InversionWarning(UserWarning):
-    """An inversion that does not respect a limit, or after which the arm does not come to rest."""
+    """An inversion that exceeds a limit, or after which the arm does not come to rest."""
 
 
 def invert(
@@ -61,9 +61,9 @@ def invert(
 
     `tip` has as many components as joints are driven, or fewer. If fewer, the rule is: with beams bent by gravity
     alone, the driven joints stand at each instant as near to the posture as the tip allows, by the sum of squares of
-    their coordinates (rad, m); what the dynamics add to that is the least, by the same measure. So a closed path brings
-    the joints back to where they began. Joints in `passive` have no motor and move as the dynamics have it;
-    those in `lock` stay where they are.
+    their coordinates (rad, m); the dynamic part is the smallest one, by the same measure. So a closed path brings
+    the joints back to their start. Joints in `passive` have no motor and move by the dynamics; those in `lock` do not
+    move.
 
     Args:
         arm: without ball joints. Its payload is part of it.
@@ -71,25 +71,24 @@ def invert(
             "ry", "rz", the rotation vector of the frame's axes in the world (rad; in the plane, "rz" is the angle);
             "azimuth", the direction of the place, seen from above, atan2(y, x) (rad), which may go round and round.
             Others are free. Each starts and ends at rest with zero acceleration: Motion(t, x, ends="rest").
-        q: the pose in which the arm rests before, (nq,): its joints; what bends is brought into balance. The path must
-            begin where its tip then is. It is the posture, too.
-        posture: instead: where the search for the first pose begins, and what the joints stay near to, (nq,); `zero`
-            if neither is given. A straight arm is singular: bend it a little the way it shall go.
-        link, x: which slice follows, as of `Arm.frame`.
+        q: the pose of rest before the path, (nq,): its joints; the elastic coordinates are brought into equilibrium.
+            Its tip must be at the start of the path. It is also the posture.
+        posture: instead: initial guess of the first pose, and the pose that the joints stay near to, (nq,); `zero`
+            if neither is given. A straight arm is singular: bend it a little in the wanted direction.
+        link, x: the slice that follows the path, as of `Arm.frame`.
         t: (begin, end) of motions that are callables (s).
         passive, lock: links, or (link, freedom).
         method: "stable", or for comparison: "quasi-static": beams bend as gravity alone bends them, at each instant;
             "rigid": beams do not bend (computed torque of the rigid arm).
-        tolerance: how near the tip keeps to the path between the rows of the result (m, rad). None: 1e-7, or a
+        tolerance: largest distance of the tip from the path between the rows of the result (m, rad). None: 1e-7, or a
             ten-thousandth of the way of the tip, if that is less.
-        pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
-            the internal dynamics take to die out.
+        pre, post: time before and after the path (s), at least twelve steps of the grid; None: the decay time of the
+            poles of the internal dynamics.
         limits: "torque", "speed": one number, or one for each driven joint, in the order of links, or by the names of
-            some, {"elbow": 5.0} (N m, N; rad/s, m/s); "range": (lowest, highest), or pairs likewise (rad, m), or the
-            joints' stops, if not given. They are looked at in the rows of the result.
+            some, {"elbow": 5.0} (N m, N; rad/s, m/s); "range": (lowest, highest), or pairs likewise (rad, m); default:
+            the joints' stops. They are checked in the rows of the result.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
-        progress: shows what is being done on stderr: a bar, or lines where that is no terminal; or a callable
-            (done, text).
+        progress: shows progress on stderr: a bar, or lines where that is no terminal; or a callable (done, text).
 
     Returns:
         Inversion: `.torques`, `.motions`, `.t`, `.q`, `.tau`, `.pre`, `.post`, `.replay()`, `.plot()`.
@@ -97,7 +96,7 @@ def invert(
     Raises:
         ValueError: bad arguments; a path that jumps, is out of reach, passes a singular pose, or does not begin at the
             tip; joints that do not move the tip, or are too few; internal dynamics that ring for ever once the path
-            has begun; an iteration that does not converge; limits that no slowing respects.
+            has begun; no convergence; limits that no slowing satisfies.
 
     Warns:
         InversionWarning: limits that are exceeded, without `stretch` (see `.exceeded`); an arm that does not come to
@@ -155,12 +154,12 @@ def _duration(name: str, value: Any) -> float:
     return float(value)
 
 
-def _freedoms(arm: Arm, name: str, given: Any) -> list[tuple[int, int]]:
+def _freedoms(arm: Arm, name: str, links: Any) -> list[tuple[int, int]]:
     """(link, freedom) of each freedom of the joints named."""
-    if isinstance(given, (str, Mapping)) or not isinstance(given, Iterable):
-        raise ValueError(f"{name} = {given!r}: must be a list of links, or (link, freedom)")
+    if isinstance(links, (str, Mapping)) or not isinstance(links, Iterable):
+        raise ValueError(f"{name} = {links!r}: must be a list of links, or (link, freedom)")
     found = []
-    for key in given:
+    for key in links:
         rates = arm.joint_rates(key, f"{name}: link")
         n = arm._link(key[0] if isinstance(key, tuple) else key)
         found += [(n, i - arm._core.first(n)) for i in rates]

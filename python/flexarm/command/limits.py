@@ -1,4 +1,4 @@
-"""Limits of joints: which a motion exceeds, and by how much a path must be slowed to respect them."""
+"""Limits of joints: limits that a motion exceeds, and the slowing of the path that satisfies them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .problem import Equations
 from .solve import Motions
 
 LIMITS = ("torque", "speed", "range")
-_NEAR = 0.01  # of the factor by which a path is slowed
+_NEAR = 0.01  # tolerance of the factor by which a path is slowed
 
 
 class Exceeded(NamedTuple):
-    """A limit that an inversion does not respect: of what ("torque", "speed", "range"), the joint's link (or (link,
-    freedom)), where it is worst (s), the value there, the limit, and what `arm.coordinates` calls the joint."""
+    """A limit that an inversion exceeds: its kind ("torque", "speed", "range"), the joint's link (or (link, freedom)),
+    the time of the largest excess (s), the value there, the limit, and the joint's name in `arm.coordinates`."""
 
     kind: str
     joint: Any
@@ -38,12 +38,12 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
         raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
     for name, value in (limits or {}).items():
         choice("limits", name, LIMITS)
-        given = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
-        if name != "range" and not (given > 0).all():
+        bounds = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
+        if name != "range" and not (bounds > 0).all():
             raise ValueError(f"limits[{name!r}] = {value}: must be positive")
-        if name == "range" and not (given[:, 0] < given[:, 1]).all():
+        if name == "range" and not (bounds[:, 0] < bounds[:, 1]).all():
             raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
-        out[name] = given.T
+        out[name] = bounds.T
     if "range" not in out:
         stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),
                                                                                  joint._per_freedom("upper", joint.nv))]
@@ -54,7 +54,7 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
 
 
 def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, ...]) -> Array:
-    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` of the others."""
+    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` if there is none."""
     shape = (len(keys), 2) if len(none) == 2 else (len(keys),)
     if isinstance(value, Mapping):
         own, rates = arm.by_rate(field, value), [arm.joint_rate(key) for key in keys]
@@ -62,15 +62,15 @@ def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, 
             raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
         read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
         return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
-    given = array(field, value)
+    limits = array(field, value)
     try:
-        return np.broadcast_to(given, shape)
+        return np.broadcast_to(limits, shape)
     except ValueError:
-        raise ValueError(f"{field} has shape {given.shape}: must fit {shape}, the driven joints") from None
+        raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
 
 
 def applied(of: Equations, found: Motions) -> Array:
-    """What the motors give: with the dry friction that they overcome."""
+    """The motors' torques, with the dry friction that they overcome."""
     tau = np.zeros_like(found.tau)
     tau[:, of.joints] = found.tau[:, of.joints]
     first = of.arm._core.first
@@ -105,7 +105,7 @@ def exceeded(
 
 
 def within(solved: Any, of: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
-    """A solution, and by which factor the path is slowed for it."""
+    """A solution within the limits, and the factor by which the path is slowed for it."""
     found = solved(1.0)
     if not stretch:
         return found, 1.0

@@ -20,16 +20,17 @@ from .plant import Plant
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_HOLD = 1e4  # how long the motions stay at the end (s)
-_AT = 0.99  # of a limit: it is reached
+_HOLD = 1e4  # duration of the rest at the end of the motions (s)
+_AT = 0.99  # share of a limit from which it counts as reached
 
 
 class LimitUse(NamedTuple):
-    """How far a move goes towards a limit.
+    """The largest value of a limited quantity in a move.
 
     Attributes:
         what: "torque", "speed", "acceleration" or "jerk". joint: its name in `arm.coordinates`.
-        peak: the largest absolute value. limit: what it may be. t: when (s). reached: whether it comes to 99 % of it.
+        peak: the largest absolute value. limit: its bound. t: time of the peak (s). reached: whether it is 99 % of the
+            limit.
     """
 
     what: str
@@ -45,23 +46,23 @@ class LimitUse(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Move:
-    """A move of an arm from rest to rest, which `plan_move` gives.
+    """A move of an arm from rest to rest, the result of `plan_move`.
 
     Attributes:
         arm: the arm.
         t: times (s), (n,), from 0 to the end. q, v, a: of the joints there, (n, nj), in the order of `joints`.
         torques: of the joints, gravity included (N, N m), (n, nj): the reactions of the flexible arm to this motion;
-            sent as feed-forward they move the joints so.
+            as feed-forward they produce it.
         joints: their names. duration: of the move (s).
         rigid_duration: of the time-optimal move of the arm with rigid beams along the same path (s), under the same
             limits of torque, speed and acceleration.
-        half_period: of the slowest mode with locked joints (s), at the start or the end, where it is shorter; 0 of a
-            rigid arm. It is what a ZV shaper costs.
+        half_period: of the slowest mode with locked joints (s), at the start or the end, the shorter one; 0 for a rigid
+            arm. It is the time that a ZV shaper adds.
         frequencies: with locked joints, at the start and at the end (rad/s), (2, n): of the modes that are brought to
             rest.
-        limits: how far each of the limits is used.
-        residual: how far the arm's end swings from where it comes to rest, after the move, simulated on the flexible
-            arm (m). residual_unshaped: after the time-optimal rigid move.
+        limits: the use of each limit.
+        residual: largest distance of the arm's end from its final place after the move, simulated on the flexible arm
+            (m). residual_unshaped: after the time-optimal rigid move.
         drive: motions for `simulate`, which stay at the end when the move is over. rigid_drive: those of the
             time-optimal rigid move, for comparison.
     """
@@ -86,20 +87,20 @@ class Move:
 
     @property
     def motions(self) -> tuple[Motion, ...]:
-        """Of the joints, in their order."""
+        """The motions of the joints, in their order."""
         return tuple(self.drive.values())
 
     @property
     def reached(self) -> tuple[LimitUse, ...]:
-        """The limits that the move comes to."""
+        """The limits that the move reaches."""
         return tuple(x for x in self.limits if x.reached)
 
     def simulate(self, arm: Arm | None = None, *, after: float | None = None, **options: Any) -> Result:
-        """The flexible arm moved so, from rest, and for a while after.
+        """A simulation of the flexible arm under this move, from rest, and for a while after.
 
         Args:
             arm: another one with the same joints, such as with another payload; the arm planned for if None.
-            after: how long it goes on (s); one period of the slowest mode if None.
+            after: simulated time after the move (s); None: one period of the slowest mode.
             options: of `simulate`; "ida" with tight tolerances if none.
         """
         return self._run(simulate, arm, after, options)
@@ -116,8 +117,8 @@ class Move:
         return by(plant.arm, times, q0=plant.q_start, drive=self.drive, **options)
 
     def residual_of(self, arm: Arm) -> float:
-        """How far the end of another arm with the same joints, such as with another payload, swings after this move
-        from where it comes to rest (m)."""
+        """Largest distance (m) after this move from its final place, for the end of another arm with the same joints,
+        such as with another payload."""
         return swing(self._other(arm), self.simulate(arm), self.duration)
 
     def _other(self, arm: Any) -> Plant:
@@ -146,8 +147,8 @@ class Move:
         return "\n".join([*lines, "", *aligned(rows, (2, 3, 4))])
 
     def plot(self) -> Figure:
-        """A figure of the joints' positions, rates and torques over time, and of how far the arm's end is from where
-        the same joints would have it were the beams as they come to rest."""
+        """A figure of the joints' positions, rates and torques over time, and of the distance of the arm's end from its
+        place with the same joints and the beams at rest."""
         run = self.simulate()
         names, at = self.joints, self._plant.driven
         still = np.repeat(self._plant.q_end[None], len(run.t), axis=0)
@@ -166,13 +167,13 @@ class Move:
 
 
 def swing(plant: Plant, run: Result, duration: float) -> float:
-    """The largest distance of the arm's end from where it comes to rest, after a move (m)."""
+    """The largest distance of the arm's end from its final place, after a move (m)."""
     after = run.frame()[0][run.t >= duration * (1.0 - 1e-12)]
     return float(np.linalg.norm(after - plant.rest, axis=1).max())
 
 
 def held(t: Array, q: Array, v: Array, a: Array) -> tuple[Array, ...]:
-    """Samples that stand still behind the last."""
+    """Samples, extended by rest after the last one."""
     zero = np.zeros_like(q[:1])
     return np.append(t, t[-1] + _HOLD), np.vstack([q, q[-1:]]), np.vstack([v[:-1], zero, zero]), np.vstack(
         [a[:-1], zero, zero]

@@ -52,7 +52,7 @@ class Limits:
 
     Attributes:
         torque, speed, acceleration, jerk: as given.
-        middle, reach: between its stops a joint goes as far as `reach` from `middle`.
+        middle, reach: a joint's range between its stops: `middle` plus and minus `reach`.
     """
 
     torque: Array
@@ -64,8 +64,8 @@ class Limits:
 
     @staticmethod
     def of(arm: Arm, driven: Driven, torque: Any, speed: Any, acceleration: Any, jerk: Any) -> Limits:
-        given = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
-        read = {name: _read(arm, driven, name, value) for name, value in given.items()}
+        values = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
+        read = {name: _read(arm, driven, name, value) for name, value in values.items()}
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
@@ -93,7 +93,7 @@ def _stops(arm: Arm) -> dict[str, Array]:
             none = -np.inf if name == "lower" else np.inf
             out += np.broadcast_to(none if value is None else value, (link.joint.nv,)).tolist()
     low, high = np.array(ends["lower"]), np.array(ends["upper"])
-    far = 1e3  # instead of a stop that is not there
+    far = 1e3  # stands for a missing stop
     held = np.isfinite(low) | np.isfinite(high)
     low, high = low[held], high[held]
     low, high = np.where(np.isfinite(low), low, high - far), np.where(np.isfinite(high), high, low + far)
@@ -103,17 +103,17 @@ def _stops(arm: Arm) -> dict[str, Array]:
 
 
 def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
-    """One number for all joints, one for each, or a dictionary by link; None, or what a dictionary leaves out: inf."""
+    """One number for all joints, one for each, or a dictionary by link; None and missing keys stand for inf."""
     out = np.full(len(driven.rates), np.inf)
     if value is None:
         return out
     if isinstance(value, Mapping):
         for i, x in arm.by_rate(name, value).items():
             field = f"{name} of '{arm.coordinates[i]}'"
-            given = np.inf if x is None else _numbers(field, x)
-            if np.ndim(given):
+            limit = np.inf if x is None else _numbers(field, x)
+            if np.ndim(limit):
                 raise ValueError(f"{field} = {x!r}: must be one number")
-            out[driven.rates == i] = given
+            out[driven.rates == i] = limit
     else:
         finite = _numbers(name, value)
         if finite.shape not in ((), out.shape):
@@ -129,7 +129,7 @@ def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
 
 
 def _numbers(name: str, value: Any) -> Array:
-    """As `array`, but inf stands for no limit."""
+    """Numbers as `array` reads them; inf stands for no limit."""
     try:
         out = np.array(value, dtype=float)
     except (TypeError, ValueError):

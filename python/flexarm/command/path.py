@@ -1,4 +1,4 @@
-"""The path that a tip is to follow: components of its place and orientation over time, at rest before and after."""
+"""The path of a tip: components of its place and orientation over time, at rest before and after."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..parts.chain import Chain
 
 PLACE, TURN = ("x", "y", "z"), ("rx", "ry", "rz")
 COMPONENTS = (*PLACE, *TURN, "azimuth")
-_STILL = 1e-6  # parts of the largest rate or acceleration that a path may begin or end with
-_LOOKED_AT = 400  # places where a callable is looked at for jumps
+_STILL = 1e-6  # largest initial and final rate and acceleration, as parts of the path's largest
+_LOOKED_AT = 400  # points at which a callable is searched for jumps
 
 
 class Path:
@@ -57,7 +57,7 @@ class Path:
 
 
 class Slower:
-    """A path run through `factor` times as slowly, from the same beginning."""
+    """A path slowed by `factor`, from the same beginning."""
 
     def __init__(self, path: Path, factor: float) -> None:
         self._path, self._factor, self.names, self.begin = path, factor, path.names, path.begin
@@ -97,29 +97,29 @@ def _check(where: str, law: Motion, span: tuple[float, float]) -> None:
     times = np.linspace(*span, _LOOKED_AT // 8 if smooth else _LOOKED_AT)
     law.check_rates(where, times)
     values = array(where, [law(x) for x in times], (len(times), 3))
-    for order, what in ((1, "velocity"), (2, "acceleration")):
+    for order, rate in ((1, "velocity"), (2, "acceleration")):
         largest = np.abs(values[:, order]).max()
         rounding = 1e-9 * np.abs(values[:, 0]).max() / (span[1] - span[0]) ** order
         for at, side in ((0, "starts"), (-1, "ends")):
             if abs(values[at, order]) > _STILL * largest + rounding:
                 raise ValueError(
-                    f"{where}: {side} with {what} {values[at, order]:.4g}, which jumps there, so that no bounded, "
+                    f"{where}: {side} with {rate} {values[at, order]:.4g}, which jumps there, so that no bounded, "
                     "continuous torque follows it; let it start and end at rest with zero acceleration, such as "
                     'Motion(t, q, ends="rest")'
                 )
     if smooth:
         return  # its acceleration is continuous
-    for order, what in enumerate(("place", "velocity", "acceleration")):
+    for order, quantity in enumerate(("place", "velocity", "acceleration")):
         found = _jump(law, order, times, values[:, order])
         if found is not None:
             raise ValueError(
-                f"{where}: its {what} jumps by {found[1]:.4g} at t = {found[0]:.6g} s; place, velocity and "
+                f"{where}: its {quantity} jumps by {found[1]:.4g} at t = {found[0]:.6g} s; place, velocity and "
                 "acceleration must be continuous for torques that are bounded and continuous"
             )
 
 
 def _jump(law: Motion, order: int, times: Array, values: Array) -> tuple[float, float] | None:
-    """Where a function jumps, and by how much: its largest change between two times, halved until nothing is left."""
+    """The place and size of a jump of a function: the largest change between two times, bisected until it vanishes."""
     k = int(np.abs(np.diff(values)).argmax())
     (lo, hi), (a, b) = times[k : k + 2], values[k : k + 2]
     for _ in range(40):
@@ -131,7 +131,7 @@ def _jump(law: Motion, order: int, times: Array, values: Array) -> tuple[float, 
 
 
 class Output:
-    """What is made to follow the path: components of the frame of a link's end or of a slice."""
+    """The quantities that follow the path: components of the frame of a link's end or of a slice."""
 
     def __init__(self, arm: Chain, link: int, x: float | None, names: tuple[str, ...]) -> None:
         self._core, self.link, self.x, self.names = arm._core, arm._link(link), arm._x(x), names
@@ -141,7 +141,7 @@ class Output:
         arm._core.frame(arm.zero[None], self.link, self.x)  # x beyond the beam
 
     def error(self, q: Array, wanted: Array) -> Array:
-        """What is wanted (..., p) less what is, at q (..., nq); turns as rotation vectors in world axes (rad)."""
+        """Wanted components (..., p) less those at q (..., nq); rotations as rotation vectors in world axes (rad)."""
         p, R = self._core.frame(q, self.link, self.x)
         out = np.empty_like(wanted)
         for k, name in enumerate(self.names):
@@ -160,7 +160,7 @@ class Output:
         return out
 
     def jacobian(self, q: Array) -> Array:
-        """How the components move with the rates, (..., p, nv)."""
+        """Derivatives of the components by the rates, (..., p, nv)."""
         J = self._core.jacobian(q, self.link, self.x)
         if "azimuth" not in self.names:
             return np.ascontiguousarray(J[..., self._rows, :])

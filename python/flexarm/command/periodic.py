@@ -15,7 +15,7 @@ from .._check import Array
 
 _FIRST = (4 / 5, -1 / 5, 4 / 105, -1 / 280)  # differences of eighth order, to the right
 _SECOND = (8 / 5, -1 / 5, 8 / 315, -1 / 560)
-_SHARE = 0.1  # of either neighbour's forces: at it the compact differences come nearest to those of eighth order
+_SHARE = 0.1  # of either neighbour's forces: brings the compact differences nearest to eighth order
 _CENTRE = -205 / 72
 _BETWEEN = (1225 / 2048, -245 / 2048, 49 / 2048, -5 / 2048)  # values halfway, from four on either side
 
@@ -40,7 +40,7 @@ def halfway(d: Array) -> Array:
 
 
 class Banded:
-    """Solves M d'' + C d' + K d = r by compact differences, as Numerov's: block tridiagonal, periodic.
+    """Solves M d'' + C d' + K d = r by compact differences (Numerov's): block tridiagonal, periodic.
 
     M, C, K: functions of the node that give matrices (k, k)."""
 
@@ -50,7 +50,7 @@ class Banded:
         for k in range(n):
             M, C, K = matrices(k)
             M, C = M / h**2, C / (2 * h)
-            # what the node gives to its right, to itself, to its left
+            # the node's blocks in the rows of its right neighbour, its own, and its left neighbour
             parts.append((M - C + _SHARE * K, (1 - 2 * _SHARE) * K - 2 * M, M + C + _SHARE * K))
         for k in range(n):
             below, centre, above = parts[k - 1][0], parts[k][1], parts[(k + 1) % n][2]

@@ -1,4 +1,4 @@
-"""A flexible arm whose joints are moved: what is simulated, and how it answers a small change of the command."""
+"""A flexible arm whose joints are moved: its simulation, and its response to a small change of the command."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..run.result import Result
 from ..run.simulation import simulated
 from .move_limits import Driven
 
-_MODES = 12  # at most, that are steered
-_LOOK = 96  # times in a period of the slowest mode at which what is left is looked at
+_MODES = 12  # steered, at most
+_LOOK = 96  # times in a period of the slowest mode at which the vibration is evaluated
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class LockedModes:
     Attributes:
         frequencies: undamped (rad/s), ascending, (n,).
         shapes: of the elastic coordinates, their modal masses 1, (ne, n). mass: of these, (ne, ne).
-        tip: how far the arm's end goes in each of amplitude 1, (n,).
+        tip: displacement of the arm's end by each mode of amplitude 1, (n,).
     """
 
     frequencies: Array
@@ -60,7 +60,7 @@ class Plant:
         return equilibrium(self.arm, q, None, self.locked, ())
 
     def modes_at(self, q: Array) -> LockedModes:
-        """At a state at rest (nq,)."""
+        """The modes at a state of rest (nq,)."""
         elastic = self.driven.elastic
         if not elastic.size:
             return LockedModes(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
@@ -73,14 +73,14 @@ class Plant:
 
     @property
     def half_period(self) -> float:
-        """Of the slowest mode, at the start or at the end, where it is shorter (s); 0 of a rigid arm."""
+        """Half a period of the slowest mode, at the start or at the end, the shorter one (s); 0 for a rigid arm."""
         if not self.driven.elastic.size:
             return 0.0
         return float(np.pi / max(self.modes_start.frequencies[0], self.modes.frequencies[0]))
 
     @cached_property
     def rest(self) -> Array:
-        """Where the arm's end comes to rest, (3,)."""
+        """Final place of the arm's end, (3,)."""
         return self.arm.frame(self.q_end)[0]
 
     @property
@@ -91,14 +91,14 @@ class Plant:
 
     @property
     def tolerances(self) -> dict[str, Any]:
-        """Of "ida", so that it sees what small moves leave."""
+        """Tolerances of "ida" that resolve the vibration after small moves."""
         return {"rtol": 1e-8, "atol": 1e-8 * self.small}
 
     def drive(self, t: Array, q: Array, v: Array, a: Array) -> dict[Any, Motion]:
         return {key: Motion(t, q[:, j], v[:, j], a[:, j]) for j, key in enumerate(self.joints)}
 
     def run(self, t: Array, q: Array, v: Array, a: Array, out: Array, step: float) -> Result:
-        """The arm with its joints moved so, by Gauss collocation, at the times `out`."""
+        """Simulates the arm with these joint motions by Gauss collocation, at the times `out`."""
         return simulated(self.arm, out, q0=self._start(q[0]), drive=self.drive(t, q, v, a), integrator="gauss",
                          step=step)  # fmt: skip
 
@@ -108,7 +108,7 @@ class Plant:
         return q
 
     def left(self, q: Array, v: Array) -> Array:
-        """Displacement and rate (over its frequency) of each locked mode at the end, (2, n), as far as they move the
+        """Displacement and rate (over its frequency) of each locked mode at the end, (2, n), as displacements of the
         arm's end (m)."""
         m, d = self.modes, self.driven
         to_modes = m.shapes.T @ m.mass
@@ -117,6 +117,6 @@ class Plant:
         return np.stack([to_modes @ (q - self.q_end)[d.elastic_at], rate]) * m.tip
 
     def after(self, duration: float) -> Array:
-        """Times (s) after a move at which what is left is looked at: over a period of the slowest mode."""
+        """Times (s) after a move at which its vibration is evaluated: over a period of the slowest mode."""
         period = 2.0 * self.half_period or 0.1 * duration
         return duration + np.linspace(0.0, 1.05 * period, _LOOK)

@@ -12,12 +12,12 @@ from ..analysis.validity import turned_inside_out
 from ..arm import Arm
 from .path import Output, Path, Slower
 
-_TURN = 0.3  # rad (parts of the arm's length, for slides) that a joint may move between two poses found in turn
-_SINGULAR = 1e-3  # least to largest singular value of how the joints move the output
+_TURN = 0.3  # rad (for slides: parts of the arm's length): largest step of a joint between two successive poses
+_SINGULAR = 1e-3  # ratio of the least to the largest singular value of the joints' Jacobian
 _TRIES = 60  # Newton steps to a pose
-REACHED = 1e-9  # m, rad, by which the tip may be off the path where it is solved for
+REACHED = 1e-9  # m, rad: tolerance of the tip on the path
 _MOST_POSES = 400  # along a path
-_FOUND = 1e-12  # of a joint's change (rad, m), where its pose is found
+_FOUND = 1e-12  # tolerance of a joint's change (rad, m)
 
 
 class Poses(NamedTuple):
@@ -28,11 +28,11 @@ class Poses(NamedTuple):
 
 
 class Equations:
-    """An arm whose driven joints keep an output on a path, nearest to a posture where there are more of them.
+    """An arm whose driven joints keep an output on a path; redundant joints stay nearest to a posture.
 
     Attributes:
-        joints: indices of the driven joints' rates. inner: of all that no motor moves: elastic, and passive joints.
-        posture: of the driven joints, (m,). tell: called at each iteration, with what is being done.
+        joints: indices of the driven joints' rates. inner: of all rates without a motor: elastic, and passive joints.
+        posture: of the driven joints, (m,). tell: called at each iteration, with a text on the progress.
     """
 
     def __init__(self, arm: Arm, output: Output, joints: list[int], inner: list[int], posture: Array) -> None:
@@ -42,15 +42,15 @@ class Equations:
             link.beam.length for link in arm.links if link.beam is not None), 1e-3)  # fmt: skip
         self.elastic = True  # whether the inner coordinates move
         self.tell: Callable[[str], None] = lambda doing: None
-        # (link, freedom) of joints that stay, and of those that nothing drives
+        # (link, freedom) of locked joints, and of passive ones
         self.locked: tuple[tuple[int, int], ...] = ()
         self.passive: tuple[tuple[int, int], ...] = ()
 
     # -- kinematics ---------------------------------------------------------------------------------------------------
 
     def on_path(self, q: Array, wanted: Array, posture: Array | None = None) -> tuple[Array, Array]:
-        """q (n, nq) with the driven joints so that the output is `wanted` (n, p), and how far it is still off, (n,);
-        nearest to a posture (n, m), or that of all times."""
+        """q (n, nq) with the driven joints solved for the output `wanted` (n, p), and the remaining error, (n,);
+        nearest to a posture (n, m), or to that of all times."""
         posture = self.posture if posture is None else posture
         q, th = q.copy(), self.joints
         for _ in range(_TRIES):
@@ -67,14 +67,14 @@ class Equations:
         return q, np.linalg.norm(error, axis=-1)
 
     def follow(self, q: Array) -> tuple[Array, Array]:
-        """How the driven joints (..., m, k) and the output, those held, (..., p, k) move with the inner coordinates."""
+        """Derivatives by the inner coordinates: of the following joints (..., m, k), of the held output (..., p, k)."""
         J = self.output.jacobian(q)
         direct = J[..., self.inner]
         return -_pseudo_inverse(J[..., self.joints]) @ direct, direct
 
     def moved(self, q: Array, d: Array) -> float:
-        """How far changes d (nv,) of the inner coordinates move the output, the arm's end (m) and passive joints (m,
-        rad), the driven joints held."""
+        """Largest displacement of the output, the arm's end (m) and passive joints (m, rad) by changes d (nv,) of the
+        inner coordinates, with the driven joints held."""
         direct = self.output.jacobian(q[None])[0][:, self.inner] @ d[self.inner]
         end = self.arm.jacobian(q)[:3, self.inner] @ d[self.inner]
         passive = [d[self.arm.joint_rate(key)] for key in self.passive]
@@ -83,8 +83,8 @@ class Equations:
     # -- balance ------------------------------------------------------------------------------------------------------
 
     def balance(self, q: Array, wanted: Array, t: float, K: Array | None = None) -> tuple[Array, Array | None]:
-        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path; and the stiffness
-        last used, which another pose nearby may begin with.
+        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path; and the last
+        stiffness, a start for another pose nearby.
 
         Raises:
             ValueError: beyond reach, through a singular pose, or no balance, at time t."""
@@ -112,7 +112,7 @@ class Equations:
         return finite("balance", q), K
 
     def stiffness(self, q: Array) -> Array:
-        """Of the inner coordinates at rest, the driven joints following."""
+        """Stiffness of the inner coordinates at rest, with the driven joints following."""
         zero = np.zeros(self.arm.nv)
         by_q = self.arm._core.inverse_derivatives(q, zero, zero, by_v=False)[0][self.inner]
         K: Array = by_q[:, self.inner] + by_q[:, self.joints] @ self.follow(q)[0]
@@ -187,12 +187,12 @@ class Equations:
         return np.array(M), np.array(C), np.array(K)
 
     def held(self, q: Array) -> Array:
-        """The inertia (n, k, k) of the inner coordinates at q (n, nq), where the driven joints are held."""
+        """The inertia (n, k, k) of the inner coordinates at q (n, nq), with the driven joints held."""
         return np.array([self.arm._core.mass_matrix(pose)[np.ix_(self.inner, self.inner)] for pose in q])
 
 
 def _pseudo_inverse(J: Array) -> Array:
-    """Of J (..., p, m) with p <= m and full rank."""
+    """Pseudo-inverse of J (..., p, m) with p <= m and full rank."""
     Jt = np.swapaxes(J, -1, -2)
     JJ = J @ Jt
     size = np.trace(JJ, axis1=-2, axis2=-1)[..., None, None]

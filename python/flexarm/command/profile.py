@@ -30,12 +30,12 @@ def integrals(knots: int, fine: int = 1) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Profile:
-    """z(t) of m numbers: the place on a route, or, without one, all joints.
+    """z(t) of m numbers: the place on a route, or all joints.
 
     Attributes:
         duration: (s). alpha: d²z/d(t/duration)² at the knots, (N + 1, m), zero at both ends.
-        start: (m,). route: None of free joints.
-        fine: how many places there are from knot to knot, P - 1 in all.
+        start: (m,). route: None for independent joints.
+        fine: places in each interval between knots, P - 1 in all.
     """
 
     duration: float
@@ -50,7 +50,7 @@ class Profile:
         return np.linspace(0.0, self.duration, (len(self.alpha) - 1) * self.fine + 1)
 
     def z(self) -> tuple[Array, Array, Array]:
-        """With its rates, at the places, (P, m) each."""
+        """z and its two rates, at the places, (P, m) each."""
         places, rates, here = integrals(len(self.alpha) - 1, self.fine)
         T = self.duration
         return self.start + places @ self.alpha, rates @ self.alpha / T, here @ self.alpha / T**2

@@ -1,5 +1,5 @@
-"""How the flexible arm answers a small change of its joints' motion: exact Jacobians along the run, and the modes they
-drive, from knot to knot by matrix exponentials."""
+"""The response of the flexible arm to a small change of its joints' motion: exact Jacobians along the run, and modes,
+integrated from knot to knot by matrix exponentials."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FOLLOWED = 24  # modes, at most
 
 
 class Course(NamedTuple):
-    """How joint positions, rates and accelerations depend on z, dz/dt and d²z/dt² of m numbers z, at each knot.
+    """Derivatives of joint positions, rates and accelerations by z, dz/dt and d²z/dt² of m numbers z, at each knot.
 
     Attributes:
         q_z, v_z, a_z, a_zd: (n, nj, m). (dv/dz' and da/dz'' are dq/dz.)
@@ -32,7 +32,7 @@ class Response(NamedTuple):
     """Derivatives by the variables (nx).
 
     Attributes:
-        left: of what `Plant.left` gives of the modes that are steered, (2, n, nx).
+        left: of `Plant.left`, for the modes that are steered, (2, n, nx).
         tau, q, v, a: of the joints' torques, positions, rates and accelerations at the knots, (N + 1, nj, nx).
     """
 
@@ -63,7 +63,7 @@ def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array,
     Args:
         run: rows at the knots, (N + 1).
         by_z: derivatives of z, dz/dt, d²z/dt² by the variables, (N + 1, m, nx) each.
-        kept: how many modes the derivatives of what is left are wanted of.
+        kept: number of modes whose vibration is steered.
     """
     J = _jacobians(plant, run)
     joints, elastic = plant.driven.rates, plant.driven.elastic
@@ -109,8 +109,8 @@ def _march(K: Array, D: Array, push: Array, w: Array, steps: Array) -> Array:
     A[:, n:, n:] = -0.5 * (D[1:] + D[:-1])
     eye = np.eye(2 * n)
     go = expm(A * h)
-    even = np.linalg.solve(A, go - eye)  # what a constant push gives
-    late = np.linalg.solve(A, even / h - eye)  # and one that grows from 0 to 1
+    even = np.linalg.solve(A, go - eye)  # response to a constant push
+    late = np.linalg.solve(A, even / h - eye)  # response to one that grows from 0 to 1
     even, late = even[:, :, n:], late[:, :, n:]
     x = np.zeros((len(steps) + 1, 2 * n, push.shape[2]))
     for k in range(len(steps)):

@@ -49,7 +49,7 @@ class RigidMove(NamedTuple):
 
 
 def joint_torques(arm: Arm, driven: Driven, q: Array, v: Array, a: Array) -> Array:
-    """Of the joints of the arm with straight beams, (n, nj)."""
+    """Torques of the joints of the arm with straight beams, (n, nj)."""
     full = [np.zeros((len(q), n)) for n in (arm.nq, arm.nv, arm.nv)]
     full[0][:] = arm.zero
     full[0][:, driven.at] = q
@@ -76,7 +76,7 @@ def fastest(arm: Arm, driven: Driven, route: Route, limits: Limits) -> RigidMove
     x = _profile(s, (by_u, by_x, still), (d1, d2), limits, route) if not viscous.any() else np.zeros(_INTERVALS + 1)
     with np.errstate(divide="ignore"):
         slow = 0.25 * np.nanmin(np.where(viscous == 0, np.inf, (limits.torque - np.abs(still)) / viscous) ** 2, axis=1)
-    at = np.minimum(slow, 1e12)  # where the friction is linearised, as c sqrt(x) is no more than its tangents
+    at = np.minimum(slow, 1e12)  # linearises the friction here: the concave c sqrt(x) lies below its tangents
     for _ in range(_ROUNDS if viscous.any() else 0):
         root = np.sqrt(at)[:, None]
         torque = by_u, by_x + 0.5 * viscous / root, still + 0.5 * viscous * root

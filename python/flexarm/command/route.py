@@ -1,4 +1,4 @@
-"""Where the joints go: a straight line between two poses, or along a path, by one number from 0 to 1."""
+"""The route of the joints: a straight line between two poses, or a path, by one number from 0 to 1."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from .._check import Array, array
 
 _SAMPLES = 401  # of a path that is a function
-_JUMP = 20.0  # a chord so many times as long as the one in the middle of all is a jump
+_JUMP = 20.0  # a chord longer than this, in medians of all chords, is a jump
 
 
 class Route:
     """Joint positions q(s), s from 0 to 1, with three derivatives; a spline of degree five through samples at chord
-    lengths, or the straight line where there are two.
+    lengths, or the straight line between two.
 
     Args:
         points: (n, nj), n at least 2.
@@ -25,7 +25,7 @@ class Route:
         from scipy.interpolate import make_interp_spline  # slow to import
 
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        points = points[np.append(True, chords > 1e-9 * chords.sum())]  # none twice
+        points = points[np.append(True, chords > 1e-9 * chords.sum())]  # without duplicates
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         at = np.append(0.0, np.cumsum(chords)) / chords.sum()
         at[-1] = 1.0
@@ -34,7 +34,7 @@ class Route:
         self._spline = make_interp_spline(at, points, k=min(5, len(points) - 1))
 
     def __call__(self, s: Any) -> tuple[Array, Array, Array, Array]:
-        """q, dq/ds and two more derivatives, each (..., nj). A little beyond both ends the curve goes on."""
+        """q, dq/ds and two more derivatives, each (..., nj). The curve extends a little beyond both ends."""
         q, d1, d2, d3 = (self._spline(s, n) for n in range(4))
         return q, d1, d2, d3
 

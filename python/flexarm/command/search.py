@@ -1,9 +1,9 @@
-"""The search for a motion of the joints that leaves the flexible arm at rest, within limits.
+"""The search for a motion of the joints, within limits, after which the flexible arm is at rest.
 
 Sequential linear programming with an exact penalty and a trust region (R. Fletcher and E. Sainz de la Maza, "Nonlinear
 programming and nonsmooth optimization by successive linear programming", Mathematical Programming 43 (1989), 235-256):
 each round simulates the flexible arm, and a linear programme (HiGHS, in SciPy) chooses the next motion by exact
-Jacobians along that run. Fastest motions lie at corners of what the limits allow, where this converges quadratically.
+Jacobians along that run. Fastest motions lie at corners of the feasible set, where this converges quadratically.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from .plant import Plant
 from .profile import Profile
 from .response import Response, respond
 
-#: Of limits that are passed (parts of them), and of vibration (parts of `scale`), by whether the duration is free: the
-#: next where the one before leaves too much.
+#: Penalties of exceeded limits (in parts of them), and of vibration (in parts of `scale`), by whether the duration is
+#: free; the next one is taken if too much excess is left.
 PENALTIES = {True: (5.0, 50.0), False: (100.0,)}
-_SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
-_ALONE = 1e-2  # and where it alone is
-_DONE, _NOISE = 1e-3, 2e-4  # of limits, what will do in the end; of both, what a step may leave to the next
-_GAIN, _HOPE = 2e-4, 0.02  # of the objective in a round, below which the search ends; of the penalties
-_JERK = 8.0  # of a motion whose largest is least, in parts of the size of its accelerations
-_MENDS = (1, 3)  # of a step, at most: along a route (more gain less than 0.4 %), and of joints that go their own ways
-_DT = 1e-5  # of the duration, for derivatives by it
-_SIMPLEX = {"presolve": False}  # which finds nothing to leave out in dense rows, and takes a quarter of the time
+_SMOOTH = 1e-3  # weight of the largest jerk if the duration is minimised
+_SMOOTH_ALONE = 1e-2  # and if it alone is minimised
+_TOLERANCE, _NOISE = 1e-3, 2e-4  # final tolerance of limits; tolerance of limits and vibration in a step
+_GAIN, _GAIN_OF_PENALTY = 2e-4, 0.02  # least gain of a round, as parts of the objective and of the penalties
+_JERK = 8.0  # largest jerk of the smoothest motion, in parts of the size of its accelerations
+_CORRECTIONS = (1, 3)  # of a step, at most: along a route (more gain less than 0.4 %), and of independent joints
+_DT = 1e-5  # relative difference of the duration for derivatives
+_SIMPLEX = {"presolve": False}  # it removes no dense row, and takes a quarter of the time
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is sought.
+    """The aim of a search.
 
     Attributes:
-        limits: with their margins. free: whether the duration is to be least; else the largest jerk.
-        end: where z goes, (m,). size: of alpha of each number, (m,).
-        scale: of vibration (m). kept: how many modes are steered.
-        enough: vibration that will do in the end, in parts of `scale`.
-        penalty: of limits that are passed and of vibration.
+        limits: with their margins. free: whether the duration is minimised; else the largest jerk.
+        end: final z, (m,). size: of alpha of each number, (m,).
+        scale: of vibration (m). kept: number of modes that are steered.
+        enough: sufficient vibration, in parts of `scale`.
+        penalty: of exceeded limits and of vibration.
     """
 
     limits: Limits
@@ -59,11 +59,12 @@ class Aim:
 
 @dataclass(frozen=True)
 class Found:
-    """A motion, the run of the flexible arm, and what it comes to.
+    """A motion, the run of the flexible arm, and its merit.
 
     Attributes:
-        goal: the objective. over: by how much it passes a limit, as a part of that. left: vibration, in parts of
-            `Aim.scale`. penalty: of both. enough: of `left`, what will do.
+        goal: the objective. over: largest excess over a limit, as a part of it. left: vibration, in parts of
+            `Aim.scale`.
+        penalty: of both. enough: sufficient value of `left`.
     """
 
     profile: Profile
@@ -81,7 +82,7 @@ class Found:
 
     @property
     def good(self) -> bool:
-        return self.over < _DONE and self.left < self.enough
+        return self.over < _TOLERANCE and self.left < self.enough
 
 
 class Search:
@@ -102,7 +103,7 @@ class Search:
         except SimulationError as e:
             return Found(profile, e.result, np.inf, np.inf, np.inf, aim.penalty, aim.enough)
         jerk = float(np.abs(_jerks(profile, aim)).max())
-        goal = profile.duration / self.reference + _SMOOTH * jerk if aim.free else _ALONE * jerk
+        goal = profile.duration / self.reference + _SMOOTH * jerk if aim.free else _SMOOTH_ALONE * jerk
         over = max((float(np.abs(x.value).max()) for x in self._limited(profile, run)), default=0.0) - 1.0
         left = float(np.abs(self._left(run)).max(initial=0.0)) / aim.scale
         return Found(profile, run, goal, max(over, 0.0), left, aim.penalty, aim.enough)
@@ -111,7 +112,7 @@ class Search:
         return self.plant.left(run.q[-1], run.v[-1])[:, : self.aim.kept]
 
     def _limited(self, profile: Profile, run: Result, by: Response | None = None) -> list[_Limited]:
-        """What is limited, as parts of the limits; without derivatives, where no response is given."""
+        """The limited quantities, as parts of the limits; without derivatives, if no response is given."""
         q, v, a = profile.joints()
         limits, h = self.aim.limits, profile.t[1]
         values = [
@@ -122,7 +123,7 @@ class Search:
             (np.diff(a, axis=0) / h, limits.jerk, None if by is None else np.diff(by.a, axis=0) / h,
              -3.0 * np.diff(a, axis=0) / h),
         ]  # fmt: skip
-        if profile.route is not None:  # which begins at 0 and ends at 1
+        if profile.route is not None:  # a route begins at 0 and ends at 1
             z = 2.0 * profile.z()[0] - 1.0
             values.append((z, np.ones(1), None if by is None else 2.0 * profile.by_alpha()[0], None))
         out = []
@@ -140,26 +141,26 @@ class Search:
             if self.tell is not None:
                 self.tell(f"round {k + 1}: {best.profile.duration:.4g} s, {100 * best.left:.2g} % left")
             slopes = self._slopes(best)
-            mends = _MENDS[best.profile.route is None]
+            corrections = _CORRECTIONS[best.profile.route is None]
             while True:
                 step, promised = self._next(best, best, slopes, trust)
                 gain = best.merit - promised
-                # less is promised where nothing near keeps the limits
-                worth = max(_GAIN, _HOPE * (best.merit - best.goal))
+                # the programme accepts excess if no motion nearby keeps the limits
+                worth = max(_GAIN, _GAIN_OF_PENALTY * (best.merit - best.goal))
                 if step is None or trust < 1e-3 or gain < worth:
                     return best
-                tried = self.judge(step)
-                for _ in range(mends):  # what bends is met by further steps with the same slopes
-                    step = self._next(tried, best, slopes, trust)[0] if max(tried.over, tried.left) > _NOISE else None
-                    again = tried if step is None else self.judge(step)
-                    if again.merit >= tried.merit:
+                trial = self.judge(step)
+                for _ in range(corrections):  # further steps with the same slopes correct for curvature
+                    step = self._next(trial, best, slopes, trust)[0] if max(trial.over, trial.left) > _NOISE else None
+                    corrected = trial if step is None else self.judge(step)
+                    if corrected.merit >= trial.merit:
                         break
-                    tried = again
-                share = (best.merit - tried.merit) / max(gain, 1e-300)
+                    trial = corrected
+                share = (best.merit - trial.merit) / max(gain, 1e-300)
                 if share > 0.05:
                     break
                 trust *= 0.3
-            best = tried
+            best = trial
             trust = min(2.0 * trust, 2.0) if share > 0.5 else trust
         return best
 
@@ -171,7 +172,7 @@ class Search:
         limited = self._limited(p, at.run, response)
         left_T, tau_T = self._by_duration(at) if aim.free else (np.zeros((2, aim.kept)), None)
         if np.isfinite(aim.limits.torque).any():
-            limited[0] = limited[0]._replace(by_T=0.0 if tau_T is None else tau_T)  # the torques' stand first
+            limited[0] = limited[0]._replace(by_T=0.0 if tau_T is None else tau_T)  # the torques come first
         ends = np.vstack([by_alpha[0][-1], by_alpha[1][-1] * p.duration]) * size
         rows = _Rows(m * (n - 1))
         for x in limited:
@@ -182,9 +183,9 @@ class Search:
         return _Slopes(A, np.hstack([ends, np.zeros((2 * m, 4))]), np.abs(A[:, : rows.nx + 1]))
 
     def _next(self, at: Found, of: Found, slopes: _Slopes, trust: float) -> tuple[Profile | None, float]:
-        """The motion that the linear programme about `at` gives, within the trust region about `of`, where the slopes
-        are taken; and the merit that it promises. Its variables: changes of alpha, in parts of its size; of the
-        duration, in parts of that; the largest jerk; limits passed; vibration left."""
+        """The solution of the linear programme about `at`, within the trust region about `of`, with the slopes of `of`;
+        and its predicted merit. Its variables: changes of alpha, in parts of its size; of the duration, in parts of
+        that; the largest jerk; excess over limits; vibration."""
         from scipy.optimize import linprog  # slow to import
 
         aim, p = self.aim, at.profile
@@ -195,14 +196,14 @@ class Search:
         b = np.concatenate([bound - sign * x.ravel() for x, bound in most for sign in (1.0, -1.0)])
         z, zd, _ = p.z()
         ends = np.concatenate([aim.end - z[-1], -zd[-1] * p.duration])
-        cost = np.append(np.zeros(nx), [float(aim.free), _SMOOTH if aim.free else _ALONE, *[aim.penalty] * 2])
+        cost = np.append(np.zeros(nx), [float(aim.free), _SMOOTH if aim.free else _SMOOTH_ALONE, *[aim.penalty] * 2])
         cost[nx] *= p.duration / self.reference
         moved = ((p.alpha - of.profile.alpha)[1:-1] / aim.size).ravel()
         bounds = np.zeros((nx + 4, 2))
         bounds[:nx] = np.column_stack([-trust - moved, trust - moved])
         bounds[nx] = np.array([-0.2, 0.2]) * min(trust, 1.0) if aim.free else 0.0
         bounds[nx + 1 :, 1] = np.inf
-        near = slopes.sizes @ np.abs(bounds[: nx + 1]).max(axis=1) >= b  # the others cannot be passed from here
+        near = slopes.sizes @ np.abs(bounds[: nx + 1]).max(axis=1) >= b  # others cannot be exceeded
         out = linprog(cost, slopes.A[near], b[near], slopes.ends, ends, bounds, method="highs-ds", options=_SIMPLEX)
         if out.status != 0:
             return None, np.inf
@@ -212,8 +213,8 @@ class Search:
         return replace(p, alpha=alpha, duration=p.duration * (1.0 + out.x[nx])), float(out.fun) + already
 
     def _by_duration(self, at: Found) -> tuple[Array, Array]:
-        """Derivatives of what is left (m) and of the limited torques (parts of the limits) by the logarithm of the
-        duration, alpha being the same; by a difference."""
+        """Derivatives of the vibration (m) and of the limited torques (parts of the limits) by the logarithm of the
+        duration, at constant alpha; by a difference."""
         later = self._run(replace(at.profile, duration=at.profile.duration * (1.0 + _DT)))
         on, most = self.plant.driven.rates, self.aim.limits.torque
         tau = ((later.tau - at.run.tau)[:, on] / most)[:, np.isfinite(most)]
@@ -233,8 +234,8 @@ _PEAK, _SLACK, _REST = 1, 2, 3  # places of the last variables, behind the durat
 
 
 class _Slopes(NamedTuple):
-    """Matrices of the linear programme: of what is limited, and of where z and its rate end; the former's absolute
-    values by alpha and by the duration."""
+    """Matrices of the linear programme: of the limited quantities, and of the final z and rate; the bounds on the
+    former by alpha and by the duration."""
 
     A: Array
     ends: Array
@@ -260,12 +261,12 @@ class _Rows:
 
 
 def _jerks(profile: Profile, aim: Aim) -> Array:
-    """Of z between the knots, (N, m), in parts of the least that goes from 0 to 1 in a time of 1, about."""
+    """Jerks of z between the knots, (N, m), as parts of about the least for a way of 1 in a time of 1."""
     n = len(profile.alpha) - 1
     return np.diff(profile.alpha, axis=0) * n / (_JERK * aim.size)
 
 
 def _jerk_rows(n: int, m: int) -> Array:
-    """Derivatives of these by alpha at the inner knots, in parts of its size, (n, m, m (n - 1))."""
+    """Derivatives of the jerks by alpha at the inner knots, in parts of its size, (n, m, m (n - 1))."""
     differences = (np.eye(n, n - 1) - np.eye(n, n - 1, -1)) * n / _JERK
     return np.asarray(np.kron(differences, np.eye(m)).reshape(n, m, -1))

@@ -1,4 +1,4 @@
-"""How long before and after its path an arm moves, how finely its motion is sampled, and whether it comes to rest."""
+"""The window of an inversion: times before and after the path, the step of the grid, and the check of rest."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from .._check import Array
 from .path import Path, Slower
 from .problem import Equations
-from .solve import DYING, MOST, Grid, Motions, NotConverged, Solver
+from .solve import DECAY, MOST, Grid, Motions, NotConverged, Solver
 
 _FIRST_COUNT = 56  # intervals over the path of the first grid
 _ROUNDS = 12  # grids
-_SEEN = 2.6  # rad of a pole's motion in one step, above which the differences do not follow it
-_RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
+_RESOLVED = 2.6  # rad: largest phase of a pole in one step that the differences resolve
+_RINGING = 3.0  # natural logarithm: largest growth or decay over the path of a pole that rings throughout
 _LIGHTLY = 0.3  # the largest damping ratio of a pole that rings
-_ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
-_ROUNDING = 1e-12  # of an inertia
+_CHANGED = 0.3  # largest relative change of a ringing pole from one end of the path to the other
+_ROUNDING = 1e-12  # share of an inertia
 _LEAST = 12  # intervals before and after the path, for the differences
-_ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
-_TOO_MUCH = 0.01  # of the path's extent, that may go on ringing
+_ROUGH = 10.0  # largest error in multiples of the tolerance, if finer grids do not help
+_MOST_LEFT = 0.01  # largest remaining vibration, as a share of the path's extent
 
 Poles = tuple[Any, Any]  # complex, of the start and of the end
 
 
 def _poles(M: Array, C: Array, K: Array, held: Array) -> Array:
-    """Of M d'' + C d' + K d = 0, by rising size; infinite ones are left out.
+    """Poles of M d'' + C d' + K d = 0, by rising size, without infinite ones.
 
-    M is the inertia with the joints held less what the joints take off as they follow: beside the first, (k, k), what
-    is left of two equal ones is rounding, which would make infinite poles finite."""
+    M is the inertia with the joints held, less the part that following joints take off; a difference of nearly equal
+    entries, (k, k), is rounding, which would make infinite poles finite. `held` is the first, for comparison."""
     n = len(K)
     if not n:
         return np.zeros(0, dtype=complex)
@@ -48,29 +48,29 @@ def _poles(M: Array, C: Array, K: Array, held: Array) -> Array:
 
 
 def _slow(poles: Array, T: float, step: float) -> Any:
-    """Which poles ring throughout the path, among those that the grid can follow."""
-    ringing = (np.abs(poles.real) * T < _RINGS) & (np.abs(poles.real) < _LIGHTLY * np.abs(poles))
-    return ringing & (np.abs(poles) * step < _SEEN)
+    """Whether each pole rings throughout the path, and the grid can resolve it."""
+    ringing = (np.abs(poles.real) * T < _RINGING) & (np.abs(poles.real) < _LIGHTLY * np.abs(poles))
+    return ringing & (np.abs(poles) * step < _RESOLVED)
 
 
 def _padding(poles: Array, side: int, T: float, step: float, decay: float) -> float:
-    """How long the part that dies out on one side takes to shrink by exp(decay), but for what rings; of what the grid
-    can follow."""
-    rates = (side * poles.real)[(np.abs(poles) * step < _SEEN) & ~_slow(poles, T, step)]
+    """Time in which the motion on one side decays by exp(decay), by its poles without those that ring throughout; of
+    the poles that the grid resolves."""
+    rates = (side * poles.real)[(np.abs(poles) * step < _RESOLVED) & ~_slow(poles, T, step)]
     slowest = rates[rates > 0].min(initial=np.inf)
     return float(decay / slowest) if np.isfinite(slowest) else 0.0
 
 
 def _buffer(poles: Poles, T: float, step: float) -> float:
-    """How long what rings takes to die out where it is damped; 0 where not the same poles ring at both ends: some of
-    them then belong to what comes ahead of the path, which must not be damped."""
+    """Time in which ringing dies out under added damping; 0 if different poles ring at both ends: some of them then
+    belong to the motion ahead of the path, which must not be damped."""
     seen = [np.abs(p[_slow(p, T, step)]) for p in poles]
     known = [np.abs(p[_slow(p, T, 0.0)]) for p in poles]
     for here, there in ((seen[0], known[1]), (seen[1], known[0])):
-        if any(not (np.abs(there - w) < _ALIKE * w).any() for w in here):
+        if any(not (np.abs(there - w) < _CHANGED * w).any() for w in here):
             return 0.0
     ringing = np.concatenate(seen)
-    return 1.5 * DYING / float(ringing.min()) if len(ringing) else 0.0
+    return 1.5 * DECAY / float(ringing.min()) if len(ringing) else 0.0
 
 
 def solve(of: Equations, path: Path | Slower, start: Array, method: str, tolerance: float,
@@ -108,7 +108,7 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         short = [k for k, edge in enumerate(found.edges) if edge > tolerance and longer[k] < 5]
         if found.error > tolerance:
             if best is not None and found.error > 0.5 * best.error and best.error < _ROUGH * tolerance:
-                break  # a finer grid follows what is faster still
+                break  # a finer grid follows still faster poles
             count = int(count * np.clip(1.2 * (found.error / tolerance) ** (1 / 6), 1.3, 2.5))
         elif short and not rings and window == (None, None):
             longer = [1.6 * factor if k in short else factor for k, factor in enumerate(longer)]
@@ -127,10 +127,10 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
 
 
 def check_rest(path: Path | Slower, found: Motions, poles: Poles, tolerance: float) -> str:
-    """What is to be said of an arm that does not come to rest.
+    """A warning for an arm that does not come to rest; "" if it does.
 
     Raises:
-        ValueError: where that is as much as a part of the path itself."""
+        ValueError: the vibration is large compared with the path."""
     edge = max(found.edges)
     if edge <= 10 * tolerance:
         return ""
@@ -146,6 +146,6 @@ def check_rest(path: Path | Slower, found: Motions, poles: Poles, tolerance: flo
         "smooth the path, take another slice or other components of the tip, or more pre and post"
     )
     moved = float(np.ptp(path(found.t), axis=0).max())
-    if edge > _TOO_MUCH * moved:
+    if edge > _MOST_LEFT * moved:
         raise ValueError(f"tip: there is no inverse that comes to rest: {text}")
     return text

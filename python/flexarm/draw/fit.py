@@ -1,4 +1,4 @@
-"""A fit: measured and fitted columns, what is left of them, and its autocorrelation."""
+"""A fit: measured and fitted columns, residuals, and their autocorrelation."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FEW = 4  # columns that stand one below the other
-_TALL = 12.0  # inches: as a rule no figure is taller
+_FEW = 4  # columns in one stack of panels
+_TALL = 12.0  # inches: height of most figures, at most
 
 
 class Table(Protocol):
@@ -47,7 +47,7 @@ class Correlated(Protocol):
 
 
 def plot_fit(pairs: Sequence[Pair], tests: Sequence[Mapping[str, Correlated]]) -> Figure:
-    """Of each column a panel for each run, with what is left below, and the autocorrelation of that at the end; many
+    """A panel for each column of each run, its residual below, and at the end the residuals' autocorrelation; many
     columns of one run stand in two rows side by side."""
     names = list(dict.fromkeys(name for pair in pairs for name in pair.nrmse))
     n, across = len(pairs), 2 if len(pairs) == 1 and len(names) > _FEW else 1
@@ -66,12 +66,12 @@ def plot_fit(pairs: Sequence[Pair], tests: Sequence[Mapping[str, Correlated]]) -
         counts = [len(p.measured.t) for p in pairs if name in p.nrmse]
         ax = fig.add_subplot(grid[row : row + 2, first + n])
         _correlogram(ax, [t[name] for t in tests if name in t], counts, last, i == 0)
-    _explained(fig)
+    _add_legend(fig)
     return fig
 
 
-def _explained(fig: Figure) -> None:
-    """Above all panels, what the lines of the first one are."""
+def _add_legend(fig: Figure) -> None:
+    """Adds a legend of the first panel's lines above all panels."""
     fig.legend(*fig.axes[0].get_legend_handles_labels(), loc="outside upper right", fontsize=9, frameon=False, ncols=2)
 
 
@@ -84,30 +84,30 @@ def plot_pair(pair: Pair) -> Figure:
     grid = fig.subplots(down, across, sharex=True, squeeze=False)
     for i, ax in enumerate(grid.ravel()):
         if i < len(names):
-            _both(ax, pair, names[i], "simulated", "", 60 if across == 1 else 40)
+            _panel(ax, pair, names[i], "simulated", "", 60 if across == 1 else 40)
             ax.set_xlabel("Time (s)" if i >= len(names) - across else "")
             ax.tick_params(labelbottom=i >= len(names) - across)
         else:
             ax.set_axis_off()
-    _explained(fig)
+    _add_legend(fig)
     return fig
 
 
-def _both(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -> None:
+def _panel(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -> None:
     t, unit = pair.measured.t, pair.measured.units[name]
     ax.plot(t, pair.measured[name], color=BLUE, linewidth=1.6, label="measured")
     ax.plot(t, pair.simulated[name], color=RED, linewidth=1.1, linestyle="--", label=other)
     label_axes(ax, unit if unit != "1" else "")
     ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     ax.yaxis.get_offset_text().set_horizontalalignment("right")  # the title begins at the left
-    said = f"{run}{short(name, letters)}, NRMSE {100 * pair.nrmse[name]:.3g} %"
-    ax.set_title(said, fontsize=10, loc="left", parse_math=False)
+    title = f"{run}{short(name, letters)}, NRMSE {100 * pair.nrmse[name]:.3g} %"
+    ax.set_title(title, fontsize=10, loc="left", parse_math=False)
     ax.set_xlim(t[0], t[-1])
 
 
 def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool, letters: int) -> None:
     t = pair.measured.t
-    _both(top, pair, name, "fitted", run, letters)
+    _panel(top, pair, name, "fitted", run, letters)
     below.plot(t, pair.simulated[name] - pair.measured[name], color=INK, linewidth=0.7)
     label_axes(below, "error", "Time (s)" if last else "")
     below.ticklabel_format(axis="y", scilimits=(-3, 4))

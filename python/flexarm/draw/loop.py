@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FEW = 4  # loops whose names fit in a diagram
-_SLOW = 8  # poles that the s-plane is drawn around, of those with the lowest frequency
+_SLOW = 8  # slowest poles, which set the limits of the s-plane
 
 
 def _window(s: NDArray[np.complex128]) -> tuple[float, float]:
-    """How far left and up to look: to the slower poles, and to all that grow."""
+    """Limits of the s-plane, to the left and upwards: the slower poles, and all unstable ones, are inside."""
     finite = s[np.isfinite(s)]
     slow = finite[np.argsort(np.abs(finite))][: max(_SLOW, 1)]
     grown = finite[finite.real > 0]
@@ -60,13 +60,13 @@ def _poles_z(ax: Axes, z: NDArray[np.complex128]) -> None:
 
 
 def _begin(w: Array, L: NDArray[np.complex128]) -> float:
-    """Where a Bode diagram begins (rad/s): a decade below what first bends the gain or the phase, or crosses 1; below
-    that both are straight lines."""
+    """First frequency of a Bode diagram (rad/s): a decade below the lowest corner or crossing of 1; below that both
+    curves are straight lines."""
     gain, turn = np.abs(L), np.unwrap(np.angle(L))
     if len(w) < 3 or not gain.all():
         return float(w.min(initial=0.0))
     second = min(int(np.searchsorted(w, 2 * w[0])), len(w) - 1)
-    slope = np.round(np.log(gain[second] / gain[0]) / np.log(w[second] / w[0]))  # of integrators
+    slope = np.round(np.log(gain[second] / gain[0]) / np.log(w[second] / w[0]))  # minus the number of integrators
     bent = np.abs(np.log(gain / gain[0]) - slope * np.log(w / w[0])) > 0.1  # by a pole or zero at about twice that w
     bends = 2 * w[bent | (np.abs(turn - turn[0]) > np.radians(30))]
     crossings = w[1:][(gain[1:] > 1) != (gain[:-1] > 1)]
@@ -107,13 +107,13 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     gain.set_title("gain (circle: the phase margin is read here)", fontsize=10, loc="left")
     phase.set_title("phase", fontsize=10, loc="left")
     low, high = gain.get_ylim()
-    gain.set_ylim(max(low, 1e-6), min(high, 1e6))  # undamped modes have no end
+    gain.set_ylim(max(low, 1e-6), min(high, 1e6))  # undamped modes have infinite peaks
     phase.yaxis.set_major_locator(MultipleLocator(90))
     if len(curves) <= _FEW:
         gain.legend(frameon=False, fontsize=9, loc="lower left")
-    else:  # it would hide the curves
+    else:  # a legend inside would hide the curves
         longest = max(len(m.name) for m, _, _ in curves)
-        ncols = min(6, max(1, 165 // (longest + 8)))  # of the figure's width, by letters
+        ncols = min(6, max(1, 165 // (longest + 8)))  # as many as fit into the figure's width
         handles = gain.get_legend_handles_labels()
         fig.legend(*handles, loc="outside lower center", ncols=ncols, frameon=False, fontsize=9)
     return fig

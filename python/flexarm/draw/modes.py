@@ -13,11 +13,11 @@ from .style import PALETTE, label_axes, legend, new_figure, short, words
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDE, _LETTER = 4.8, 0.07  # inches: axes, and a letter over them
-_LEAST = 12  # letters that tell one name from another
+_WIDE, _LETTER = 4.8, 0.07  # inches: width of the axes, and of a letter
+_LEAST = 12  # letters, so that names stay distinct
 
 
-def _together(s: Array, joints: Sequence[tuple[float, str]]) -> list[tuple[float, dict[int, str]]]:
+def _merged_joints(s: Array, joints: Sequence[tuple[float, str]]) -> list[tuple[float, dict[int, str]]]:
     """The places of joints, and at each the joints' names by their links' numbers."""
     out: dict[float, dict[int, str]] = {}
     for k, (place, name) in enumerate(joints):
@@ -26,8 +26,8 @@ def _together(s: Array, joints: Sequence[tuple[float, str]]) -> list[tuple[float
     return sorted(out.items(), key=lambda x: x[0])
 
 
-def _over(s: Array, joints: Sequence[tuple[float, dict[int, str]]]) -> tuple[list[str], bool]:
-    """What stands over the joints' lines, as wide as there is room for, and whether that is numbers alone."""
+def _joint_labels(s: Array, joints: Sequence[tuple[float, dict[int, str]]]) -> tuple[list[str], bool]:
+    """The labels over the joints' lines, as wide as there is room, and whether they are links' numbers."""
     ends = [*[place for place, _ in joints[1:]], float(s[-1]) + 0.2 * float(np.ptp(s))]
     letters = [int(_WIDE * (end - place) / max(float(np.ptp(s)), 1e-300) / _LETTER) - 1
                for (place, _), end in zip(joints, ends, strict=True)]  # fmt: skip
@@ -39,7 +39,7 @@ def _over(s: Array, joints: Sequence[tuple[float, dict[int, str]]]) -> tuple[lis
 
 
 def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[tuple[float, str]]) -> Figure:
-    """One panel for each world axis along which something moves.
+    """One panel for each world axis with displacement.
 
     s: places along the arm (m), (np,). moved: displacements, (np, 3, n), to any scale. labels: of the modes. joints:
     where they sit along the arm, and whose they are.
@@ -56,14 +56,14 @@ def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[t
         label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
         ax.set_ylim(-1.12, 1.12)
     axes[0].set_xlim(left=0.0)
-    named = _together(s, joints)
-    over, by_number = _over(s, named)
+    named = _merged_joints(s, joints)
+    over, by_number = _joint_labels(s, named)
     for (place, _), word in zip(named, over, strict=True):
         axes[0].annotate(
             words(word), (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
             fontsize=8, color="#666666",
         )  # fmt: skip
-    what = "joints, by their links' numbers" if by_number else "joints"
-    axes[-1].set_xlabel(f"place along the arm, from its base (m); dotted: {what}")
+    meaning = "joints, by their links' numbers" if by_number else "joints"
+    axes[-1].set_xlabel(f"place along the arm, from its base (m); dotted: {meaning}")
     legend(axes[0], len(labels))
     return fig

@@ -1,4 +1,4 @@
-"""How figures look: colours, sizes, axes, legends."""
+"""The style of figures: colours, sizes, axes, legends."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 # matplotlib is slow to import, and most programs draw nothing: all of draw imports it where it is used.
 
-#: Okabe and Ito's colours, told apart by colour-blind readers too.
+#: Okabe and Ito's colours, distinct for colour-blind readers too.
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
 PALETTE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 INK = "#333333"
@@ -33,7 +33,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def _tell_notebook(figure: type[Figure]) -> None:
-    """How to show a figure: notebooks know it only after pyplot has made one, and these are made without pyplot."""
+    """Tells a notebook how to show a figure: pyplot would do so, but these figures are made without it."""
     ipython = sys.modules.get("IPython")
     shell: Any = None if ipython is None else ipython.get_ipython()
     if shell is not None and not any(figure in known for known in shell.display_formatter.formatters.values()):
@@ -69,19 +69,19 @@ def short(text: str, most: int) -> str:
 
 
 def legend(ax: Axes, count: int) -> None:
-    """Beside the axes, where it hides no curve, no longer and wider than a page has room for; the name of a single
-    curve stands above it. Labels are `words`."""
+    """Adds a legend beside the axes, within the size of a page; the name of a single curve stands above it. Labels
+    are `words`."""
     handles, labels = ax.get_legend_handles_labels()
     if count == 1:
         ax.set_title(short(labels[0].strip(), 80), loc="left", fontsize=10)
     elif count:
         columns = 2 if count > _LINES and max(map(len, labels)) <= _LETTERS // 2 else 1
         shown = count if count <= columns * _LINES else columns * _LINES - 1
-        told = [short(label, _LETTERS // columns) for label in labels[:shown]]
+        shown_labels = [short(label, _LETTERS // columns) for label in labels[:shown]]
         if shown < count:
-            handles, told = [*handles[:shown], _nothing()], [*told, f"and {count - shown} more"]
+            handles, shown_labels = [*handles[:shown], _nothing()], [*shown_labels, f"and {count - shown} more"]
         look: dict[str, Any] = {"frameon": False, "fontsize": 9, "ncols": columns}
-        ax.legend(handles[: len(told)], told, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
+        ax.legend(handles[: len(shown_labels)], shown_labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
 
 
 def _nothing() -> Any:

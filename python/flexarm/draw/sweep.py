@@ -1,4 +1,4 @@
-"""Columns over parameters: what a sweep shows."""
+"""Figures of a sweep: columns over parameters."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-_WIDE = 10.0  # inches: what a page shows without making letters too small
+_WIDE = 10.0  # inches: the widest figure whose letters stay readable on a page
 _LETTER = 0.078  # inches, of a label
 _FEW = 8  # values of a parameter that all have a tick
-#: What stands in place of a number, by its colour in maps.
+#: Reasons of a missing number, and their colours in maps.
 MISSING = {"failed": "#6E6E6E", "not run yet": "#FFFFFF", "no value": "#C8C8C8"}
 
 
@@ -75,11 +75,11 @@ def _scales(ax: Axes, x: Array, y: Array) -> None:
         if 0.0 < np.abs(values[np.isfinite(values)]).max(initial=0.0) < 1e-3:
             ax.ticklabel_format(axis="x" if axis is ax.xaxis else "y", scilimits=(-3, 4))
         if np.abs(values[np.isfinite(values)]).max(initial=0.0) >= 1e5:
-            axis.set_major_formatter(EngFormatter(sep=""))  # 210G, not 2.10 and a far-off 1e11
+            axis.set_major_formatter(EngFormatter(sep=""))  # 210G instead of 2.10 and a separate 1e11
 
 
 def _tick_values(axis: Axis, values: Array, inches: float) -> None:
-    """Ticks of a parameter at the values that were run, where these are few and their labels stand apart."""
+    """Puts ticks at a parameter's values, if these are few and their labels do not overlap."""
     from matplotlib.axis import YAxis
     from matplotlib.ticker import EngFormatter, NullLocator
 
@@ -111,8 +111,8 @@ def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool,
         ax.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=RED, ms=5, transform=ax.get_xaxis_transform())
 
 
-def _explain(figure: Figure, missing: Mapping[str, int], maps: bool) -> None:
-    """Below the panels, what stands in place of numbers."""
+def _missing_legend(figure: Figure, missing: Mapping[str, int], maps: bool) -> None:
+    """Adds a legend of the missing numbers below the panels."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -141,7 +141,7 @@ def plot_sweep(
     Args:
         grid: the values of two parameters whose runs fill a grid, row by row: heat maps then; None: points.
         joined: whether points of a single parameter are joined by lines.
-        why: (n,), which of MISSING a run's values are where they are nan, by number; None: all have "no value".
+        why: (n,), for runs whose values are nan, the index into MISSING; None: all have "no value".
     """
     count = len(columns)
     reasons = np.full(len(columns[0][1]) if count else 0, len(MISSING) - 1) if why is None else np.asarray(why)
@@ -167,6 +167,6 @@ def plot_sweep(
                 _points(shown[i][k], numbers, values, (under, beside), joined and wide == 1, reasons, inches)
     lost = np.any([~np.isfinite(values) for _, values in columns], axis=0) if count else np.zeros(0, dtype=bool)
     missing = {word: int((lost & (reasons == k)).sum()) for k, word in enumerate(MISSING)}
-    _explain(figure, {word: n for word, n in missing.items() if n}, maps)
+    _missing_legend(figure, {word: n for word, n in missing.items() if n}, maps)
     figure.suptitle(words(title), fontsize=12, fontweight="bold", wrap=True)
     return figure

@@ -22,13 +22,13 @@ _MARKERS: tuple[Any, ...] = ("o", "s", "^", "D", "v", "p", "*", "P", "X", "<", "
 _FILLS = ("full", "none", "left", "top", "right", "bottom")
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 _PER_COLUMN = 8  # entries of the list under a chart, at least
-_TOP = 10.0  # shares of a span above it are drawn at the upper edge
+_TOP = 10.0  # shares of a span: larger errors are drawn at the upper edge
 _SMALL = 8.5  # size of letters (pt)
 _WIDE = 140  # letters of that size across a figure
 _UNDER = 6  # lines under a title
-_WAYS = (225, 45, 135, 315, 180, 0, 270, 90)  # degrees, from a point to its number
+_DIRECTIONS = (225, 45, 135, 315, 180, 0, 270, 90)  # degrees, from a point to its number
 
-#: Of a run: wall time (s), error.
+#: A run: wall time (s), error.
 Point = tuple[float, float]
 
 
@@ -52,8 +52,8 @@ def label_errors(ax: Axes, ylabel: str) -> None:
 
 @dataclass(frozen=True)
 class Kind:
-    """What tells a model from others: the order of its beams' rotation ("as given": it has none), its modes, such as
-    "3" or "2+1", and their basis; "": the scene's."""
+    """A model of a chart: the order of its beams' rotation ("as given": it has none), its modes, such as "3" or "2+1",
+    and their basis; "": the scene's."""
 
     order: int | str
     modes: str
@@ -62,7 +62,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Line:
-    """Runs of one model with one integrator, from loose to tight."""
+    """Runs of one model with one integrator, in order of falling tolerance."""
 
     kind: Kind
     integrator: str
@@ -71,7 +71,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Cheapest:
-    """A run that no other beats in both time and error, with its words for the list under the chart."""
+    """A run that no other run beats in both time and error, with its text for the list under the chart."""
 
     time: float
     error: float
@@ -79,16 +79,16 @@ class Cheapest:
 
 
 def _marker(i: int) -> Any:
-    return _MARKERS[i] if i < len(_MARKERS) else (i - len(_MARKERS) + 5, 1, 0)  # stars of more and more points
+    return _MARKERS[i] if i < len(_MARKERS) else (i - len(_MARKERS) + 5, 1, 0)  # then stars, each with one point more
 
 
 def _modes_first(modes: str) -> tuple[int, int, str]:
-    """Where modes stand in the legend: few before many."""
+    """Sort key of modes in the legend: few modes first."""
     counts = [int(n) for n in modes.split("+") if n.isdigit()]
     return sum(counts), len(counts), modes
 
 
-def _all_of(kinds: Iterable[Kind]) -> tuple[list[int | str], list[str], list[str]]:
+def _distinct(kinds: Iterable[Kind]) -> tuple[list[int | str], list[str], list[str]]:
     """The orders, modes and bases that occur, in the order of the legend."""
     kinds = list(kinds)
     orders = [o for o in ORDER_COLOURS if any(k.order == o for k in kinds)]
@@ -97,9 +97,9 @@ def _all_of(kinds: Iterable[Kind]) -> tuple[list[int | str], list[str], list[str
 
 
 def model_styles(kinds: Iterable[Kind]) -> dict[Kind, dict[str, Any]]:
-    """How models are drawn, each in its own way: colour for the order, marker for the modes, filling for the basis."""
+    """A distinct style for each model: colour for the order, marker for the modes, filling for the basis."""
     kinds = list(dict.fromkeys(kinds))
-    _, modes, bases = _all_of(kinds)
+    _, modes, bases = _distinct(kinds)
     return {
         k: {
             "color": ORDER_COLOURS[k.order], "markerfacecoloralt": "white",
@@ -114,10 +114,10 @@ def _dash(integrator: str, integrators: Sequence[str]) -> Any:
 
 
 def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], front: bool) -> None:
-    """Beside the axes: what colours, markers, fillings and dashes mean."""
+    """Adds a legend of colours, markers, fillings and dashes beside the axes."""
     from matplotlib.lines import Line2D
 
-    orders, modes, bases = _all_of(line.kind for line in lines)
+    orders, modes, bases = _distinct(line.kind for line in lines)
     used = {line.integrator for line in lines}
 
     def entry(label: str, **look: Any) -> Line2D:
@@ -142,12 +142,12 @@ def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], f
     for text in shown.get_texts():
         if text.get_text() in titles:
             text.set_fontweight("bold")
-            text.set_x(text.get_position()[0] - 26)  # where the entries' lines begin
+            text.set_x(text.get_position()[0] - 26)  # aligned with the lines of the entries
 
 
 def _list_of(front: Sequence[Cheapest], known: str) -> list[list[str]]:
-    """What stands under a chart, in its columns: the ringed runs in words, in two columns where their words are short,
-    and how well the truth is known."""
+    """The columns of the list under a chart: the ringed runs, in two columns if their texts are short, and the
+    uncertainty of the reference."""
     rows = [f"{k}  {run.words}: {seconds(run.time)}, error {run.error:.1e}" for k, run in enumerate(front, 1)]
     rows = [short(row, _WIDE) for row in rows]
     half = max(_PER_COLUMN, -(-len(rows) // 2))
@@ -156,8 +156,8 @@ def _list_of(front: Sequence[Cheapest], known: str) -> list[list[str]]:
     return [columns[0] + ([f"\n{known}"] if known else []), *columns[1:]]
 
 
-def _numbered(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Point]) -> None:
-    """The numbers of the ringed runs, each beside its point where there is most room; `size` of the axes (inches)."""
+def _add_numbers(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Point]) -> None:
+    """Numbers the ringed runs, each beside its point on the least crowded side; `size` of the axes (inches)."""
 
     def inches(points: Sequence[Point]) -> Array:
         x, y = zip(*points, strict=True)
@@ -172,21 +172,21 @@ def _numbered(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Po
     box = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8}
     for k, at in enumerate(rings):
 
-        def crowd(way: Any, at: Array = at) -> float:
+        def crowding(way: Any, at: Array = at) -> float:
             here = at + way
             near = sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.17) for p in taken)
             near += 0.3 * sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.09) for p in steps)
             return near + 5.0 * bool((here < 0.08).any() or (here > size - 0.08).any())
 
-        ways = [r * np.array([np.cos(a), np.sin(a)]) for r in (0.19, 0.27, 0.36) for a in np.radians(_WAYS)]
-        best = min(ways, key=crowd)
+        ways = [r * np.array([np.cos(a), np.sin(a)]) for r in (0.19, 0.27, 0.36) for a in np.radians(_DIRECTIONS)]
+        best = min(ways, key=crowding)
         taken.append(at + best)
         x, y = (72 * best).tolist()
         ax.annotate(str(k + 1), front[k], (x, y), **there, fontsize=9, zorder=7, bbox=box)
 
 
-def _within(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
-    """Points that lie beyond a limit, on it."""
+def _clipped(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
+    """Points with values beyond a limit moved onto it."""
     return [(t, max(min(error, top), low)) for t, error in points]
 
 
@@ -196,13 +196,13 @@ def plot_lines(
 ) -> Figure:  # fmt: skip
     """Models and integrators of a chart, the cheapest ringed, numbered and listed below.
 
-    Models timed at a single setting, because another has less error in less time, are pale.
+    Models timed at a single setting, because another model beats them in both error and time, are pale.
 
     Args:
         front: the cheapest, fastest first. integrators: all that have a dash, in their order.
-        unsure: errors below it are in a band: the truth itself is not known so well.
+        unsure: uncertainty of the reference; smaller errors are drawn in a band.
         notes: warnings, written in red under the title.
-        given_up: seconds after which runs were given up: crosses at the upper edge.
+        given_up: wall time limit (s): runs beyond it are crosses at the upper edge.
     """
     from matplotlib.ticker import NullLocator
 
@@ -213,15 +213,15 @@ def plot_lines(
     if lines and max(least, low) < 1.5 * unsure:
         known = "grey: how near the richest model is to the truth is not known"
         if low:
-            known = f"grey: the truth itself is known to {unsure:.1e}; what lies below {low:.0e} is drawn there"
-    told = _list_of(front, known)
-    rows = max(len(column) for column in told) + bool(known)
+            known = f"grey: the uncertainty of the reference, {unsure:.1e}; errors below {low:.0e} are drawn there"
+    columns = _list_of(front, known)
+    rows = max(len(column) for column in columns) + bool(known)
     under = 0.1 + 0.175 * rows if rows else 0.01  # inches
     fig = new_figure(10.0, 6.2 + under)
     grid = fig.add_gridspec(2, 1, height_ratios=[6.0, under])
     ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
     below.set_axis_off()
-    for place, some in zip((0.0, 0.56), told, strict=False):
+    for place, some in zip((0.0, 0.56), columns, strict=False):
         text = below.text(place, 1.0, "\n".join(some), transform=below.transAxes, va="top", fontsize=_SMALL, color=INK,
                           parse_math=False)  # fmt: skip
         text.set_in_layout(False)  # the second column is below the legend
@@ -229,12 +229,12 @@ def plot_lines(
     for line in lines:
         count[line.kind] = count.get(line.kind, 0) + len(line.points)
     for line in lines:
-        points = _within(line.points, _TOP, low)
+        points = _clipped(line.points, _TOP, low)
         pale = 0.3 if count[line.kind] == 1 else 0.85
         look = {**styles[line.kind], "ls": _dash(line.integrator, integrators), "lw": 1.2, "ms": 6}
         ax.plot(*zip(*points, strict=True), alpha=pale, **look)
     if front:
-        x, y = zip(*_within([(run.time, run.error) for run in front], _TOP, low), strict=True)
+        x, y = zip(*_clipped([(run.time, run.error) for run in front], _TOP, low), strict=True)
         ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.45)
         ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.3, zorder=5)
     if lines:
@@ -253,44 +253,44 @@ def plot_lines(
         ax.xaxis.set_major_locator(NullLocator())
     _chart_legend(ax, lines, integrators, bool(front))
     if front:
-        others = [p for line in lines for p in _within(line.points, _TOP, low)]
-        _numbered(ax, np.array([7.6, 5.2]), list(zip(x, y, strict=True)), others)
-    _titled(fig, ax, title, notes)
+        others = [p for line in lines for p in _clipped(line.points, _TOP, low)]
+        _add_numbers(ax, np.array([7.6, 5.2]), list(zip(x, y, strict=True)), others)
+    _add_title(fig, ax, title, notes)
     return fig
 
 
-def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str = "") -> None:
+def _add_title(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str = "") -> None:
     fig.suptitle(words(title), fontsize=12, fontweight="bold", wrap=True)
-    said = [line for note in notes for line in wrap(note, _WIDE - 25)]
+    note_lines = [line for note in notes for line in wrap(note, _WIDE - 25)]
     if under:
         lines = wrap(under, _WIDE - 35)
         lines = lines if len(lines) <= _UNDER else [*lines[: _UNDER - 1], f"{lines[_UNDER - 1]} ..."]
-        room = 6.0 + 13.0 * len(said)  # of the notes
+        room = 6.0 + 13.0 * len(note_lines)  # of the notes
         ax.set_title("\n".join(lines), fontsize=10, color=INK, loc="left", pad=room, parse_math=False)
-    if said:
+    if note_lines:
         look: dict[str, Any] = {"fontsize": 9, "color": RED, "parse_math": False}
-        ax.text(0.0, 1.012, "\n".join(said), va="bottom", transform=ax.transAxes, **look)
+        ax.text(0.0, 1.012, "\n".join(note_lines), va="bottom", transform=ax.transAxes, **look)
 
 
 @dataclass(frozen=True)
-class Tried:
-    """A run that deciding took: wall time (s), error, and the order of its model; "as given": the arm is rigid."""
+class Trial:
+    """A trial of the choice of a model: wall time (s), error, and the order of its model; "as given": a rigid arm."""
 
     time: float
     error: float
     order: int | str
 
 
-def plot_tried(
-    models: Sequence[Tried], settings: Sequence[Point], given: Point | None, chosen: Point, tol: float, absolute: bool,
+def plot_trials(
+    models: Sequence[Trial], settings: Sequence[Point], given: Point | None, chosen: Point, tol: float, absolute: bool,
     ylabel: str, title: str, under: str, notes: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
-    """What was tried for a tolerance: models by their order, settings of the lean model's integrators, the scene as it
-    was given (None where it cannot be run), and what was chosen.
+    """The trials for a tolerance: models by their order, settings of the cheapest model's integrators, the scene as
+    given (None if it cannot be run), and the choice.
 
     Args:
-        absolute: whether errors have a unit; else they are shares, and those above 10 are drawn there.
-        under: what stands under the title, smaller.
+        absolute: whether errors have a unit; else they are shares, and those above 10 are drawn at 10.
+        under: text under the title, in smaller letters.
         notes: warnings, written in red under the title.
     """
     top = float("inf") if absolute else _TOP
@@ -304,18 +304,18 @@ def plot_tried(
             ax.plot(*zip(*some, strict=True), "o", color=colour, alpha=0.75, ms=6, label=label)
     if settings:
         label = "the lean model, with\nother integrators and steps"
-        ax.plot(*zip(*_within(settings, top), strict=True), "s", color=ORANGE, mec=INK, mew=0.6, ms=7, label=label)
+        ax.plot(*zip(*_clipped(settings, top), strict=True), "s", color=ORANGE, mec=INK, mew=0.6, ms=7, label=label)
     if given is not None:
-        ax.plot(*_within([given], top)[0], "^", color=RED, ms=11, mfc="none", mew=2, label="the scene as given")
-    ax.plot(*_within([chosen], top)[0], "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
+        ax.plot(*_clipped([given], top)[0], "^", color=RED, ms=11, mfc="none", mew=2, label="the scene as given")
+    ax.plot(*_clipped([chosen], top)[0], "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
     ax.axhline(tol, color=GREEN, lw=1.5, ls="--")
     ax.text(0.99, tol, "tolerance ", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color=GREEN)
     scale_errors(ax, 2 * top)
     label_errors(ax, ylabel)
-    _titled(fig, ax, title, notes, under)
-    told = "Dots: models, compared\nat about 400 instants;\nothers: at all output times\n"
+    _add_title(fig, ax, title, notes, under)
+    head = "Dots: models, compared\nat about 400 instants;\nothers: at all output times\n"
     at = (1.01, 1.0)
     ax.legend(
-        frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=at, title=told, alignment="left", labelspacing=0.9
+        frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=at, title=head, alignment="left", labelspacing=0.9
     )
     return fig

@@ -1,4 +1,4 @@
-"""Recordings beside what the model makes of them."""
+"""Recordings beside the model's results."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 
 class Curves(NamedTuple):
-    """One recording: its title, its times (s), from when on it is judged (s), and by the name of an axis what was
-    measured, what the model says, and its NRMSE (%)."""
+    """One recording: its title, its times (s), the start of its evaluation (s), and by the name of an axis the measured
+    values, the model's, and its NRMSE (%)."""
 
     title: str
     t: Array
@@ -39,8 +39,8 @@ def plot_recordings(recordings: Sequence[Curves]) -> Figure:
             ax.plot(recording.t, model, color=BLUE, linewidth=1.1, label="model")
             if recording.since > recording.t[0]:
                 ax.axvline(recording.since, color=RED, linewidth=1.0, linestyle="--", label="judged from here on")
-            said = f"NRMSE {error:.1f} %"
-            ax.set_title(f"{recording.title}: {said}" if i == 0 else said, fontsize=10, loc="left", parse_math=False)
+            score = f"NRMSE {error:.1f} %"
+            ax.set_title(f"{recording.title}: {score}" if i == 0 else score, fontsize=10, loc="left", parse_math=False)
     axes = max(fig.axes, key=lambda ax: len(ax.get_lines()))
     fig.legend(*axes.get_legend_handles_labels(), loc="outside upper center", frameon=False, fontsize=9, ncols=3)
     fig.align_ylabels()

@@ -1,1 +1,1 @@
-"""Control loops: poles, margins, root loci, and what makes them unstable."""
+"""Control loops: poles, margins, root loci, and limits of stability."""

@@ -31,18 +31,18 @@ from .table import table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_RINGS = 0.3  # the damping ratio below which a motion is worth a shaper
+_LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
 
 
 class ClosedLoop:
-    """Small motions of an arm under its controllers, about a state; what `closed_loop` gives.
+    """Small motions of an arm under its controllers, about a state; the result of `closed_loop`.
 
     `print` shows a table.
 
     Attributes:
-        arm, control, q, v: what it is of, and the state.
+        arm, control, q, v: the arm, its controllers, and the state.
         poles: s (1/s), (n,), the fastest growing first. With samples: log(z) / period, |Im s| up to pi / period; -inf
-            for z = 0, where all is over after some samples.
+            for z = 0, a motion that ends after some samples.
         z: of each pole with samples, over one `period`; else None.
         period: the shortest time after which the samples of all controllers repeat (s); None without samples.
         growth: the largest real part of the poles (1/s). stable: whether no pole grows, but for rounding.
@@ -52,8 +52,8 @@ class ClosedLoop:
         channels: the outputs of the controllers, where loops are broken: `.control`, `.output`, `.rate`, `.limit`.
     """
 
-    def __init__(self, _setup: Setup, _hybrid: Hybrid, _given: dict[str, Any], _system: tuple[Any, ...]) -> None:
-        self._setup, self._hybrid, self._given = _setup, _hybrid, _given
+    def __init__(self, _setup: Setup, _hybrid: Hybrid, _options: dict[str, Any], _system: tuple[Any, ...]) -> None:
+        self._setup, self._hybrid, self._options = _setup, _hybrid, _options
         self.arm, self.control, self.q, self.v = _setup.arm, _setup.control, _hybrid.plant.q, _hybrid.plant.v
         self.A, self.B, self.C, self.D, self.inputs, self.outputs = _system
         self.poles, self.z = _hybrid.poles()
@@ -86,11 +86,11 @@ class ClosedLoop:
 
     @cached_property
     def zeros(self) -> Complex:
-        """Those of all inputs and outputs; see `zeros_of`."""
+        """The zeros of all inputs and outputs; see `zeros_of`."""
         return self.zeros_of(range(len(self.inputs)), range(len(self.outputs)))
 
     def zeros_of(self, inputs: Any, outputs: Any) -> Complex:
-        """Where the transfer from inputs to outputs is blocked: s (1/s), or z with samples, (n,).
+        """Transmission zeros from inputs to outputs: s (1/s), or z with samples, (n,).
 
         Args:
             inputs, outputs: as many of each: a label of `inputs` or `outputs`, its number, or a list of them, such as
@@ -99,7 +99,7 @@ class ClosedLoop:
         Raises:
             ValueError: no such label or number, or not as many of each.
         """
-        u, y = _chosen("inputs", inputs, self.inputs), _chosen("outputs", outputs, self.outputs)
+        u, y = _indices("inputs", inputs, self.inputs), _indices("outputs", outputs, self.outputs)
         if len(u) != len(y):
             raise ValueError(
                 f"zeros: there are {len(u)} inputs and {len(y)} outputs; name as many of each, such as zeros_of(0, 1), "
@@ -110,18 +110,18 @@ class ClosedLoop:
 
     @cached_property
     def margins(self) -> tuple[Margins, ...]:
-        """Of each of `channels`, its loop broken there and all others closed: see Margins."""
+        """Margins of each of `channels`, with its loop broken and all others closed: see Margins."""
         return tuple(margins_of(self._hybrid, k, self.poles) for k in range(len(self.channels)))
 
     @cached_property
     def robustness(self) -> Robustness:
-        """The least singular value of I + L, all loops broken at once, over all frequencies. nan where some are sampled
-        and some are not."""
+        """The least singular value of I + L, all loops broken at once, over all frequencies; nan if only some loops are
+        sampled."""
         return robustness_of(self._hybrid, self.poles)
 
     def loop_gain(self, frequency: ArrayLike, channels: Sequence[int] | None = None) -> Complex:
-        """L(i w), or L(exp(i w period)), with the loops of some `channels` broken (all if None), the others closed:
-        from what these outputs give to what the controllers then would give, negative. The loop is 1 + L = 0.
+        """L(i w), or L(exp(i w period)), with the loops of some `channels` broken (all if None), the others closed: the
+        negative of the controllers' response to these outputs. The loop's equation is 1 + L = 0.
 
         Args:
             frequency: w (rad/s), (nw,). channels: indices of `channels`.
@@ -130,7 +130,7 @@ class ClosedLoop:
             (nw, n, n); a channel that is sampled several times in a period stands once for each of its samples.
 
         Raises:
-            ValueError: sampled and continuous loops, broken together or one beside the other.
+            ValueError: sampled and continuous loops, both broken, or one broken and the other closed.
         """
         w = array("frequency", frequency)
         chosen = range(len(self.channels)) if channels is None else [whole("channels", c) for c in channels]
@@ -140,8 +140,8 @@ class ClosedLoop:
 
     @cached_property
     def modes(self) -> Modes:
-        """Motions in closed loop, by ascending frequency, one of each conjugate pair, as `Arm.modes` has them without a
-        loop; `Arm.mode_shapes` takes them. Poles in which the arm does not move are left out."""
+        """Modes of the closed loop, by ascending frequency, one of each conjugate pair, in the form of `Arm.modes`;
+        `Arm.mode_shapes` takes them. Poles without motion of the arm are left out."""
         s, theta = self._hybrid.motions()
         size = np.abs(theta).max(axis=0, initial=0.0)
         keep = np.isfinite(s) & (s.imag >= 0) & (size > 1e-12 * size.max(initial=0.0))
@@ -156,12 +156,12 @@ class ClosedLoop:
         return Modes(radius[up], damping[up], theta[:, up], share[:, up], s[up], self.q, self.arm)
 
     def shaper(self, kind: str = "zvd", modes: int | Iterable[int] = 1) -> Shaper:
-        """A shaper of commands for vibrations of the loop as it is closed; see `input_shaper`.
+        """A shaper of commands for vibrations of the closed loop; see `input_shaper`.
 
         Args:
             kind: "zv", "zvd" or "zvdd".
-            modes: how many vibrations, the slowest first, of those whose damping ratio is below 0.3; or which of
-                `modes` by number.
+            modes: the number of vibrations, from the slowest, among those with a damping ratio below 0.3; or indices of
+                `modes`.
 
         Raises:
             ValueError: the loop is unstable, or has no such vibration.
@@ -170,14 +170,14 @@ class ClosedLoop:
             raise ValueError(f"shaper: the loop is unstable (it grows by {self.growth:.3g} 1/s)")
         found = self.modes
         rings = [k for k in range(len(found.frequencies))
-                 if found.damping[k] < _RINGS and found.eigenvalues[k].imag > 1e-6 * found.frequencies[k] > 0.0]
+                 if found.damping[k] < _LIGHTLY and found.eigenvalues[k].imag > 1e-6 * found.frequencies[k] > 0.0]
         if isinstance(modes, Iterable):
             chosen = [whole("modes", k) for k in modes]
             if not chosen or not all(k in range(len(found.frequencies)) for k in chosen):
                 raise ValueError(f"modes = {chosen}: must be numbers of modes, from 0 to {len(found.frequencies) - 1}")
         else:
             if not rings:
-                raise ValueError(f"shaper: no motion of this loop has a damping ratio below {_RINGS}: nothing rings")
+                raise ValueError(f"shaper: no motion of this loop has a damping ratio below {_LIGHTLY}: nothing rings")
             if not 1 <= whole("modes", modes) <= len(rings):
                 raise ValueError(f"modes = {modes}: must be from 1 to {len(rings)}, the vibrations of this loop")
             chosen = rings[:modes]
@@ -190,14 +190,14 @@ class ClosedLoop:
     # -- over a parameter ----------------------------------------------------------------------------------------------
 
     def _poles_at(self, values: dict[str, float]) -> Complex:
-        """The poles with parameters changed, all of the controllers or one of the arm."""
+        """The poles with changed parameters: all of the controllers, or one of the arm."""
         found = Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
-        if all(path.startswith("control.") for path in values):  # the arm stays what it is
-            return _hybrid(self._hybrid.plant, found.control, self._given["t"], found.loads).poles()[0]
-        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given).poles
+        if all(path.startswith("control.") for path in values):  # the arm does not change
+            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.loads).poles()[0]
+        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._options).poles
 
     def _poles_over(self, path: str) -> tuple[Any, float]:
-        """A callable value -> poles, and the value now."""
+        """A callable value -> poles, and the present value."""
         if path == "gain":
             ones = self._hybrid.ones()
             return (lambda x: self._hybrid.poles(x * ones)[0]), 1.0
@@ -215,7 +215,7 @@ class ClosedLoop:
         return (lambda x: self._poles_at({path: float(x)})), now
 
     def _check_rates(self, path: str) -> None:
-        """ValueError for a rate beside others that stay: few values have a common period with them."""
+        """ValueError for one rate that varies while others stay: few values have a common period with them."""
         if re.fullmatch(r"rate|control\.\d+\.rate", path) is None:
             return
         kept = {f"control[{x.control}] ({x.rate:g} Hz)": None for x in self._hybrid.held
@@ -231,7 +231,7 @@ class ClosedLoop:
             )
 
     def _value(self, path: str) -> float:
-        """What the parameter is now."""
+        """The present value of the parameter."""
         roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
         root, *names = numbered(self._setup, path).split(".")
         part: Any = roots.get(root)
@@ -250,7 +250,7 @@ class ClosedLoop:
         else:
             if np.ndim(part) == 0 and part is not None and not isinstance(part, (str, tuple)):
                 return number(path, part)
-        Variation(self._setup, {path: np.zeros(1)})  # which names what is near
+        Variation(self._setup, {path: np.zeros(1)})  # its error suggests similar names
         raise ValueError(f"over = {path!r}: is no number that can vary")
 
     def locus(self, values: ArrayLike, over: str = "gain", progress: Any = False) -> Locus:
@@ -261,8 +261,8 @@ class ClosedLoop:
             over: "gain": a factor of all outputs of the controllers. "rate": the rate of the fastest sampled law (Hz);
                 those of all others change in proportion. Or a path as `simulate_batch(parameters=)` has it:
                 "control.0.kp", "control.0.rate", "control.0.delay", "link.0.tip.mass", "link.forearm.tip.mass".
-            progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the
-                number of values done, and may raise to give up.
+            progress: shows a bar on stderr, or lines where that is no terminal; or a callable of the number of values
+                done, which may raise to stop.
 
         Returns:
             Locus: `.values`, `.poles`, `.crossings`, `.plot()`.
@@ -270,28 +270,28 @@ class ClosedLoop:
         return locus_of(self._poles_over(over)[0], array("values", values), over, progress)
 
     def limits(self, over: str = "gain") -> Limits:
-        """Between which values of a parameter the loop is stable, by root finding on its poles.
+        """The range of a parameter in which the loop is stable, by root finding on its poles.
 
         Args:
             over: as of `locus`.
 
         Returns:
-            Limits: `.low`, `.high`, and words.
+            Limits: `.low`, `.high`; `print` shows a sentence.
 
         Raises:
-            ValueError: as of `locus`; the rate of one law, beside a law or a sensor that keeps its rate.
+            ValueError: as of `locus`; the rate of one law while another law or a sensor keeps its rate.
         """
         poles, now = self._poles_over(over)
         self._check_rates(over)
         return limits_of(poles, now, over, self.poles)
 
     def plot(self) -> Figure:
-        """A figure: poles; the loop gain of each channel, broken alone, as a Nyquist and a Bode diagram."""
+        """A figure: poles; Nyquist and Bode diagrams of each channel's loop gain, with this channel alone broken."""
         curves = []
         for k, margin in enumerate(self.margins):
             try:
                 response = Response(self._hybrid.opened([k]), self.period)
-            except ValueError:  # beside sampled loops
+            except ValueError:  # there are sampled loops
                 continue
             w = response.frequencies(self.poles)
             L = response(w)
@@ -313,8 +313,8 @@ class ClosedLoop:
         return control.ss(self.A, self.B, self.C, self.D, 0 if self.period is None else self.period, **names)
 
 
-def _chosen(field: str, given: Any, labels: Sequence[str]) -> list[int]:
-    """Numbers of inputs or outputs."""
+def _indices(field: str, given: Any, labels: Sequence[str]) -> list[int]:
+    """Indices of inputs or outputs."""
     found = []
     for entry in given if isinstance(given, Iterable) and not isinstance(given, str) else [given]:
         if isinstance(entry, str):
@@ -339,7 +339,7 @@ def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]
 
 
 def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:
-    """The loop of a plant and controllers, linear at time t."""
+    """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
     running, sampled, memory = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
     held = [held_law(arm, k, c, own, q, v, t, loads, seen=False)
@@ -364,18 +364,18 @@ def closed_loop(
     Continuous laws are solved with the arm; sampled ones are exact, with hold, delay, and the filters, rates and delays
     of their sensors, by matrix exponentials over the period after which all samples repeat (Åström and
     Wittenmark, Computer-Controlled Systems, 1997). Back-EMF of motors is part of the arm. A callable of `Sampled` is
-    taken for its differences about the state; one that remembers, for the linear law of up to three samples back that
-    its answers show. Limits, noise, steps of a sensor and dry friction of joints are left out: the joint slides.
+    linearised by differences about the state; one with memory, as the linear law of up to three past samples that
+    fits its answers. Limits, noise, steps of a sensor and dry friction of joints are left out: the joint slides.
 
     Args:
         arm: the arm.
         control: a controller, or a list of them, as `simulate` takes them.
-        q, v: the state: joints stand at q (nq,), `arm.zero` if None, or turn at constant v (nv,), zero if None, under
-            whatever forces that takes; elastic coordinates are in balance there (found from q), as `arm.trim` has it.
-        inputs, outputs: of the transfer whose `zeros` are told, as of `Arm.linearize`; None: the forces and coordinates
+        q, v: the state: joints stand at q (nq,), `arm.zero` if None, or turn at constant v (nv,), zero if None, with
+            the forces that this requires; elastic coordinates are in equilibrium (found from q), as in `arm.trim`.
+        inputs, outputs: of the transfer for `zeros`, as of `Arm.linearize`; None: the forces and coordinates
             of all joints that are not locked.
         lock: links, or (link, freedom), whose joints keep to their motion exactly.
-        loads, t: external forces and moments, with their values at time t (s), at which laws in Python are asked too.
+        loads, t: external forces and moments, with their values at time t (s), also for laws in Python.
 
     Returns:
         ClosedLoop: `.poles`, `.zeros`, `.margins`, `.modes`, `.locus(gains)`, `.limits()`, `.shaper()`, `.plot()`.
@@ -405,6 +405,6 @@ def closed_loop(
     except np.linalg.LinAlgError:
         raise ValueError("q: the mass matrix is singular in double precision; no linear model follows") from None
     hybrid = _hybrid(plant, controls, now, loads)
-    given = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
+    options = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
     setup = Setup(arm, {}, tuple(loads or ()), tuple(controls))
-    return ClosedLoop(setup, hybrid, given, _system(hybrid, inputs, outputs, locked))
+    return ClosedLoop(setup, hybrid, options, _system(hybrid, inputs, outputs, locked))

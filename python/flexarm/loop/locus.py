@@ -1,4 +1,4 @@
-"""Poles over a parameter, and between which of its values a loop is stable."""
+"""Poles over a parameter, and the range in which a loop is stable."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..draw.loop import plot_locus
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DECADES, _EACH = 4, 24  # that are searched, and values in each
+_DECADES, _EACH = 4, 24  # decades searched, and values in each
 
 Poles = Callable[[float], Complex]
 
 
 class Crossing(NamedTuple):
-    """Where a pole crosses the stability boundary: the value of the parameter, and the pole's frequency (rad/s)."""
+    """A pole on the stability boundary: the value of the parameter, and the pole's frequency (rad/s)."""
 
     value: float
     frequency: float
@@ -34,9 +34,9 @@ class Locus:
     """A root locus.
 
     Attributes:
-        over: what is varied. values: of it, (m,).
-        poles: s (1/s), (m, n), each column one pole followed from value to value; nan where a loop has fewer.
-        crossings: where the loop becomes unstable or stable between the first and the last value.
+        over: the varied parameter. values: of it, (m,).
+        poles: s (1/s), (m, n), each column one pole followed from value to value; nan if a loop has fewer.
+        crossings: values between the first and the last at which the loop becomes unstable or stable.
     """
 
     over: str
@@ -55,14 +55,14 @@ class Locus:
 
 
 class Limits(NamedTuple):
-    """Between which values of a parameter a loop is stable.
+    """The range of a parameter in which a loop is stable.
 
     Attributes:
-        over: what is varied. value: what it is.
-        low, high: between these, about the value, the loop is stable; 0 and inf where no limit was found within a
-            factor of 10 000, or as far as the parameter can go (a delay: up to 300 samples under way). Where
-            the loop is unstable: the nearest such range, nan if there is none.
-        frequencies: of the motions that are lost at low and high (rad/s), nan where there is no limit.
+        over: the parameter. value: its present value.
+        low, high: ends of the stable range about the value; 0 and inf if there is no limit within a factor of 10 000,
+            or within the parameter's own range (a delay: up to 300 samples). If the loop is unstable: the nearest
+            stable range, nan if there is none.
+        frequencies: of the poles that cross at low and high (rad/s), nan without a limit.
         stable: whether the loop is stable at the value.
     """
 
@@ -74,22 +74,22 @@ class Limits(NamedTuple):
     stable: bool
 
     def __str__(self) -> str:
-        what = "the gains" if self.over == "gain" else self.over
-        times = " times what they are" if self.over == "gain" else ""
+        subject = "the gains" if self.over == "gain" else self.over
+        times = " times their value" if self.over == "gain" else ""
         if not np.isfinite(self.low) and not np.isfinite(self.high):
-            return f"no {'share of ' if times else 'value of '}{what} was found at which the loop is stable"
+            return f"no {'share of ' if times else 'value of '}{subject} was found at which the loop is stable"
         bounds = [f"{side} {x:.4g}{times} (lost at {w:.4g} rad/s)" for side, x, w in
                   (("below", self.low, self.frequencies[0]), ("above", self.high, self.frequencies[1]))
                   if np.isfinite(w)]  # fmt: skip
         if not bounds:
-            return f"{what}: stable at every value that was tried, from a 10 000th to 10 000 times {self.value:.4g}"
+            return f"{subject}: stable at every value that was tried, from a 10 000th to 10 000 times {self.value:.4g}"
         now = "stable" if self.stable else "unstable"
         is_now = "" if self.over == "gain" else f" (now {self.value:.4g}, {now})"
-        return f"{what}{is_now}: unstable {' and '.join(bounds)}"
+        return f"{subject}{is_now}: unstable {' and '.join(bounds)}"
 
 
-def _followed(before: Complex, now: Complex) -> Complex:
-    """The poles `now` in the order of those that they come from."""
+def _matched(before: Complex, now: Complex) -> Complex:
+    """The poles `now`, each in the column of the nearest pole `before`."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     out = np.full(max(len(before), len(now)), np.nan + 0j)
@@ -111,7 +111,7 @@ def locus_of(poles: Poles, values: Array, over: str, progress: Any) -> Locus:
         for value in values:
             now = poles(float(value))
             now = np.where(np.isfinite(now), now, np.nan + 0j)
-            rows.append(_followed(rows[-1], now) if rows else now)
+            rows.append(_matched(rows[-1], now) if rows else now)
             if bar is not None:
                 bar(len(rows))
     most = max(len(row) for row in rows)
@@ -124,8 +124,8 @@ def locus_of(poles: Poles, values: Array, over: str, progress: Any) -> Locus:
     return Locus(over, values, whole, tuple(found))
 
 
-def _ways(now: float, s: Complex) -> tuple[Array, Array]:
-    """Values to try, down and up from what it is now."""
+def _search_values(now: float, s: Complex) -> tuple[Array, Array]:
+    """Trial values, downward and upward from the present one."""
     count = _DECADES * _EACH + 1
     if now:
         return now * np.geomspace(1.0, 10.0**-_DECADES, count), now * np.geomspace(1.0, 10.0**_DECADES, count)
@@ -137,13 +137,13 @@ def _ways(now: float, s: Complex) -> tuple[Array, Array]:
 def limits_of(poles: Poles, now: float, over: str, s: Complex) -> Limits:
     """See ClosedLoop.limits."""
     nan, good = float("nan"), stable(s)
-    down, up = _ways(now, s)
+    down, up = _search_values(now, s)
     below, above = first_crossing(poles, down), first_crossing(poles, up)
     if good:
         low, high = below or (0.0, nan), above or (np.inf, nan)
         return Limits(over, now, low[0], high[0], (low[1], high[1]), True)
     ranges = []
-    if below is not None:  # stable from there down to some value
+    if below is not None:  # stable from there downward
         rest = down[down < below[0]]
         other = first_crossing(poles, np.concatenate([[below[0] * (1.0 - 1e-6)], rest]))
         ranges.append((other or (0.0, nan), below))

@@ -12,7 +12,7 @@ _ROWS = 16  # poles that are shown
 
 
 def table(loop: Any) -> str:
-    """What `print` shows of a ClosedLoop."""
+    """The text of a ClosedLoop, as `print` shows it."""
     n = len(loop.poles)
     kinds = ", ".join(f"control[{k}] {type(c).__name__}" for k, c in enumerate(loop.control)) or "no control"
     often = "" if loop.period is None else f"; sampling period {loop.period:.6g} s"

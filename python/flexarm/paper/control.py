@@ -1,7 +1,7 @@
 """The paper's spectrum (Fig. 7) and control experiment (Sec. 5.3, Fig. 12 and 13), from the scene "ist_control".
 
-Hub inertia, friction, drive gain and step are not published: bench/paper/identify.py fitted them to what the paper says
-of PD control. Strain feedback is then computed with nothing fitted but its gain, which is not published either.
+Hub inertia, friction, drive gain and step are not published: bench/paper/identify.py fitted them to the paper's
+results of PD control. Strain feedback is then a prediction, except its gain, which is not published either.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ PAPER_PEAKS = (2.9, 20.5, 55.7)  #: Hz
 # Not published
 DRIVE_GAIN = 62.584  #: N m per unit of u; identified with the scene's values
 STEP = 0.34461  #: rad; identified with them
-KS = -0.015  #: per 1/m; chosen: the smallest, in steps of 0.005, that has the tip below QUIET within 4 s
-BAND = 0.05  #: of the step, about it, that counts as settled
+KS = -0.015  #: per 1/m; chosen: the smallest, in steps of 0.005, with the tip below QUIET within 4 s
+BAND = 0.05  #: share of the step: largest error of a settled joint
 QUIET = 5.0  #: m/s^2, a tenth of the paper's ringing
-RATE, SAMPLES = 1000.0, 1024  #: of a spectrum in whose bins the paper's three peaks fall (Hz, 1)
+RATE, SAMPLES = 1000.0, 1024  #: of a spectrum with the paper's three peaks in its bins (Hz, 1)
 STEEL = 7850.0  #: kg/m^3
 
 IDENTIFIED = (
@@ -56,16 +56,16 @@ def tip_acceleration(result: Result) -> Array:
 
 @dataclass(frozen=True)
 class Marks:
-    """What the paper tells of a step response, and a little more.
+    """The paper's measures of a step response, and a few more.
 
     Attributes:
         rise: from 10 to 90 % of the step (s).
-        settling: after which the joint stays within BAND of the step (s); nan: not within the run.
+        settling: time until the joint stays within BAND of the step (s); nan: not within the run.
         overshoot: beyond the step (%).
         ringing: largest acceleration of the tip in the last quarter of the run (m/s^2).
         decay: of the tip's acceleration, its largest from 0.25 to 0.75 s against that from 1.25 to 1.75 s (1/s).
-        quiet: after which the tip's acceleration stays below QUIET (s); nan: not within the run.
-        held: after which the joint stands still (s).
+        quiet: time until the tip's acceleration stays below QUIET (s); nan: not within the run.
+        held: time until the joint stands still (s).
         error: of the joint at the end (%).
     """
 
@@ -80,7 +80,7 @@ class Marks:
 
 
 def _last(t: Array, y: Array, level: float) -> float:
-    """The time after which |y| stays below a level; nan where it does not."""
+    """The time after which |y| stays below a level; nan if it does not."""
     k = np.flatnonzero(np.abs(y) > level)
     if not k.size:
         return float(t[0])
@@ -102,7 +102,7 @@ def _largest(t: Array, y: Array, start: float, end: float) -> float:
 
 
 def marks(result: Result, step: float, band: float = BAND) -> Marks:
-    """The marks of joint 0's response to a step from 0 (rad), which has settled within `band` of it."""
+    """The marks of joint 0's response to a step from 0 (rad); `band`: largest error of a settled joint."""
     t, q, a = result.t, result.q[:, 0] / step, tip_acceleration(result)
     moving = np.flatnonzero(result.v[:, 0])
     early, late = _largest(t, a, 0.25, 0.75), _largest(t, a, 1.25, 1.75)
@@ -149,7 +149,7 @@ def gauge_after_impact(arm: Arm, samples: int = SAMPLES) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Control:
-    """What was computed for Fig. 7, 12 and 13.
+    """The results for Fig. 7, 12 and 13.
 
     Attributes:
         fine: spectra of the gauge over 8 s, by density (kg/m^3): bare steel, and with the added mass.
@@ -204,7 +204,7 @@ def table_rows(c: Control) -> list[Row]:
         for key, (name, unit, digits, paper) in published.items():
             value = float(getattr(c.marks[ks], key))
             if np.isnan(value):
-                continue  # the tip under PD alone is not quiet within the run
+                continue  # under PD alone the tip is not quiet within the run
             star, given = ("", None) if ks or paper is None else (" **", paper)
             rows.append(
                 Row(
@@ -220,7 +220,7 @@ FILES = {
     "fig12-pd.png": "joint angle and tip acceleration under PD control",
     "fig13-strain-feedback.png": "the same with strain feedback",
     "control.csv": "data of Fig. 12 and 13: s, rad, m/s^2",
-    "ist_control.toml": "the arm of these, with what was identified",
+    "ist_control.toml": "the arm of these, with the identified values",
 }
 
 

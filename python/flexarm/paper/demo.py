@@ -1,4 +1,4 @@
-"""`flexarm demo`: the paper's single-link experiments (Sec. 5), computed, plotted and held against its numbers."""
+"""`flexarm demo`: the paper's single-link experiments (Sec. 5), computed, plotted and compared with its numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Demo:
-    """What the demo computed, and the files it wrote."""
+    """The demo's results, and the files it wrote."""
 
     spectrum: Spectrum
     manoeuvre: Manoeuvre
@@ -104,21 +104,21 @@ def _write_data(folder: Path, s: Spectrum, m: Manoeuvre, rows: list[Row]) -> Non
         result.save(folder / f"order{order}.npz")
     for name in ("ist.toml", "ist_control.toml"):
         shutil.copyfile(SCENES / name, folder / name)
-    listing = "\n".join(f"  {name:25s} {what}" for name, what in _FILES.items())
+    listing = "\n".join(f"  {name:25s} {text}" for name, text in _FILES.items())
     head = "flexarm demo: the single flexible link of Martins, Sa da Costa and Ayala Botto, Sec. 5."
     body = f"{head}\n\n{note()}\n\n{listing}\n"
     (folder / "README.txt").write_text(body, encoding="utf-8")
 
 
 def note() -> str:
-    """What the stars in the table mean, in lines for a terminal."""
+    """The meaning of the stars in the table, in lines for a terminal."""
     return "\n".join(textwrap.fill(text, 80) for text in ("* " + RECONSTRUCTED, "** " + control.IDENTIFIED))
 
 
 def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Demo:
     """Computes the experiment and writes its table, figures and data into a folder, which must exist.
 
-    `tick` is called STEPS times, with what was done.
+    `tick` is called STEPS times, each time with the text of a finished step.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -149,4 +149,4 @@ def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Dem
     return out
 
 
-STEPS = len(ORDERS) + 2 + 2 + 1 + 6  #: how many times `run` calls its `tick`
+STEPS = len(ORDERS) + 2 + 2 + 1 + 6  #: number of `run`'s calls of `tick`

@@ -28,7 +28,7 @@ def _order_line(ax: Axes, order: int, x: Array, y: Array, label: str | None = No
 
 
 def _mode_panel(ax: Axes, s: Spectrum, mode: int, rest: float, change: float, measured: float) -> None:
-    """One mode of Fig. 8: the paper's values (rad/s, %) as points, what it measured (Hz) as text."""
+    """One mode of Fig. 8: the paper's values (rad/s, %) as points, its measured value (Hz) as text."""
     for order in (1, 0, 2):
         _order_line(ax, order, s.speeds, s.frequencies[order][:, mode], _ORDER_NAME[order])
     end, high = s.speeds[-1], rest * (1 + change / 100)
@@ -80,14 +80,14 @@ def _loss_panel(ax: Axes, s: Spectrum) -> None:
 
 
 def figure_8(s: Spectrum) -> Figure:
-    """Fig. 8: frequencies (rad/s) against hub speed (rad/s), orders 0, 1, 2, and where order 1 loses mode 1."""
+    """Fig. 8: frequencies (rad/s) against hub speed (rad/s), orders 0, 1, 2; order 1 loses mode 1."""
     fig = new_figure(10.0, 7.6)
     axes = fig.subplots(2, 2).ravel()
     for mode in range(3):
         _mode_panel(axes[mode], s, mode, PAPER_FREQUENCIES[mode], PAPER_CHANGE[mode], MEASURED_HERTZ[mode])
     _loss_panel(axes[3], s)
     handles, labels = axes[0].get_legend_handles_labels()
-    rank = [2, 1, 0, 3]  # drawn 1, 0, 2, so that the stiffening one lies on top
+    rank = [2, 1, 0, 3]  # drawn 1, 0, 2, the stiffening order on top
     names = [labels[i] for i in rank]
     axes[0].legend([handles[i] for i in rank], names, loc="lower left", frameon=False)
     fig.suptitle("Fig. 8: effect of the centrifugal force on the natural frequencies", fontsize=13)

@@ -33,7 +33,7 @@ HUB_SPEEDS = np.linspace(0.0, 10.0, 41)  #: of Fig. 8, rad/s
 
 RECONSTRUCTED = (
     "The hub motion is RECONSTRUCTED: the paper does not publish the one it recorded. It was chosen to "
-    "meet what the paper's text and figure axes tell: peak speed 7.6 rad/s, less than 5 rad of turn, and "
+    "meet the paper's text and figure axes: peak speed 7.6 rad/s, less than 5 rad of turn, and "
     "simulated tip peaks of 0.07 to 0.082 m between 0.40 and 0.43 s (inset of Fig. 10). These can agree "
     "only by construction (fitted); that order 2 swings faster than order 0, and by how much, is computed."
 )
@@ -46,8 +46,8 @@ class Spectrum:
     Attributes:
         speeds: hub speeds of Fig. 8, (n,).
         frequencies: by order, (n, 3).
-        wide_speeds: hub speeds up to beyond the loss of mode 1 for order 1, (m,).
-        wide: frequency of mode 1 by order, (m,); nan where it is lost.
+        wide_speeds: hub speeds to above the loss of mode 1 for order 1, (m,).
+        wide: frequency of mode 1 by order, (m,); nan after its loss.
         loss: hub speed at which order 1 loses mode 1.
     """
 
@@ -60,14 +60,14 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """The hub motion and what the tip does, orders 0 and 2.
+    """The hub motion and the tip's response, orders 0 and 2.
 
     Attributes:
         results: by order.
-        cruise: when the hub's speed is constant: from, to (s).
+        cruise: start and end of the hub's constant speed (s).
         peak: by order, time (s) and height (m) of the first positive peak of the tip during the cruise.
-        period: by order, twice the time from that peak to the trough after it (s). For order 2 it is
-            a little longer than 2 pi over the frequency, which is of small swings.
+        period: by order, twice the time from that peak to the next trough (s). For order 2 it is a little longer than
+            2 pi over the frequency, which holds for small swings.
     """
 
     results: dict[int, Result]
@@ -81,7 +81,7 @@ class Manoeuvre:
 
     @property
     def lead(self) -> float:
-        """How much earlier order 2 peaks than order 0 (s)."""
+        """Time by which order 2 peaks ahead of order 0 (s)."""
         return self.peak[0][0] - self.peak[2][0]
 
     @property
@@ -134,7 +134,7 @@ def manoeuvre(scene: Scene, tick: Callable[[], None] = lambda: None) -> Manoeuvr
     """Runs the scene with orders 0 and 2 (Sec. 5.2); calls `tick` after each."""
     results = {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RangeWarning)  # the two are run to be held against each other
+        warnings.simplefilter("ignore", RangeWarning)  # both orders are run for comparison
         for order in (0, 2):
             results[order] = replace(scene, arm=with_order(scene.arm, order)).run()
             tick()

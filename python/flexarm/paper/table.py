@@ -9,11 +9,11 @@ COLUMNS = ("", "unit", "flexarm", "paper", "measured", "agrees")
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: a number of this program, and what the paper says of it.
+    """One line of the table: a number of this program, and the paper's.
 
-    `paper` is a number, or a range read from a figure's axes; `digits` after the point are as it prints them.
-    `fitted`: the scene's motion was chosen to meet it, so that it proves nothing.
-    `agrees`: whether the value, rounded to those digits, is the paper's; None where nothing is published.
+    `paper` is a number, or a range read from a figure's axes; `digits`: its printed digits after the point.
+    `fitted`: the scene's motion was fitted to it, so that it proves nothing.
+    `agrees`: whether the value, rounded to those digits, equals the paper's; None if nothing is published.
     """
 
     key: str

@@ -1,1 +1,1 @@
-"""The parts of an arm, from the section to the chain: what an arm is made of, and its indices."""
+"""The parts of an arm, from the section to the chain, and the indices of its coordinates."""

@@ -1,7 +1,7 @@
-"""What a class or a function takes: names, types, defaults and meanings, from its signature and its docstring.
+"""The arguments of a class or a function: names, types, defaults and meanings, from its signature and docstring.
 
-This is the grammar of scene files: a table holds the arguments of what is made of it. Files are read and written, their
-errors name the nearest key, and docs/scene-reference.md is written by what stands here alone.
+This is the grammar of scene files: each table holds the arguments of one class. Reading and writing of files, the
+nearest key in their errors, and docs/scene-reference.md are all derived from here.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _BLOCK = re.compile(r"^(?:Args|Attributes):\n((?: .*\n|\n)*)", re.M)
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument: its type as it is annotated, its default (`inspect.Parameter.empty`: none), and what the docstring
-    says of it."""
+    """One argument: its annotated type, its default (`inspect.Parameter.empty`: none), and its meaning from the
+    docstring."""
 
     name: str
     hint: Any
@@ -35,17 +35,17 @@ class Argument:
 
     @property
     def parts(self) -> tuple[type, ...]:
-        """What flexarm's own classes it takes: in a file, a table."""
+        """The flexarm classes it accepts: in a file, a table."""
         return _own(self.hint)
 
     @property
     def number(self) -> bool:
-        """Whether a number alone will do."""
+        """Whether it accepts a single number."""
         return float in members(self.hint, deep=False)
 
     @property
     def many(self) -> bool:
-        """Whether it takes a list of these: in a file, a list of tables."""
+        """Whether it accepts a sequence of `parts`: in a file, a list of tables."""
         return any(get_origin(h) is Sequence and _own(h) for h in members(self.hint, deep=False))
 
 
@@ -66,26 +66,26 @@ def members(hint: Any, deep: bool = True) -> Iterator[Any]:
 
 @cache
 def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
-    """What a class or a function takes, by name."""
+    """The arguments of a class or a function, by name."""
     parameters = inspect.signature(make).parameters
     by_init = isinstance(make, type) and not is_dataclass(make)
     try:
         hints = get_type_hints(make.__init__ if by_init else make)
-    except NameError:  # a user's, of names that are imported for typing alone
+    except NameError:  # a user's class may import names for typing only
         hints = {}
-    docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # the own last
-    said = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
-    return {k: Argument(k, hints.get(k, Any), p.default, said.get(k, "")) for k, p in parameters.items()}
+    docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # base classes first
+    meanings = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
+    return {k: Argument(k, hints.get(k, Any), p.default, meanings.get(k, "")) for k, p in parameters.items()}
 
 
 @cache
 def summary(make: Callable[..., Any]) -> str:
-    """What its docstring says ahead of the arguments."""
+    """The part of its docstring ahead of the arguments."""
     return re.split(r"^(?:Args|Attributes|Raises):$", inspect.cleandoc(make.__doc__ or ""), flags=re.M)[0].strip()
 
 
 def kinds(*bases: type) -> dict[str, type]:
-    """The classes below these, and these, that have a `type` of their own, by it."""
+    """These classes and all their subclasses with a `type` of their own, by that type."""
     found: dict[str, type] = {}
     for base in bases:
         if base.__dict__.get("type"):
@@ -95,13 +95,13 @@ def kinds(*bases: type) -> dict[str, type]:
 
 
 def _block(doc: str) -> str:
-    """The entries below "Args:", each from the beginning of a line, what goes on in the next line indented."""
+    """The entries below "Args:", one a line; continuation lines are indented."""
     found = _BLOCK.search(inspect.cleandoc(doc) + "\n")
     return textwrap.dedent(found[1]).strip("\n") if found else ""
 
 
 def _meanings(doc: str, names: Sequence[str]) -> dict[str, str]:
-    """By name: of "a, b: text", also of a second one in the same line, "a: text. b: text"."""
+    """The meanings by name, from "a, b: text"; one line may hold several: "a: text. b: text"."""
     text = re.sub(r"\n +", " ", _block(doc))
     one = "|".join(names)
     heads = list(re.finditer(rf"(?:^|(?<=\. ))((?:{one})(?:, (?:{one}))*): ", text, re.M)) if names else []
@@ -113,18 +113,18 @@ def _meanings(doc: str, names: Sequence[str]) -> dict[str, str]:
 
 
 def with_inherited(cls: type) -> str | None:
-    """The docstring of a class, which explains the arguments that it inherits, too."""
+    """The docstring of a class, with the entries of the arguments that it inherits."""
     doc = cls.__dict__.get("__doc__")
     if not doc:
         return None
-    said = set(re.findall(r"\w+(?=(?:, \w+)*: )", _block(doc)))
+    explained = set(re.findall(r"\w+(?=(?:, \w+)*: )", _block(doc)))
     more = []
     for base in cls.__mro__[1:]:
         for entry in filter(None, re.split(r"\n(?! )", _block(base.__doc__ or ""))):
             names = entry.partition(": ")[0].split(", ")
-            if said.isdisjoint(names):
+            if explained.isdisjoint(names):
                 more.append(entry)
-                said.update(names)
+                explained.update(names)
     if not more:
         return str(doc)
     doc, new = inspect.cleandoc(doc) + "\n", textwrap.indent("\n".join(more), "    ") + "\n"

@@ -64,7 +64,7 @@ class Beam(Part):
         gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
             lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
             radian these may be too few; then a RangeWarning says so. With None, uniform beams of order 3
-            and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
+            and "exact" take fewer of them while their coordinates are so small that only rounding errors change.
         basis_tip: the body that the modes of the loaded basis carry on the beam's end; its mass, com along x and
             principal inertia are used. It changes only the basis; the load itself is the link's `tip`. None: the modes
             carry nothing, even if the link has a tip (then `fa.check` says so).
@@ -95,7 +95,7 @@ class Beam(Part):
     basis_tip: RigidBody | None = None
     patches: Sequence[Patch] = ()
     curvature: Any = None
-    #: number of shape functions of each strain that has any
+    #: number of shape functions, for each strain with any
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
@@ -225,7 +225,7 @@ def inertia_matrix(value: Any) -> Any:
 
 
 def as_floats(value: Any) -> Any:
-    """Nested tuples of floats, so that parts compare, print and pickle plainly."""
+    """Nested tuples of floats, so that parts compare, print and pickle simply."""
     return tuple(as_floats(v) if np.ndim(v) else float(v) for v in value)
 
 

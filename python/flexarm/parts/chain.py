@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
-    """The links that each name means: its own link, and that of its joint."""
+    """Indices of the links with each name, where a link may have its own name or its joint's."""
     out: dict[str, tuple[int, ...]] = {}
-    for what in ("link", "joint"):
+    for owner in ("link", "joint"):
         own: dict[str, int] = {}
         for k, link in enumerate(links):
-            name = (link if what == "link" else link.joint).name
+            name = (link if owner == "link" else link.joint).name
             if name is None:
                 continue
             if name in own:
-                raise ValueError(f"links[{k}]: its {what} is called '{name}', as is that of link {own[name]}")
+                raise ValueError(f"links[{k}]: its {owner} is called '{name}', as is that of link {own[name]}")
             own[name] = k
             if k not in out.get(name, ()):
                 out[name] = (*out.get(name, ()), k)
@@ -45,10 +45,10 @@ def _quaternion(turn: Array) -> Array:
 
 
 class Chain:
-    """The data of an arm: its links and gravity, which coordinate is whose, where its slices are and how they move.
+    """The data of an arm: its links and gravity, the indices of its coordinates, its slices and their motion.
 
-    What stands below the `Arm` that users see takes a Chain. Shapes and conventions are those of `flexarm.Arm`: links
-    count from 0 at the base, -1 is the last, and that is meant wherever none is named.
+    Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
+    count from 0 at the base; -1 is the last, and the default.
     """
 
     links: tuple[Link, ...]
@@ -64,11 +64,11 @@ class Chain:
         self._numbers = _numbers(self.links)
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
                for k, link in enumerate(self.links)]  # fmt: skip
-        #: of each link: its name, or its joint's (where that means no other link), or "link 0" and so on
+        #: name of each link: its own, or its joint's (if no other link has that), or "link 0" and so on
         self.names: tuple[str, ...] = tuple(
             link.name or joint or f"link {k}" for k, (link, joint) in enumerate(zip(self.links, own, strict=True))
         )
-        #: of each link's joint: its name (where that means no other link), or the link's name and the joint's type
+        #: name of each link's joint: its own (if no other link has that), or the link's name and the joint's type
         self.joint_names: tuple[str, ...] = tuple(
             joint or f"{self.names[k]} {self.links[k].joint.type}" for k, joint in enumerate(own)
         )
@@ -81,7 +81,7 @@ class Chain:
         self.patch_matrix.flags.writeable = False
         self.patches: list[tuple[int, int]] = [
             (k, i) for k, link in enumerate(self.links) if link.beam for i in range(len(link.beam.patches))
-        ]  #: (link, patch) of each of its columns
+        ]  #: (link, patch) of each column of patch_matrix
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
@@ -120,7 +120,7 @@ class Chain:
         return tuple(out)
 
     def in_names(self, text: str) -> str:
-        """A message of the core, which counts links, with the names of coordinates and links."""
+        """A message of the core, with names in place of the numbers of coordinates and links."""
 
         def coordinate(m: re.Match[str]) -> str:
             k, rest = int(m[1]), m[2]
@@ -133,14 +133,14 @@ class Chain:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """What the core refuses inside is told in these names."""
+        """Puts these names into the core's errors."""
         try:
             yield
         except ValueError as e:
             raise ValueError(self.in_names(str(e))) from None
 
     def _link(self, link: Any, field: str = "link") -> int:
-        """The number of a link that is given by its number, its name or its joint's: the one place that reads them."""
+        """The index of a link, given by its number, its name or its joint's. Only this function reads links."""
         n = len(self.links)
         if isinstance(link, str):
             found = self._numbers.get(link, ())
@@ -158,8 +158,8 @@ class Chain:
         return int(link) % n
 
     def joint_rates(self, link: Any, field: str = "link") -> list[int]:
-        """Indices in v of the rates of a link's joint, or of one of them when `link` is (link, freedom); `field` is
-        what an error calls the link."""
+        """Indices in v of the rates of a link's joint, or of one of them if `link` is (link, freedom); `field` is the
+        argument's name in errors."""
         name, freedom = link if isinstance(link, tuple) and len(link) == 2 else (link, None)
         n = self._link(name, field)
         nv = self.links[n].joint.nv
@@ -172,14 +172,14 @@ class Chain:
         return [self._core.first(n) + int(freedom)]
 
     def joint_rate(self, link: Any, field: str = "link") -> int:
-        """The index of one rate: of a joint with one freedom, or of (link, freedom)."""
+        """The index of one rate, given by a link whose joint has one freedom, or by (link, freedom)."""
         rates = self.joint_rates(link, field)
         if len(rates) > 1:
             raise ValueError(f"{field} = {link}: its joint has {len(rates)} freedoms; name one as ({link}, 0)")
         return rates[0]
 
     def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
-        """What is keyed by link or (link, freedom), keyed by the index of that rate instead."""
+        """The values of `keyed` by index of the rate instead of by link or (link, freedom)."""
         if keyed is not None and not isinstance(keyed, Mapping):
             raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number or name")
         out: dict[int, Any] = {}
@@ -196,7 +196,7 @@ class Chain:
 
     @property
     def q_names(self) -> tuple[str, ...]:
-        """A label per coordinate of q: as `coordinates`, but with the quaternions of balls; (nq,)."""
+        """A label for each coordinate of q: as `coordinates`, and the components of quaternions; (nq,)."""
         names = [""] * self.nq
         for i, label in enumerate(self.coordinates):
             if self.coordinate_of(i) >= 0:
@@ -206,22 +206,22 @@ class Chain:
         return tuple(names)
 
     def quaternions(self) -> list[tuple[int, slice]]:
-        """The links whose joints hold a ball, and where its quaternion (w, x, y, z) stands in q."""
+        """The links with a ball in their joint, each with the slice of q that holds its quaternion (w, x, y, z)."""
         ends = [self._core.first_q(k) + link.joint.nq for k, link in enumerate(self.links)]
         return [(k, slice(end - 4, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
 
     def ball_rates(self) -> list[tuple[int, slice]]:
-        """The links whose joints hold a ball, and where its three rates stand in v."""
+        """The links with a ball in their joint, each with the slice of v that holds its three rates."""
         ends = [self._core.first(k) + link.joint.nv for k, link in enumerate(self.links)]
         return [(k, slice(end - 3, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
 
     @property
     def zero(self) -> Array:
-        """All coordinates zero, but the quaternions of balls 1 0 0 0; (nq,)."""
+        """All coordinates zero, except the quaternions of balls: 1 0 0 0; (nq,)."""
         return np.array(self._core.zero)
 
     def patch_column(self, link: Any, patch: Any, field: str = "") -> int:
-        """Which column of the patch matrix is a link's patch."""
+        """The column of `patch_matrix` that belongs to a link's patch."""
         n = self._link(link, f"{field}link")
         beam = self.links[n].beam
         count = len(beam.patches) if beam else 0
@@ -233,9 +233,9 @@ class Chain:
         return self.patches.index((n, int(patch) % count))
 
     def pose(self, joints: Mapping[Any, Any]) -> Array:
-        """q (nq,) of the joints that are named, all else as in `zero`: elastic coordinates and other joints 0.
+        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`.
 
-        Where a method takes q, and `simulate` q0, the dictionary itself will do, too.
+        The dictionary itself may stand for q in all methods, and for q0 in `simulate`.
 
         Args:
             joints: by link: its number, its name or its joint's; or by (link, freedom). The value is a number (rad, m);
@@ -243,7 +243,7 @@ class Chain:
                 numbers, or a quaternion w, x, y, z. {"elbow": 0.3, 0: -1.0}
 
         Raises:
-            ValueError: a name that is not there, a joint named twice, too few or too many numbers.
+            ValueError: an unknown name, a joint named twice, too few or too many numbers.
         """
         if not isinstance(joints, Mapping):
             raise ValueError(f"joints = {joints!r}: must be a dictionary, by link number or name, such as {{0: 0.3}}")
@@ -273,8 +273,8 @@ class Chain:
         return q
 
     @contextmanager
-    def _saying_how(self, field: str = "q") -> Iterator[None]:
-        """Whoever gives another number of coordinates than there are is told of `pose`."""
+    def _pointing_to_pose(self, field: str = "q") -> Iterator[None]:
+        """Adds a hint at `pose` to the error of a wrong number of coordinates."""
         try:
             yield
         except ValueError as e:
@@ -285,12 +285,12 @@ class Chain:
             ) from None
 
     def _posed(self, q: Any) -> Any:
-        """q, of a dictionary what `pose` makes of it."""
+        """q; a dictionary is converted by `pose`."""
         return self.pose(q) if isinstance(q, Mapping) else q
 
     def _place(self, field: str, q: Any) -> Array:
-        """q (nq,), checked but for balls: `zero` for None, of a dictionary what `pose` makes of it."""
-        with self._saying_how(field):
+        """q (nq,): `zero` for None, the `pose` of a dictionary; quaternions are not checked."""
+        with self._pointing_to_pose(field):
             return self.zero if q is None else array(field, self._posed(q), (self.nq,))
 
     @staticmethod
@@ -298,12 +298,12 @@ class Chain:
         return None if x is None else number("x", x)
 
     def _batch(self, balls: bool = True, /, **named: Any) -> list[Array]:
-        """q (..., nq) and all else (..., nv), checked and broadcast; one state, about which there is nothing to say, by
-        a quick look. Without `balls` quaternions need not have a length."""
+        """q (..., nq) and the others (..., nv), checked and broadcast; a single valid state is returned at once.
+        `balls`: whether quaternions are checked for zero length."""
         if self._core.one_state(named, balls):
             return list(named.values())
         named = {k: self._posed(value) if k == "q" else value for k, value in named.items()}
-        with self._saying_how():
+        with self._pointing_to_pose():
             arrays = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
         if balls:
             self.check_balls("q", arrays[list(named).index("q")])
@@ -313,13 +313,13 @@ class Chain:
         if self._core.one_state(named, True):
             return list(named.values())
         named["q"] = self._posed(named["q"])
-        with self._saying_how():
+        with self._pointing_to_pose():
             arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
         self.check_balls("q", arrays[list(named).index("q")])
         return arrays
 
     def check_balls(self, field: str, q: Array) -> None:
-        """ValueError when a quaternion in q (..., nq) has no length, or one whose square overflows."""
+        """Raises ValueError if a quaternion in q (..., nq) has zero length, or a length whose square overflows."""
         for k, at in self.quaternions():
             size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
             for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
@@ -341,24 +341,24 @@ class Chain:
         return finite("frame", p), finite("frame", R)
 
     def jacobian(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
+        """Jacobian (..., 6, nv) of a frame of `frame`: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
         (q,) = self._batch(q=q)
         return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
 
     def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
+        """Time derivative (..., 6, nv) of `jacobian` at the rates v: acceleration = J a + dJ/dt v."""
         q, v = self._batch(q=q, v=v)
         return finite("jacobian rate", self._core.jacobian_rate(q, v, self._link(link), self._x(x)))
 
     def velocity(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
-        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
+        """Velocity (..., 6) of a frame of `frame`: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
         q, v = self._batch(q=q, v=v)
         return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
 
     def acceleration(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None
     ) -> Array:
-        """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        """Acceleration (..., 6) of a frame of `frame`: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
         q, v, a = self._batch(q=q, v=v, a=a)
         return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])
 
@@ -371,13 +371,13 @@ class Chain:
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
-        axes. At order 0 it is that of the cut kinetic energy, a little off mass times the centre of mass's velocity."""
+        axes. At order 0, of the truncated kinetic energy, it differs a little from mass times the centre's velocity."""
         q, v = self._batch(q=q, v=v)
         return finite("momentum", self._core.momentum(q, v)[0])
 
     def strain(self, q: ArrayLike, link: int | str = -1, x: float = 0.0) -> Array:
         """Strains (Eq. 18-21) at x metres along a link's beam, (..., 6): K1, K2, K3 (1/m), phi12, phi13 (rad) and eps;
-        of a beam that is curved at rest, those beyond its `curvature`."""
+        of a beam that is curved at rest, the strains beyond its `curvature`."""
         (q,) = self._batch(False, q=q)
         return finite("strain", self._core.strain(q, self._link(link), number("x", x)))
 
@@ -400,8 +400,8 @@ class Chain:
             return finite("charge", np.asarray(q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]))
 
     def patch_voltage(self, q: ArrayLike, link: int | str = -1, patch: int = 0) -> Array:
-        """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
-        shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
+        """Voltage (V) of a link's patch with open electrodes, (...): -charge / capacitance; a patch that shrinks under
+        a positive voltage shows one when stretched. The reaction of this voltage on the motion is left out."""
         with np.errstate(over="ignore"):
             return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
 

@@ -43,7 +43,7 @@ def _rotation(field_name: str, value: Any) -> Array:
 
 @dataclass(frozen=True)
 class Placement(Part):
-    """A place on one side of a joint.
+    """A frame on one side of a joint.
 
     Args:
         position: m.
@@ -64,33 +64,32 @@ class Placement(Part):
 
 @dataclass(frozen=True, repr=False)
 class Joint(Part):
-    """What all joints share. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
+    """Base of all joints. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
 
     Args:
-        stiffness: of springs (N/m, N m/rad). Of a ball, of one that pulls its whole turn back to none, alike about all
+        stiffness: of springs (N/m, N m/rad). A ball's spring acts on the angle of its whole turn, alike about all
             axes.
-        rest: where the springs are at rest (m, rad).
+        rest: positions at which the springs are unloaded (m, rad).
         damping: viscous (N s/m, N m s/rad).
         lower, upper: soft stops (m, rad); None: no stop. Of a ball, `upper` is the largest angle of its turn, below pi,
             alike about all axes.
         limit_stiffness: of the stops (N/m, N m/rad).
         limit_damping: of the stops (N s/m, N m s/rad); it sets in over the first 1e-3 m or rad of penetration, so that
             the force stays continuous.
-        coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in whatever goes on
-            in time (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks,
-            exactly still, until more than `stiction` is needed to hold it. What is computed for one instant
-            (`forward_dynamics`, `inverse_dynamics`, `linearize`) leaves it out.
-        stiction: the most that holds a sticking freedom (N, N m), at least `coulomb`; None: as much as `coulomb`.
-        reflected_inertia: of the drive's rotor, as the joint feels it: gear ratio squared times rotor inertia (kg,
+        coulomb: dry friction (N, N m): the force that opposes sliding, at any speed. It acts in all time integration
+            (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks, exactly still,
+            until more than `stiction` is needed to hold it. Functions of one instant (`forward_dynamics`,
+            `inverse_dynamics`, `linearize`) leave it out.
+        stiction: largest force that holds a sticking freedom (N, N m), at least `coulomb`; None: equal to `coulomb`.
+        reflected_inertia: of the drive's rotor, seen from the joint: gear ratio squared times rotor inertia (kg,
             kg m²). The rotor's own gyroscopic moments are left out.
-        torque_limit: of the motor, or what its gear bears (N m, N): drives, controllers and `tau` together give no more
-            than this, either way; None: no limit. It acts in whatever goes on in time, and `Result.tau` is what is
-            left. A prescribed motion takes what it takes. What is computed for one instant leaves it out. Springs,
-            dampers, stops and dry friction are the joint's, not the motor's.
-        inboard: where the joint sits on the link below, from that link's end.
-        outboard: where the link's own frame sits, from the joint's moving side.
-        name: what the joint is called, such as "elbow"; it stands wherever its link's number may, and labels its
-            coordinates. No dots, no number; no other joint of the arm has it.
+        torque_limit: of the motor or its gear (N m, N): the largest absolute sum of drives, controllers and `tau`;
+            None: no limit. It acts in all time integration; `Result.tau` is the limited torque. A prescribed motion and
+            the functions of one instant have no limit. Springs, dampers, stops and dry friction are not in the sum.
+        inboard: frame of the joint on the link below, from that link's end.
+        outboard: frame of the link, from the joint's moving side.
+        name: such as "elbow"; it may be used instead of the link's number, and labels the coordinates. No dots, no
+            number; unique in the arm.
     """
 
     stiffness: PerFreedom = field(default=0.0, kw_only=True)
@@ -155,7 +154,7 @@ class Joint(Part):
         self._set("units", tuple(units))
 
     def to_dict(self) -> dict[str, Any]:
-        """The same structure as in a scene file; what has its default is left out."""
+        """The same structure as in a scene file, without the arguments that have their defaults."""
         defaults = {name: type(self).__dataclass_fields__[name].default for name in (*_FORCES, "inboard", "outboard")}
         return {k: v for k, v in super().to_dict().items() if k not in defaults or v != defaults[k]}
 
@@ -174,13 +173,13 @@ class Joint(Part):
 
     @property
     def q_units(self) -> tuple[str, ...]:
-        """A unit per coordinate: as `units`, but 1 of a ball's quaternion."""
+        """A unit for each coordinate: as `units`, and 1 for each component of a quaternion."""
         return self.units[:-3] + ("1",) * 4 if self.ball else self.units
 
 
 @dataclass(frozen=True, repr=False)
 class Fixed(Joint):
-    """Rigid connection: no freedom, so that springs, dampers, stops and friction do nothing."""
+    """Rigid connection: no freedom; springs, dampers, stops and friction have no effect."""
 
     type: ClassVar[str] = "fixed"
 
@@ -204,8 +203,8 @@ class Revolute(Joint):
 class Prismatic(Joint):
     """Translation by q (m) along an axis.
 
-    A beam behind it is clamped to the slide and moves with it as a whole, at a constant length: this is no telescope
-    and no beam that slides through a guide.
+    A beam behind it is clamped to the slide and moves with it at constant length: it is neither a telescope nor a beam
+    that slides through a guide.
 
     Args:
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.

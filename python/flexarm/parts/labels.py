@@ -15,7 +15,7 @@ def joint_coordinates(arm: Chain) -> list[tuple[int, str, str]]:
 
 
 def joint_rates(arm: Chain) -> list[tuple[int, str, str]]:
-    """(index into v and tau, label, unit of what it is the rate of, rad or m) of every joint rate of an arm."""
+    """(index into v and tau, label, unit of the coordinate, rad or m) of every joint rate of an arm."""
     firsts = [(arm._core.first(k), link.joint.units) for k, link in enumerate(arm.links)]
     return [(i, arm.coordinates[i], unit) for first, units in firsts for i, unit in enumerate(units, first)]
 

@@ -16,7 +16,7 @@ from .material import Material
 from .part import ModelWarning, Part
 from .sections import SectionMatrix
 
-_THICK = 1 / 3  # of the width: what is thicker is no plate
+_THICK = 1 / 3  # of the width: the largest thickness of a plate
 _GAUSS = np.polynomial.legendre.leggauss(5)  # exact for squares of the plies' shear stress, of order 4
 
 
@@ -129,7 +129,7 @@ def laminate(width: float, plies: Sequence[Ply], normal: str = "y") -> SectionMa
         SectionMatrix, which holds the plies' density.
 
     Warns:
-        ModelWarning: where the laminate is thicker than a third of its width, which is not a plate.
+        ModelWarning: the laminate is thicker than a third of its width, so that plate theory does not hold.
 
     Raises:
         ValueError: naming the field and the value.
@@ -163,7 +163,7 @@ def _plate(plies: Sequence[Ply], edges: Any) -> Array:
 def _stiffness(b: float, plies: Sequence[Ply], edges: Any, normal: str) -> Array:
     full = np.linalg.inv(_plate(plies, edges))  # strains by resultants
     S = full[np.ix_([0, 2, 3, 5], [0, 2, 3, 5])]  # (eps_x, gamma_xs, kappa_x, kappa_xs), edges free: N_s = M_s = 0
-    t, through = float(edges[-1] - edges[0]), _through(plies, edges, full[:, 3])
+    t, through = float(edges[-1] - edges[0]), _shear_compliance(plies, edges, full[:, 3])
     # strains by section forces: N = b N_x, V = b N_xs, M = b M_x, torque = 2 b M_xs with the twist kappa_xs / 2
     twist = np.array([1.0, 1.0, 1.0, 0.5])
     F = S * np.outer(twist, twist) / b
@@ -183,7 +183,7 @@ def _stiffness(b: float, plies: Sequence[Ply], edges: Any, normal: str) -> Array
     return 0.5 * (out + out.T) + 0.0  # and no -0.0
 
 
-def _through(plies: Sequence[Ply], edges: Any, bent: Any) -> float:
+def _shear_compliance(plies: Sequence[Ply], edges: Any, bent: Any) -> float:
     """Shear angle by shear force per width (m/N): the energy of shear stresses that balance those of bending, whose
     strains per moment are `bent`."""
     below, energy = np.zeros(2), 0.0

@@ -21,14 +21,14 @@ class Link(Part):
     last section (or at `hub.end`), in its axes; the next link's joint sits at `tip.end`.
 
     Args:
-        joint: how it moves against the link below, or the world.
+        joint: connects the link to the link below, or to the world.
         hub: the rigid body that the joint moves.
-        beam: what bends, clamped to the hub.
+        beam: the elastic beam, clamped to the hub.
         tip: the rigid body on the beam's end, such as a payload.
-        name: what the link is called, such as "forearm"; it stands wherever the link's number may, and in labels of
-            what bends, and of a joint without a name. No dots, no number; no other link of the arm has it.
-        looks: what is drawn of it, such as meshes, besides its beam. Without, a box of the same inertia stands for each
-            of its rigid bodies.
+        name: such as "forearm"; it may be used instead of the link's number, and labels the elastic coordinates, and a
+            joint without a name. No dots, no number; unique in the arm.
+        looks: meshes and solids that are drawn for it, besides its beam. Without them each rigid body is
+            drawn as the box of the same inertia.
     """
 
     joint: Joint

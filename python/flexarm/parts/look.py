@@ -1,4 +1,4 @@
-"""What a link looks like, where its file tells: meshes and simple solids, which are drawn and have no mass."""
+"""The look of a link, from a robot's file: meshes and simple solids, which are drawn and have no mass."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .._check import array, choice
 from .joints import Placement
 from .part import Part
 
-#: How many sizes each shape has.
+#: Number of sizes of each shape.
 SIZES = {"mesh": 3, "box": 3, "cylinder": 2, "ball": 1}
 _ON = ("hub", "tip", "base")
 
 
 @dataclass(frozen=True)
 class Look(Part):
-    """Something that is drawn of a link, such as a mesh of a robot's file. It has no mass and changes no motion.
+    """A shape that is drawn with a link, such as a mesh of a robot's file. It has no mass and changes no motion.
 
     Args:
         shape: "mesh", "box", "cylinder" (about its z) or "ball".
@@ -26,9 +26,9 @@ class Look(Part):
             of one (m). Of a mesh three factors of its coordinates, 0.001 each where the file is in millimetres; a
             negative one mirrors; by default 1.
         file: of a mesh: the path of a file that trimesh reads, such as .stl, .obj or .dae.
-        at: where it sits: position and rotation of its own axes in those of what it is on.
-        on: what it moves with: "hub", the link's own axes; "tip", the end of the link's beam (or `hub.end`), as the
-            tip's body; "base", what the link's joint sits on: the end of the link below, or the world.
+        at: its frame: position and rotation in the frame given by `on`.
+        on: the frame it moves with: "hub", the link's own axes; "tip", the end of the link's beam (or `hub.end`), as
+            the tip's body; "base", the frame that the link's joint sits on: the end of the link below, or the world.
         colour: "#RRGGBB"; by default that of the mesh, or grey.
     """
 

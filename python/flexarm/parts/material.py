@@ -1,4 +1,4 @@
-"""What beams are made of."""
+"""Materials of beams."""
 
 from __future__ import annotations
 

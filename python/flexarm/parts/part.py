@@ -1,4 +1,4 @@
-"""What all parts of an arm have in common: immutable dataclasses with a counterpart in the core."""
+"""The base of all parts of an arm: immutable dataclasses with a counterpart in the core."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .arguments import with_inherited
 
 
 class ModelWarning(UserWarning):
-    """A number of a model that is probably a mistake, with the unit or the remedy."""
+    """A number of a model that is probably a mistake; the message gives the unit or the remedy."""
 
 
-#: what stands first in tuples that name something of a link, such as ("patch", link, patch)
+#: first entries of tuples that name an item of a link, such as ("patch", link, patch)
 _TAKEN = ("patch", "load", "force", "acceleration")
 
 
 def read_name(value: Any) -> str | None:
-    """The name of a link or a joint, or None. Dots part the words of paths, and numbers are links' numbers."""
+    """The name of a link or a joint, or None. Dots are refused: they separate the words of paths. So are numbers."""
     if value is None:
         return None
     if not isinstance(value, str) or not value.strip() or value != value.strip() or not value.isprintable():
@@ -41,7 +41,7 @@ class Part:
         cls.__doc__ = with_inherited(cls)
 
     def __post_init__(self) -> None:
-        """Takes NumPy's numbers for what they are worth, so that parts compare, print and save alike."""
+        """Converts NumPy's numbers to Python's, so that parts compare, print and save alike."""
         for name, value in self._arguments().items():
             self._set(name, plain(value))
 
@@ -71,7 +71,7 @@ def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:
 
 
 def _unwrapped(value: Any) -> Any:
-    """Read-only mappings as dictionaries, which pickle."""
+    """Read-only mappings as dictionaries, which can be pickled."""
     if isinstance(value, Mapping):
         return {k: _unwrapped(v) for k, v in value.items()}
     return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value

@@ -59,7 +59,7 @@ class Patch(Part):
     length: with free strains e = d V / thickness, its stresses are E (strain - e) along x and G (shear - e) in its
     plane, none across (Eq. 54). A voltage is positive along the polarisation, so that a patch with d31 < 0 shrinks: on
     +y it bends the beam towards +y (K3 > 0), on +z towards +z (K2 < 0), on the other faces the other way. A pair "y" at
-    V has V on +y and -V on -y, and does twice what the one on +y does; wired in series, each gets half the voltage.
+    V has V on +y and -V on -y, and has twice the effect of the one on +y; wired in series, each gets half the voltage.
 
     In torsion the faces of a rectangle shear as Saint-Venant has it, in a thin strip twice as much as in sections that
     stay plane (the paper's Eq. 18), and so twist twice as much; those of a box as Bredt's flow has it, a flange as a
@@ -208,7 +208,7 @@ def _profile(profile: Any, start: float, end: float) -> Mapping[str, tuple[float
 
 
 def core_patches(patches: Sequence[Patch], section: Any, length: float) -> list[_core.Patch]:
-    """What the core's beam takes; errors name the patch."""
+    """The patches as the core's beam takes them; errors name the patch."""
     out = []
     for k, patch in enumerate(patches):
         try:

@@ -13,8 +13,8 @@ from .sections import SectionMatrix
 
 Points = Sequence[Sequence[float]]
 
-_MOST = 100_000  # elements: some gigabytes
-_PATIENCE = 5  # times the elements asked for, that thin parts may take
+_MOST = 100_000  # elements: they need some gigabytes
+_PATIENCE = 5  # largest number of elements that thin parts may need, in multiples of the number asked for
 _ROUNDING = 1e-12  # of the section's size
 
 
@@ -22,8 +22,8 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
     """Section of any outline, about the origin of its points: the beam's axis.
 
     Torsion is Saint-Venant's, with free warping, about the shear centre; bending is about the centroid; shear has the
-    energy of the shear flow with Poisson's ratio zero, as that of the other sections. Where these points are not the
-    origin, or the axes are not principal, the matrix has the couplings.
+    energy of the shear flow with Poisson's ratio zero, as in the other sections. Where these points differ from the
+    origin, or the axes are not principal, the matrix has couplings.
 
     Args:
         points: (n, 2), y and z of the corners (m), in turn.
@@ -57,9 +57,9 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
     shape = _shape(outline, inner, at, size)
     needed, thin = _triangles_across(shape)
     if needed > _PATIENCE * elements:
-        what = f"parts are as thin as {thin * size:.2g} m, and take about {needed:.2g} triangles of even sides"
+        thin_parts = f"parts are as thin as {thin * size:.2g} m, and take about {needed:.2g} triangles of even sides"
         many = f"give elements={int(needed)} if they are meant" if needed <= _MOST else f"no more than {_MOST} may be"
-        raise ValueError(f"points, holes: {what} (elements = {elements}): {many}; or leave out such slivers and gaps")
+        raise ValueError(f"points, holes: {thin_parts} (elements = {elements}): {many}; or leave out slivers and gaps")
     geometry = Geometry(shape).create_mesh(mesh_sizes=[shape.area / elements])
     section = Section(geometry)
     section.calculate_geometric_properties()
@@ -94,8 +94,8 @@ def _shape(outline: Array, holes: Sequence[Array], at: Array, size: float) -> An
 
 
 def _triangles_across(shape: Any) -> tuple[float, float]:
-    """How many triangles with even sides fill a section of unit size, if one lies across where it is thin, about; and
-    the thickness that needs most of them. What is thinner than d is lost by erosion by d / 2 and growth by as much."""
+    """The number of triangles with even sides for a section of unit size, with about one across its thin parts, and the
+    thickness that needs most of them. Erosion by d / 2, then growth by d / 2, removes the parts thinner than d."""
     lost = [0.0]
     while len(lost) == 1 or (lost[-1] > 1e-13 and len(lost) < 42):
         d = 0.5 ** (len(lost) - 1)
@@ -108,7 +108,7 @@ def _triangles_across(shape: Any) -> tuple[float, float]:
 
 
 def _rounded(values: Array, size: float) -> Array:
-    """Without what is zero but for rounding, so that a centre on the axis is on it."""
+    """Values with rounding errors set to zero, so that a centre on the axis is exactly on it."""
     return np.where(np.abs(values) < _ROUNDING * size, 0.0, values)
 
 

@@ -37,15 +37,15 @@ class Section(Part):
     _core: Any
 
     def at(self, place: float) -> Any:
-        """The section at a place along the beam (m): this one, as of a Taper another."""
+        """The section at a place along the beam (m): itself, unless it is a Taper."""
         return self
 
     def _face(self, axis: str) -> Face | None:
-        """The faces across an axis; None where there are no such faces."""
+        """The faces across an axis; None if there are none."""
         return None
 
     def _reach(self, axis: str) -> float | None:
-        """How far it reaches along an axis (m); None where it does not tell."""
+        """The largest distance from the axis (m); None if it is not known."""
         return None
 
 
@@ -62,9 +62,9 @@ class SymmetricSection(Section):
 
 
 class Shape(SymmetricSection):
-    """Such a section, whose integrals follow from its sides."""
+    """A symmetric section whose integrals follow from its sides."""
 
-    #: the core's maker, what it takes one number of, and what one or two of, apart from the shear correction
+    #: the core's maker; its arguments of one number, and those of one or two, apart from the shear correction
     _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
     shear_correction: float | Sequence[float] | None
 
@@ -184,7 +184,7 @@ class Box(Shape):
     """Hollow rectangle with sharp corners.
 
     Area and second moments are exact. The torsion constant is Bredt's, 4 A^2 / int ds/t, with the walls' own torsion
-    and with what the corners add, which is 1 to 6 %: against a solution of Saint-Venant's equation it is off by less
+    and the contribution of the corners, 1 to 6 %: against a solution of Saint-Venant's equation it is off by less
     than 5e-4 (walls that differ by up to a factor of 5), and by 3e-3 of a nearly full section.
 
     Args:
@@ -209,8 +209,8 @@ class Box(Shape):
 class IBeam(Shape):
     """I-beam with two equal flanges, without fillets: its web along y, its flanges across the ends of y.
 
-    Area and second moments are exact. The torsion constant is that of its strips with what their ends lack and the
-    junctions add (as El Darwish and Johnston, Proc. ASCE 91 ST1, 1965, but for webs of 0.1 to 4 flange thicknesses):
+    Area and second moments are exact. The torsion constant is the sum over its strips, corrected for their ends and
+    junctions (as El Darwish and Johnston, Proc. ASCE 91 ST1, 1965, but for webs of 0.1 to 4 flange thicknesses):
     against a solution of Saint-Venant's equation it is off by less than 2e-3 where the flanges are wider than 4 times
     their thickness and the web's. It twists freely: warping that is held at the clamp makes it stiffer there.
 
@@ -273,7 +273,7 @@ class SectionMatrix(Section):
     along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3),
     the strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries
     off the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A
-    strain without modes stays zero, whatever is coupled to it.
+    strain without modes stays zero, even if it is coupled to others.
 
     Args:
         stiffness: 6 x 6 (N, N m, N m^2), symmetric, positive definite of the strains that the beam has modes of.
@@ -347,17 +347,17 @@ class SectionMatrix(Section):
         return float(y), float(z)
 
     def rigidity(self, strain: str) -> float:
-        """Its entry on the diagonal of the stiffness, of "bending_y" and so on (N m^2, N)."""
+        """The diagonal entry of the stiffness for "bending_y" and so on (N m^2, N)."""
         row = _ROWS.index(strain)
         return self.stiffness[row][row]
 
     def coupling(self, one: str, other: str) -> float:
-        """By which part of its stiffness a strain is softer where the other is free, from 0 to 1."""
+        """The share of its stiffness that a strain loses if the other is free, from 0 to 1."""
         size = self.rigidity(one) * self.rigidity(other)
         return self.stiffness[_ROWS.index(one)][_ROWS.index(other)] ** 2 / size if size else 0.0
 
     @property
     def off_axis(self) -> bool:
-        """Whether its inertia has a centre of mass off the beam's axis, or products."""
+        """Whether its inertia has a centre of mass off the beam's axis, or products of inertia."""
         J = np.array(self._core.inertia_about_com)
         return any(self.com) or bool((J != np.diag(np.diag(J))).any())

@@ -1,4 +1,4 @@
-"""Strain shapes of the user's own: measured, from finite elements, or any function along the beam."""
+"""Strain shapes given by the user: measured, from finite elements, or any function along the beam."""
 
 from __future__ import annotations
 
@@ -127,27 +127,27 @@ def curvature(field: str, value: Any, length: float) -> Array:
 
 
 def kept_curvature(c: Array) -> Any:
-    """Those coefficients as a beam keeps them: three numbers, {"legendre": three lists}, or None of a straight one."""
+    """The coefficients as a beam stores them: three numbers, {"legendre": three lists}, or None if straight."""
     if len(c) == 1:
         return tuple(c[0].tolist())
     return MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())}) if len(c) else None
 
 
 def curvature_at(kept: Any, length: float, x: float) -> Array:
-    """K1, K2, K3 at rest at x metres (1/m), (3,), of what a beam of a length (m) keeps."""
+    """K1, K2, K3 at rest at x metres (1/m), (3,), from the stored form `kept` of a beam of that length (m)."""
     if not isinstance(kept, Mapping):
         return np.zeros(3) if kept is None else np.array(kept)
     return np.asarray(legendre.legval(2 * x / length - 1, np.array(kept["legendre"]).T))
 
 
 def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float, ...]]:
-    """The columns of one that varies."""
+    """The columns of a curvature that varies."""
     if callable(value):
 
         def at(x: float) -> Array:
             return array(f"{field} at x = {x:g}", value(x), (3,))
 
-        seen = np.array([at(float(x)) for x in np.linspace(0.0, length, 33)])
+        values = np.array([at(float(x)) for x in np.linspace(0.0, length, 33)])
         parts: list[Any] = [lambda x, c=c: float(at(x)[c]) for c in range(3)]
     else:
         if isinstance(value, Mapping):
@@ -155,10 +155,10 @@ def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float,
             if set(value) != {"x", "K"}:
                 raise ValueError(f"{field} = {value!r}: must have x and K, or legendre")
             value = value["x"], value["K"]
-        x, seen = array(f"{field}.x", value[0]), array(f"{field}.K", value[1])
-        if x.ndim != 1 or seen.shape != (x.size, 3):
-            raise ValueError(f"{field} has shapes x {x.shape}, K {seen.shape}: must be (n,) and (n, 3)")
-        parts = [{"x": x, "strain": column} for column in seen.T]
-    largest = np.abs(seen).max(axis=0)
+        x, values = array(f"{field}.x", value[0]), array(f"{field}.K", value[1])
+        if x.ndim != 1 or values.shape != (x.size, 3):
+            raise ValueError(f"{field} has shapes x {x.shape}, K {values.shape}: must be (n,) and (n, 3)")
+        parts = [{"x": x, "strain": column} for column in values.T]
+    largest = np.abs(values).max(axis=0)
     zero = largest <= 1e-13 * largest.max()
     return [(0.0,) if none else coefficients(field, part, length) for part, none in zip(parts, zero, strict=True)]

@@ -1,4 +1,4 @@
-"""A link as several, joined rigidly: where its beam has jumps, such as at a patch's ends."""
+"""A link as several links, joined rigidly, to follow jumps of its beam, such as those at the ends of a patch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     first piece keeps the link's name, the others are "NAME 2" and so on.
 
     Args:
-        link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is of a whole beam.
+        link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is for a whole beam.
         modes: shape functions of each piece (Legendre), for each strain that the beam has; or by strain.
         places: where to cut instead (m from the clamp). A patch that is cut becomes one of each piece.
 
@@ -65,7 +65,7 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
 
 
 def piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
-    """What of a beam lies from a to b (m), as a beam of its own with so many Legendre polynomials for each strain."""
+    """The part of a beam from a to b (m), as a beam of its own with so many Legendre polynomials for each strain."""
     section: Any = beam.section
     if isinstance(section, Taper):
         x = np.array([a, *(v for v in section.x if a < v < b), b])
@@ -83,7 +83,7 @@ def piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
 
 
 def _part(patch: Patch, a: float, b: float) -> Patch:
-    """What lies from a to b, as seen from a."""
+    """The part of a patch from a to b, with places counted from a."""
     start, end = max(patch.start, a), min(patch.end, b)
     profile: Any = None
     if patch.profile is not None and "x" in patch.profile:

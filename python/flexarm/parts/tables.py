@@ -1,4 +1,4 @@
-"""From tables of a file to parts: a table holds the arguments of what is made of it (see arguments.py)."""
+"""From tables of a file to parts: a table holds the arguments of one class (see arguments.py)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .arguments import Argument, arguments, kinds
 from .beam import Vector
 from .link import Link
 
-#: (where, value) -> value, by the name of an argument: what is read otherwise than by its type
+#: (where, value) -> value, by the name of an argument: readers that replace the one of its type
 Readers = Mapping[str, Callable[[str, Any], Any]]
 _NONE: Readers = MappingProxyType({})
 _T = TypeVar("_T")
@@ -33,22 +33,22 @@ class ArmFile:
 
 
 @contextmanager
-def shallow(what: str) -> Iterator[None]:
-    """What is nested deeper than Python's stack, and cannot even be printed, is a ValueError."""
+def shallow(label: str) -> Iterator[None]:
+    """Raises ValueError for data nested deeper than Python's stack, which cannot even be printed."""
     try:
         yield
     except RecursionError:
-        raise ValueError(f"{what}: is nested too deeply") from None
+        raise ValueError(f"{label}: is nested too deeply") from None
 
 
 @shallow("scene")
 def read_file(kind: type[_T], d: Mapping[str, Any], own: Readers = _NONE) -> _T:
-    """A whole file, an ArmFile or what derives from it, from its structure of dictionaries and lists."""
+    """A whole file (an ArmFile or a class derived from it) from its structure of dictionaries and lists."""
     return read("", kind, {"link": None, **d} if isinstance(d, Mapping) else d, own)
 
 
 def read(where: str, make: Callable[..., _T], table: Any, own: Readers = _NONE) -> _T:
-    """make(**table), its tables read likewise, with errors that say where in the file they are ("": at its top)."""
+    """make(**table), its tables read likewise; errors say where in the file they are ("": at its top)."""
     here, inside = where or "scene", f"{where}." if where else ""
     known = arguments(make)
     known_keys(here, table, known)
@@ -80,7 +80,7 @@ def _value(where: str, argument: Argument, value: Any, own: Readers) -> Any:
 
 
 def _part(where: str, classes: Sequence[type], table: Any, own: Readers) -> Any:
-    """One of several classes: the one of its type, or, where they have no types, that knows most of its keys."""
+    """One of several classes: the one with the table's type; without types, the one that has most of its keys."""
     known = kinds(*classes)
     if not known:
         keys = table if isinstance(table, Mapping) else ()

@@ -16,7 +16,7 @@ from .sections import GeneralSection, Section, SectionMatrix
 
 
 def _column(sections: Sequence[Section], name: str, alike: bool) -> Any:
-    """What sections have at this name: (n, ...) numbers; None where all leave it out."""
+    """The sections' values of one argument: (n, ...) numbers; None if all leave it out."""
     values = [getattr(part if alike else part._core, name) for part in sections]
     if all(v is None for v in values):
         return None

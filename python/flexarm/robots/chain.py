@@ -21,21 +21,21 @@ _MASS = ("replace", "add")
 
 @dataclass(frozen=True)
 class Flexible:
-    """How a link of a robot's file becomes a beam.
+    """A link of a robot's file as a beam.
 
-    The beam runs straight from `start` to `end`, in whatever direction that is. The link's axes are then the beam's: x
-    along it, z as near to `up` as it can be. Joints, fixed bodies and the tip keep their places and directions.
+    The beam is straight, from `start` to `end`, in any direction. The link's axes become the beam's: x along it, z as
+    near to `up` as possible. Joints, fixed bodies and the tip keep their places and directions.
 
     Args:
         beam: its length must be the distance from `start` to `end`.
-        start: where it is clamped: a point in the link's axes (m), or the name of a link that is fixed to it; None: the
+        start: the clamped end: a point in the link's axes (m), or the name of a link that is fixed to it; None: the
             link's own origin, where its joint sits.
-        end: where it ends, likewise; None: where the next joint sits, or the tip. Of a last link without a tip, the
-            arm's end is the beam's.
-        up: a direction in the link's axes; None: its z, or, where the beam runs along that, its x.
-        mass: "replace": the beam's mass stands for the link's own. "add": the link's own body stays, as a rigid one.
-            Bodies that are fixed to the link stay in both. What stays moves with the beam's clamp if its centre of mass
-            is nearer to that, else with its end.
+        end: the other end, likewise; None: the origin of the next joint, or of the tip. For a last link without a tip,
+            the arm's end is the beam's.
+        up: a direction in the link's axes; None: its z, or, for a beam along z, its x.
+        mass: "replace": the beam's mass replaces the link's own. "add": the link's own body stays, as a rigid one.
+            Bodies that are fixed to the link stay in both. A body that stays moves with the beam's clamp or its end,
+            the one that is nearer to its centre of mass.
     """
 
     beam: Beam
@@ -52,29 +52,29 @@ class Flexible:
 
 @dataclass
 class _Group:
-    """A link to be: its joint, what is rigid with it, and what comes next, all in the frame of its first body."""
+    """A future link: its joint, the bodies rigid with it, and the next joint, all in the frame of its first body."""
 
     joint: TreeJoint
     bodies: list[tuple[str, Mass]]
     places: dict[str, Pose]
     looks: list[tuple[str, Pose, Look]]  #: of the bodies
     next: TreeJoint | None
-    end: Pose  #: where the next joint, or the tip, sits
-    tip: str | None  #: the name of the tip, where it is another body
+    end: Pose  #: of the next joint, or of the tip
+    tip: str | None  #: the name of the tip, if it is another body
 
 
 @dataclass
-class Made:
-    """Links, and what is to be said of them."""
+class Conversion:
+    """Links, and notes for the user."""
 
     links: list[Link] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def chain(
     tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops: Any, springs: Mapping[str, Any]
-) -> Made:
-    """The links of an arm that ends with `tip`; see from_urdf. `springs`: numbers in place of the file's, by the names
+) -> Conversion:
+    """The links of an arm that ends with `tip`; see from_urdf. `springs`: values that replace the file's, by the names
     of fa.Joint's arguments."""
     path = tree.path(tree.default_tip() if tip is None else tip)
     moving = [j for j in path if j.moves]
@@ -84,9 +84,9 @@ def chain(
         if joint.kind not in MOVING:
             raise ValueError(f"joint '{joint.name}': type '{joint.kind}' is not supported; choose a tip ahead of it")
     _set_springs(moving, springs)
-    made = Made()
+    out = Conversion()
     groups = [_group(tree, path, k) for k, j in enumerate(path) if j.moves]
-    _say_left_out(tree, path, made)
+    _note_omissions(tree, path, out)
     wanted = _read_flexible(flexible, groups)
     base = tree.path(moving[0].parent)
     inboard = moving[0].origin
@@ -94,37 +94,37 @@ def chain(
         inboard = joint.rest_pose @ inboard
     limited = [j.name for j in moving if j.lower is not None or j.upper is not None]
     if limited and stops is None:
-        made.said.append(f"limits of position (`stops` makes soft stops of them): {_few(limited)}")
+        out.notes.append(f"limits of position (`stops` makes soft stops of them): {_first_few(limited)}")
     for group in groups:
-        link, inboard = _link(group, inboard, wanted.get(group.joint.child), stops, made)
-        made.links.append(link)
-    first, standing = groups[0].joint, made.links[0]
+        link, inboard = _link(group, inboard, wanted.get(group.joint.child), stops, out)
+        out.links.append(link)
+    first, standing = groups[0].joint, out.links[0]
     looks = [_placed(pose @ at, look, "base") for name, pose in tree.beneath(tree.root, first)
              for at, look in tree.looks.get(name, [])]  # fmt: skip
     if looks:
-        made.links[0] = replace(standing, looks=[*looks, *standing.looks])
+        out.links[0] = replace(standing, looks=[*looks, *standing.looks])
     last = groups[-1]
     if last.tip is not None:
-        made.links.append(Link(Fixed(inboard=_placement(inboard)), name=_named(last.tip, made)))
-    return made
+        out.links.append(Link(Fixed(inboard=_placement(inboard)), name=_named(last.tip, out)))
+    return out
 
 
 def _set_springs(moving: Sequence[TreeJoint], springs: Mapping[str, Any]) -> None:
-    """Puts a number in place of the file's: of all joints, or by the name of a joint or of the link that it moves."""
+    """Replaces the file's values: one for all joints, or by the name of a joint or of the link that it moves."""
     by_name = {j.child: j for j in moving} | {j.name: j for j in moving}
-    for what, given in springs.items():
-        if given is None:
+    for argument, values in springs.items():
+        if values is None:
             continue
-        one_for_all = not isinstance(given, Mapping)
-        each = {j.name: number(what, given) for j in moving} if one_for_all else given
-        known_keys(what, each, by_name)
-        told: dict[str, str] = {}
+        one_for_all = not isinstance(values, Mapping)
+        each = {j.name: number(argument, values) for j in moving} if one_for_all else values
+        known_keys(argument, each, by_name)
+        used: dict[str, str] = {}
         for key, value in each.items():
             joint = by_name[key]
-            if joint.name in told:
-                raise ValueError(f"{what}: '{key}' and '{told[joint.name]}' are one joint")
-            told[joint.name] = key
-            joint.springs[what] = number(f"{what}['{key}']", value)
+            if joint.name in used:
+                raise ValueError(f"{argument}: '{key}' and '{used[joint.name]}' are one joint")
+            used[joint.name] = key
+            joint.springs[argument] = number(f"{argument}['{key}']", value)
 
 
 def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
@@ -139,9 +139,9 @@ def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
     if following is not None:
         at = at @ following.origin
     bodies = tree.beneath(joint.child, following)
-    masses = [(name, tree.bodies[name].seen(pose)) for name, pose in bodies]
+    masses = [(name, tree.bodies[name].placed(pose)) for name, pose in bodies]
     fixed = {joint.child: Pose()}
-    for name, pose in bodies[1:]:  # each after its parent
+    for name, pose in bodies[1:]:  # parents come first
         if tree.above[name].parent in fixed and not tree.above[name].moves:
             fixed[name] = pose
     tip = path[-1].child if following is None and path[-1] is not joint else None
@@ -149,31 +149,31 @@ def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
     return _Group(joint, masses, fixed, looks, following, at, tip)
 
 
-def _say_left_out(tree: Tree, path: Sequence[TreeJoint], made: Made) -> None:
-    """Branches off the chain, what stands still with the base, and what the reader has noted."""
+def _note_omissions(tree: Tree, path: Sequence[TreeJoint], out: Conversion) -> None:
+    """Notes branches off the chain, bodies fixed to the base, and the reader's omissions."""
     first = next(j for j in path if j.moves)
     base = tree.beneath(tree.root, first)
     still = sum(tree.bodies[name].mass for name, _ in base)
     if still:
-        made.said.append(f"{still:.6g} kg fixed to the base: it does not move")
+        out.notes.append(f"{still:.6g} kg fixed to the base: it does not move")
     on_base = {name for name, _ in base}
     on_path = {id(j) for j in path}
     away = [j for j in tree.joints if j.moves and id(j) not in on_path]
     off, held = [j.name for j in away], {j.name for j in away if j.child not in on_base}
     if held:
         how = "they are held at zero, their bodies move with the link"
-        made.said.append(f"motion of the joints of branches: {how}: {_few(n for n in off if n in held)}")
+        out.notes.append(f"motion of the joints of branches: {how}: {_first_few(n for n in off if n in held)}")
     if len(off) > len(held):
-        made.said.append(f"branches of the base: {_few(n for n in off if n not in held)}")
+        out.notes.append(f"branches of the base: {_first_few(n for n in off if n not in held)}")
     whole: dict[str, list[str]] = {}
     elsewhere = {j.name for j in tree.joints} - {j.name for j in path}
-    for what, whose in tree.left_out:
-        if whose not in elsewhere:
-            whole.setdefault(what, []).append(whose)
-    made.said += [f"{what}: {_few(whose)}" if any(whose) else what for what, whose in whole.items()]
+    for item, owner in tree.left_out:
+        if owner not in elsewhere:
+            whole.setdefault(item, []).append(owner)
+    out.notes += [f"{item}: {_first_few(owners)}" if any(owners) else item for item, owners in whole.items()]
 
 
-def _few(names: Iterable[str]) -> str:
+def _first_few(names: Iterable[str]) -> str:
     names = list(dict.fromkeys(names))
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
@@ -195,7 +195,7 @@ def _read_flexible(flexible: Mapping[str, Any] | None, groups: Sequence[_Group])
     return out
 
 
-def _joint(joint: TreeJoint, inboard: Pose, outboard: Pose, stops: Any, made: Made) -> Joint:
+def _joint(joint: TreeJoint, inboard: Pose, outboard: Pose, stops: Any, out: Conversion) -> Joint:
     values: dict[str, Any] = {k: v for k, v in joint.springs.items() if v}
     limits = {k: v for k, v in (("lower", joint.lower), ("upper", joint.upper)) if v is not None}
     if limits and stops is not None:
@@ -205,23 +205,23 @@ def _joint(joint: TreeJoint, inboard: Pose, outboard: Pose, stops: Any, made: Ma
         values |= limits | dict(zip(("limit_stiffness", "limit_damping"), numbers, strict=True))
     if not joint.axis.any():
         raise ValueError(f"joint '{joint.name}': axis = {joint.axis.tolist()}: must have a length")
-    bare = joint.axis / np.abs(joint.axis).max()  # first, for what is beyond 1e154 or below 1e-154
+    bare = joint.axis / np.abs(joint.axis).max()  # avoids overflow and underflow of the squares
     axis = tuple((bare / np.linalg.norm(bare)).tolist())
     word = next((w for w, unit in UNIT.items() if unit == axis), axis)
     places = {"inboard": _placement(inboard), "outboard": _placement(outboard)}
     values |= {k: v for k, v in places.items() if v is not None}
     try:
-        return _JOINTS[joint.kind](word, **values, name=_named(joint.name, made))
+        return _JOINTS[joint.kind](word, **values, name=_named(joint.name, out))
     except ValueError as e:
         raise ValueError(f"joint '{joint.name}': {e}") from None
 
 
-def _named(name: str, made: Made) -> str:
-    """A file's name as a link can have it."""
+def _named(name: str, out: Conversion) -> str:
+    """A file's name, changed to a valid name of a link."""
     fit = name.strip().replace(".", "_") or "unnamed"
     fit = f"_{fit}" if fit.removeprefix("link ").lstrip("+-").isdigit() else fit
     if fit != name:
-        made.said.append(f"the name '{name}': it is '{fit}' here")
+        out.notes.append(f"the name '{name}': it is '{fit}' here")
     return fit
 
 
@@ -236,7 +236,7 @@ def _placement(pose: Pose) -> Placement | None:
 
 
 def _body(where: str, mass: Mass, axes: Array, origin: Array, end: Array) -> RigidBody | None:
-    """A rigid body in turned axes about another origin; None where there is nothing."""
+    """A rigid body in rotated axes about another origin; None without mass and inertia."""
     if not mass.mass and not mass.inertia.any() and not end.any():
         return None
     com = axes.T @ (mass.com - origin) if mass.mass else np.zeros(3)
@@ -248,14 +248,14 @@ def _body(where: str, mass: Mass, axes: Array, origin: Array, end: Array) -> Rig
         raise ValueError(f"link '{where}': {e}") from None
 
 
-def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: Made) -> tuple[Link, Pose]:
-    """A link, and where the next joint sits on its end."""
+def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, out: Conversion) -> tuple[Link, Pose]:
+    """A link, and the frame of the next joint on its end."""
     name, outboard = g.joint.child, g.joint.outboard
     end = g.end
     if wanted is None:
         hub = _body(name, merged(m for _, m in g.bodies), np.eye(3), np.zeros(3), end.position)
         looks = [_placed(pose, look, "hub") for _, pose, look in g.looks]
-        link = Link(_joint(g.joint, inboard, outboard, stops, made), hub, name=_named(name, made), looks=looks)
+        link = Link(_joint(g.joint, inboard, outboard, stops, out), hub, name=_named(name, out), looks=looks)
         return link, Pose(rotation=end.rotation)
     where = f"flexible['{name}']"
     a = _point(f"{where}.start", wanted.start, g, np.zeros(3))
@@ -271,22 +271,22 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: M
     own, x = g.bodies[0][1], axes[:, 0]
     kept = [m for n, m in g.bodies if n != name or wanted.mass == "add"]
     if wanted.mass == "replace" and own.mass:
-        made.said.append(f"the {own.mass:.6g} kg of '{name}': its beam of {wanted.beam.mass:.6g} kg replaces them")
+        out.notes.append(f"the {own.mass:.6g} kg of '{name}': its beam of {wanted.beam.mass:.6g} kg replaces them")
     near = [m for m in kept if (m.com - a) @ x <= length / 2]
     far = [m for m in kept if (m.com - a) @ x > length / 2]
     hub = _body(name, merged(near), axes, np.zeros(3), a)
     tip = _body(name, merged(far), axes, b, end.position - b)
     if not np.array_equal(axes, np.eye(3)):
-        made.said.append(f"the axes of '{name}': those of its beam are the link's here")
+        out.notes.append(f"the axes of '{name}': those of its beam are the link's here")
     turned = Pose(outboard.position, outboard.rotation @ axes)
-    joint = _joint(g.joint, inboard, turned, stops, made)
-    looks = _looks_of_beam(g, wanted, axes, a, b, made)
-    return Link(joint, hub, wanted.beam, tip, _named(name, made), looks), Pose(rotation=axes.T @ end.rotation)
+    joint = _joint(g.joint, inboard, turned, stops, out)
+    looks = _looks_of_beam(g, wanted, axes, a, b, out)
+    return Link(joint, hub, wanted.beam, tip, _named(name, out), looks), Pose(rotation=axes.T @ end.rotation)
 
 
-def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array, made: Made) -> list[Look]:
-    """What is drawn of a link that is a beam: what is fixed to it, on the end that is nearer, and, where its own body
-    stays, its own."""
+def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array, out: Conversion) -> list[Look]:
+    """The looks of a link that is a beam: those of the bodies fixed to it, each on the nearer end, and its own, if its
+    own body stays."""
     looks = []
     for name, pose, look in g.looks:
         if name == g.joint.child and wanted.mass == "replace":
@@ -296,7 +296,7 @@ def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array,
         seen = Pose(axes.T @ (pose.position - origin), axes.T @ pose.rotation)
         looks.append(_placed(seen, look, "tip" if far else "hub"))
     if len(looks) < len(g.looks):
-        made.said.append(f"what '{g.joint.child}' looks like: its beam is drawn")
+        out.notes.append(f"the look of '{g.joint.child}': its beam is drawn")
     return looks
 
 
@@ -304,11 +304,11 @@ def _placed(pose: Pose, look: Look, on: str) -> Look:
     return replace(look, at=_placement(pose), on=on)
 
 
-def _point(where: str, given: Any, g: _Group, default: Array | None) -> Array:
-    if isinstance(given, str):
-        return g.places[choice(where, given, g.places)].position
-    if given is not None:
-        return array(where, given, (3,))
+def _point(where: str, value: Any, g: _Group, default: Array | None) -> Array:
+    if isinstance(value, str):
+        return g.places[choice(where, value, g.places)].position
+    if value is not None:
+        return array(where, value, (3,))
     if default is None:
         raise ValueError(f"{where}: must be given, for no joint follows; or give a tip")
     return default

@@ -10,7 +10,7 @@ from ..parts.chain import Chain
 from ..store.files import write_whole
 from .segments import Segmented, segmented
 from .tree import RobotWarning
-from .write import WORLD, lost, mjcf, urdf
+from .write import WORLD, missing_features, mjcf, urdf
 
 _NEAR = 0.01
 _BOTH = {
@@ -25,14 +25,14 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_mjcf."""
     cut = segmented(arm, segments)
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
-    return _written(path, ".xml", mjcf(cut), cut, lost(cut, _MJCF) + name)
+    return _written(path, ".xml", mjcf(cut), cut, missing_features(cut, _MJCF) + name)
 
 
 def to_urdf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_urdf."""
     cut = segmented(arm, segments)
     gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
-    return _written(path, ".urdf", urdf(cut), cut, lost(cut, _URDF) + gravity)
+    return _written(path, ".urdf", urdf(cut), cut, missing_features(cut, _URDF) + gravity)
 
 
 def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""What bodies of a robot's file look like: URDF's <visual>, MJCF's geoms, and where the files of meshes are."""
+"""Looks of bodies of a robot's file: URDF's <visual>, MJCF's geoms, and the paths of meshes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..parts.look import Look
 from .tree import Pose
 
 Looks = dict[str, list[tuple[Pose, Look]]]
-Left = list[tuple[str, str]]
+Omissions = list[tuple[str, str]]
 
 
 def rotation_of(rpy: Array) -> Array:
@@ -31,7 +31,7 @@ def rotation_of(rpy: Array) -> Array:
 
 
 def quaternion_rotation(quaternion: Array) -> Array:
-    """Of (w, x, y, z)."""
+    """Rotation matrix of a quaternion (w, x, y, z)."""
     w, x, y, z = (float(c) for c in quaternion / np.linalg.norm(quaternion))
     return np.array(
         [
@@ -46,16 +46,16 @@ def quaternion_rotation(quaternion: Array) -> Array:
 
 
 def mesh_file(name: str, folder: Path) -> Path | None:
-    """The file that a URDF names: package://PACKAGE/..., file://..., or a path from the URDF's folder; None where there
-    is none. Packages are sought in the folders above the URDF, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH."""
+    """The file that a URDF names: package://PACKAGE/..., file://..., or a path from the URDF's folder; None if there is
+    none. Packages are looked for in the folders above the URDF, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH."""
     url = urlparse(name)
     if url.scheme in ("package", "model"):
-        tried = _in_packages(unquote(url.netloc), unquote(url.path).lstrip("/"), folder)
+        candidates = _in_packages(unquote(url.netloc), unquote(url.path).lstrip("/"), folder)
     elif url.scheme == "file":
-        tried = iter([Path(unquote(url.netloc + url.path))])
+        candidates = iter([Path(unquote(url.netloc + url.path))])
     else:
-        tried = iter([folder / name])
-    return next((path.resolve() for path in tried if path.is_file()), None)
+        candidates = iter([folder / name])
+    return next((path.resolve() for path in candidates if path.is_file()), None)
 
 
 def _in_packages(package: str, rest: str, folder: Path) -> Iterator[Path]:
@@ -71,9 +71,9 @@ def _in_packages(package: str, rest: str, folder: Path) -> Iterator[Path]:
         yield Path(place) / "share" / package / rest
 
 
-def urdf_looks(root: ET.Element, folder: Path, left_out: Left) -> Looks:
-    """By link, what its <visual> elements show. What cannot be shown is left out, and noted: a robot without a picture
-    is a robot still."""
+def urdf_looks(root: ET.Element, folder: Path, left_out: Omissions) -> Looks:
+    """Looks of the links from their <visual> elements. Elements that cannot be shown are left out and noted; they are
+    no error."""
     colours = {m.get("name", ""): c for m in root.findall("material") if (c := _colour(m))}
     out: Looks = {}
     for link in root.findall("link"):
@@ -91,16 +91,16 @@ def urdf_looks(root: ET.Element, folder: Path, left_out: Left) -> Looks:
             geometry = visual.find("geometry")
             mesh = None if geometry is None else geometry.find("mesh")
             missing = "" if mesh is None else mesh.get("filename", "")
-            said = f"the mesh {missing}: there is no such file" if missing else "a <visual> that is no known shape"
-            left_out.append((said, name))
+            item = f"the mesh {missing}: there is no such file" if missing else "a <visual> that is no known shape"
+            left_out.append((item, name))
     return out
 
 
 def _colour(material: ET.Element | None) -> str | None:
-    given = None if material is None else material.find("color")
-    if given is None:
+    color = None if material is None else material.find("color")
+    if color is None:
         return None
-    return _hex([float(x) for x in given.get("rgba", "").split()])
+    return _hex([float(x) for x in color.get("rgba", "").split()])
 
 
 def _hex(rgba: Any) -> str | None:
@@ -141,8 +141,8 @@ def _visual(visual: ET.Element, folder: Path, colours: dict[str, str]) -> tuple[
 # -- MJCF --------------------------------------------------------------------------------------------------------------
 
 
-def mjcf_looks(mujoco: ModuleType, model: Any, folder: Path, names: list[str], left_out: Left) -> Looks:
-    """By body, its geoms of the groups 0 to 2, which MuJoCo itself shows."""
+def mjcf_looks(mujoco: ModuleType, model: Any, folder: Path, names: list[str], left_out: Omissions) -> Looks:
+    """Looks of the bodies: their geoms of the groups 0 to 2, which MuJoCo itself shows."""
     out: Looks = {}
     for k in range(model.ngeom):
         if model.geom_group[k] > 2:
@@ -155,7 +155,7 @@ def mjcf_looks(mujoco: ModuleType, model: Any, folder: Path, names: list[str], l
 
 
 def _geom(
-    mujoco: ModuleType, model: Any, k: int, folder: Path, body: str, left_out: Left
+    mujoco: ModuleType, model: Any, k: int, folder: Path, body: str, left_out: Omissions
 ) -> list[tuple[Pose, Look]]:
     kinds, kind = mujoco.mjtGeom, mujoco.mjtGeom(int(model.geom_type[k]))
     material = int(model.geom_matid[k])
@@ -173,10 +173,10 @@ def _geom(
         left_out.append((f"the look of geoms that are {kind.name.removeprefix('mjGEOM_').lower()}s", body))
         return []
     mesh = int(model.geom_dataid[k])
-    given = bytes(model.paths[int(model.mesh_pathadr[mesh]) :]).partition(b"\0")[0].decode()
-    if int(model.mesh_pathadr[mesh]) < 0 or not (file := folder / given).is_file():
-        left_out.append((f"the mesh {given}: there is no such file" if given else "meshes without a file", body))
+    path = bytes(model.paths[int(model.mesh_pathadr[mesh]) :]).partition(b"\0")[0].decode()
+    if int(model.mesh_pathadr[mesh]) < 0 or not (file := folder / path).is_file():
+        left_out.append((f"the mesh {path}: there is no such file" if path else "meshes without a file", body))
         return []
-    # MuJoCo turns a mesh into the axes of its inertia; the file's own are where these were
+    # MuJoCo stores a mesh in the axes of its inertia; this pose restores the file's axes
     own = Pose(model.mesh_pos[mesh].copy(), quaternion_rotation(model.mesh_quat[mesh])).inverse
     return [(own, Look("mesh", model.mesh_scale[mesh].tolist(), file=str(file.resolve()), colour=colour))]

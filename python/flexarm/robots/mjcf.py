@@ -12,7 +12,7 @@ from .looks import mjcf_looks, quaternion_rotation
 from .tree import Mass, Pose, Tree, TreeJoint
 from .urdf import parse_xml, read_text
 
-#: of a model, how many of what an arm does not have
+#: a model's count of each feature that an arm does not have
 _COUNTS = {
     "nu": "actuators", "neq": "equality constraints", "ntendon": "tendons", "nsensor": "sensors", "nkey": "keyframes",
     "nflex": "flexible objects", "nplugin": "plugins",
@@ -20,7 +20,7 @@ _COUNTS = {
 
 
 def import_mujoco(asked: str) -> ModuleType:
-    """MuJoCo, or what to install."""
+    """The module MuJoCo, or an error that tells how to install it."""
     try:
         import mujoco
     except ImportError:
@@ -59,10 +59,10 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path())
         at = Pose(model.body_pos[k].copy(), quaternion_rotation(model.body_quat[k]))
         own = [int(model.body_jntadr[k]) + i for i in range(int(model.body_jntnum[k]))]
         inertia = Mass(float(model.body_mass[k]), np.zeros(3), np.diag(model.body_inertia[k]))
-        bodies[name] = inertia.seen(Pose(model.body_ipos[k].copy(), quaternion_rotation(model.body_iquat[k])))
+        bodies[name] = inertia.placed(Pose(model.body_ipos[k].copy(), quaternion_rotation(model.body_iquat[k])))
         if not own:
             joints.append(TreeJoint(f"{name} (fixed)", "fixed", parent, name, at))
-        for i in own:  # several in a body: one after the other, with bodies without mass between
+        for i in own:  # several joints of a body are a chain with massless bodies
             child = name if i == own[-1] else f"{name} on {named('joint', i)}"
             bodies.setdefault(child, Mass())
             joints.append(_joint(mujoco, model, i, (named("joint", i), parent, child), at, left_out))

@@ -1,4 +1,4 @@
-"""An arm with its beams cut into rigid segments on springs: what programs without beams take."""
+"""An arm with its beams cut into rigid segments on springs, for programs without beams."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ..parts.chain import Chain
 from ..parts.joints import Axes, Fixed
 from ..parts.link import Link
 from ..parts.split import piece
-from .tree import Mass, Pose, merged, possible
+from .tree import Mass, Pose, merged, realisable
 
-#: a hinge for each strain, in the order of the motions of one: about z, then the moved y, then the moved x
+#: a hinge for each strain, in the order of its rotations: about z, then the moved y, then the moved x
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
 _OTHERS = tuple(s for s in STRAINS if s not in HINGES)
-_COUNT, _TERMS = 3, 3  # frequencies that springs are fitted to, and Legendre polynomials along a beam that do it
+_COUNT, _TERMS = 3, 3  # fitted frequencies; Legendre polynomials of the springs' factor along a beam
 
 
 @dataclass(frozen=True)
 class Segmented:
-    """An arm of rigid links, and how it compares with the arm that it stands for.
+    """An arm of rigid links, and its comparison with the arm that it approximates.
 
     Attributes:
-        arm: its links; those of a beam's segments follow the link's own.
-        of: for each link of it, the link that it is a part of.
-        frequencies, wanted: the lowest ones (rad/s) of both, all joints locked, without gravity.
-        left_out: what the arm has and this one has not.
+        arm: its links; the links of a beam's segments follow the link itself.
+        of: for each of its links, the link of the first arm that it belongs to.
+        frequencies, wanted: the lowest (rad/s) of this arm and of the first, all joints locked, without gravity.
+        left_out: features of the first arm that this one does not have.
     """
 
     arm: Chain
@@ -41,13 +41,13 @@ class Segmented:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its links: what the arm calls them, and those of a beam's segments "NAME segment 1" and so on."""
+        """Names of its links: those of the first arm, and "NAME segment 1" and so on for a beam's segments."""
         own = self.arm.links
         return tuple(own[i].name or f"link {k}" for i, k in enumerate(self.of))
 
     @property
     def hinges(self) -> frozenset[int]:
-        """Which of its links are a beam's segments on their hinges."""
+        """Indices of its links that are a beam's segments on their hinges."""
         return _hinges(self.of)
 
     @property
@@ -87,8 +87,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
     if fit and len(wanted):
         links = _fitted(type(arm)(links), of, wanted)
-    made = type(arm)(links, arm.gravity)
-    return Segmented(made, of, locked_frequencies(made, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
+    near = type(arm)(links, arm.gravity)
+    return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
 
 
 def _left_out(name: str, beam: Beam) -> list[str]:
@@ -105,7 +105,7 @@ def _left_out(name: str, beam: Beam) -> list[str]:
 
 
 def _plain(beam: Beam) -> Beam:
-    """Without damping that is of a whole beam."""
+    """The beam without the kinds of damping that hold for a whole beam."""
     return replace(beam, damping_ratio=0.0, damping=())
 
 
@@ -114,8 +114,8 @@ def _hinges(of: tuple[int, ...]) -> frozenset[int]:
 
 
 def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
-    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity; of an arm with beams
-    those of its modes that bend and twist more than they shear and stretch."""
+    """Frequencies above zero (rad/s), increasing, all other joints locked, without gravity; for an arm with beams those
+    of its modes that bend and twist more than they shear and stretch."""
     if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
         return np.zeros(0)
     locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
@@ -125,7 +125,7 @@ def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
 
 
 def _fitted(cut: Chain, of: tuple[int, ...], wanted: Array) -> list[Link]:
-    """The links with their hinges' springs multiplied so that they have these frequencies, as little as that takes."""
+    """The links, with their hinges' springs multiplied by factors as near to 1 as these frequencies allow."""
     from scipy.linalg import eigh  # slow to import
     from scipy.optimize import least_squares
 
@@ -136,7 +136,7 @@ def _fitted(cut: Chain, of: tuple[int, ...], wanted: Array) -> list[Link]:
     springs = np.concatenate([joint._per_freedom("stiffness", joint.nv) for joint in joints])
     kinds = [(of[i], label) for i, joint in zip(hinges, joints, strict=True) for label in joint.labels]
     rows = [np.flatnonzero([k == kind for k in kinds]) for kind in dict.fromkeys(kinds)]
-    by = np.zeros((len(rates), _TERMS * len(rows)))  # of the factors' logarithms
+    by = np.zeros((len(rates), _TERMS * len(rows)))  # logarithms of the factors, by the Legendre terms
     for i, row in enumerate(rows):
         x = np.linspace(-1, 1, len(row) + 1)
         by[row, _TERMS * i : _TERMS * (i + 1)] = np.polynomial.legendre.legvander((x[1:] + x[:-1]) / 2, _TERMS - 1)
@@ -155,21 +155,21 @@ def _fitted(cut: Chain, of: tuple[int, ...], wanted: Array) -> list[Link]:
 
 
 def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...], list[str]]:
-    """The arm in pieces, of which link each is, and the links whose moments of inertia `possible` has raised."""
+    """The arm in pieces, the link of each piece, and the links whose moments of inertia were raised."""
     links: list[Link] = []
     of: list[int] = []
     raised: list[str] = []
     for k, link in enumerate(arm.links):
-        mended: list[bool] = []
+        corrected: list[bool] = []
         if link.beam is not None:
-            parts = _cut(arm.names[k], link, link.beam, n, mended)
+            parts = _cut(arm.names[k], link, link.beam, n, corrected)
         else:
             end = _end(link.hub)
-            body = _rigid([mass_of(link.hub), mass_of(link.tip).seen(Pose(end))], end + _end(link.tip), mended)
-            parts = [replace(link, hub=body, tip=None) if link.tip or any(mended) else link]
+            body = _rigid([mass_of(link.hub), mass_of(link.tip).placed(Pose(end))], end + _end(link.tip), corrected)
+            parts = [replace(link, hub=body, tip=None) if link.tip or any(corrected) else link]
         links += parts
         of += [k] * len(parts)
-        raised += [arm.names[k]] if any(mended) else []
+        raised += [arm.names[k]] if any(corrected) else []
     return links, tuple(of), raised
 
 
@@ -178,11 +178,11 @@ def mass_of(body: RigidBody | None) -> Mass:
     return Mass() if body is None else Mass(body.mass, np.array(body.com), inertia_matrix(body.inertia))
 
 
-def _rigid(bodies: Sequence[Mass], end: Array, mended: list[bool]) -> RigidBody:
-    """Notes in `mended` whether its moments of inertia are raised."""
+def _rigid(bodies: Sequence[Mass], end: Array, corrected: list[bool]) -> RigidBody:
+    """The bodies as one; appends to `corrected` whether its moments of inertia were raised."""
     own = merged(bodies)
-    one = possible(own)
-    mended.append(one is not own)
+    one = realisable(own)
+    corrected.append(one is not own)
     return RigidBody(one.mass, one.com.tolist(), one.inertia.tolist(), end.tolist())
 
 
@@ -190,39 +190,39 @@ def _end(body: RigidBody | None) -> Array:
     return np.zeros(3) if body is None else np.array(body.end)
 
 
-def _cut(name: str, link: Link, beam: Beam, n: int, mended: list[bool]) -> list[Link]:
-    """The link up to the middle of its beam's first piece, and a link for each hinge; `mended` as of `_rigid`."""
+def _cut(name: str, link: Link, beam: Beam, n: int, corrected: list[bool]) -> list[Link]:
+    """The link up to the middle of its beam's first piece, and a link for each hinge; `corrected`: see `_rigid`."""
     plain = _plain(beam)
     strains = [s for s in beam.counts if s in HINGES]
     if not strains:  # it neither bends nor twists
         at = _end(link.hub)
         tip = at + np.array([beam.length, 0.0, 0.0])
-        bodies = [mass_of(link.hub), _rod(plain, 0.0, beam.length).seen(Pose(at)), mass_of(link.tip).seen(Pose(tip))]
-        return [replace(link, hub=_rigid(bodies, tip + _end(link.tip), mended), beam=None, tip=None)]
+        rigid = [mass_of(link.hub), _rod(plain, 0.0, beam.length).placed(Pose(at)), mass_of(link.tip).placed(Pose(tip))]
+        return [replace(link, hub=_rigid(rigid, tip + _end(link.tip), corrected), beam=None, tip=None)]
     step = beam.length / n
     times = np.array([_retardation(beam, plain, strain) for strain in strains])
     halves = [_rod(plain, k * step / 2, min((k + 1) * step / 2, beam.length)) for k in range(2 * n)]
     ahead, half, end = _end(link.hub), np.array([step / 2, 0.0, 0.0]), _end(link.tip)
-    first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half, mended)
+    first = _rigid([mass_of(link.hub), halves[0].placed(Pose(ahead))], ahead + half, corrected)
     out = [replace(link, hub=first, beam=None, tip=None)]
     for k in range(n):
         stiffness, damping = _springs(plain, k * step, (k + 1) * step, strains, times)
         axes = [HINGES[s] for s in strains]
         hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} segment {k + 1} hinge")
-        rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
-        rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
-        body = _rigid(rods, half + (half if k + 1 < n else end), mended)
+        rods = [halves[2 * k + 1], *([halves[2 * k + 2].placed(Pose(half))] if k + 1 < n else [])]
+        rods += [mass_of(link.tip).placed(Pose(half))] if k + 1 == n else []
+        body = _rigid(rods, half + (half if k + 1 < n else end), corrected)
         out.append(Link(hinge, body, name=f"{name} segment {k + 1}"))
     return out
 
 
 def _rod(beam: Beam, a: float, b: float) -> Mass:
-    """The inertia of a rigid piece of a beam, from its own start."""
+    """The inertia of a rigid piece of a beam, about its own start."""
     rod = piece(beam, a, b, {})
     mass = rod.mass
     if not mass:
         return Mass()
-    own = mass * np.repeat([1.0, (b - a) ** 2], 3)  # that the joint may move a rod that is thin
+    own = mass * np.repeat([1.0, (b - a) ** 2], 3)  # added inertia, so that a thin rod has a regular mass matrix
     afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
     M = Chain([Link(afloat, beam=rod)]).mass_matrix(np.zeros(6)) - np.diag(own)
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
@@ -233,8 +233,8 @@ def _rod(beam: Beam, a: float, b: float) -> Mass:
 def _springs(
     beam: Beam, a: float, b: float, strains: Sequence[str], times: Array
 ) -> tuple[list[float], list[float]]:
-    """Of a hinge, for each strain: its piece's rigidity over its length, and what damps it: the material, and `times`
-    (s)."""
+    """For each strain, a hinge's spring (its piece's rigidity over its length) and damper: the material's retardation
+    time plus `times` (s)."""
     own = piece(beam, a, b, dict.fromkeys(strains, 1))
     K, D = np.diag(own._core.stiffness), np.diag(own._core.damping)
     stiffness = K / (b - a) ** 2
@@ -242,7 +242,7 @@ def _springs(
 
 
 def _retardation(beam: Beam, plain: Beam, strain: str) -> float:
-    """The time that gives a strain's lowest mode of the clamped beam the beam's damping ratio."""
+    """The retardation time that gives a strain's lowest mode of the clamped beam the beam's damping ratio."""
     if not beam.damping_ratio:
         return 0.0
     alone = Chain([Link(Fixed(), beam=replace(plain, modes={strain: beam.modes[strain]}))])

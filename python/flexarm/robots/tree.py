@@ -1,4 +1,4 @@
-"""A robot as files describe it, bodies on joints in a tree, and the serial chain of it that leads to one body."""
+"""A robot as described by its file: bodies on joints in a tree, and its serial chain that leads to one body."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOVING = ("revolute", "prismatic")
 
 
 class RobotWarning(UserWarning):
-    """What a robot's file says and the arm does not have, or the other way round."""
+    """A feature of a robot's file that the arm does not have, or the other way round."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class Mass:
     com: Array = field(default_factory=lambda: np.zeros(3))
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def seen(self, pose: Pose) -> Mass:
-        """The same body in the axes that it has `pose` in."""
+    def placed(self, pose: Pose) -> Mass:
+        """The same body in another frame; `pose` is its frame in that one."""
         R = pose.rotation
         return Mass(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T)
 
 
 def merged(bodies: Iterable[Mass]) -> Mass:
-    """Bodies that are one rigid body, by the parallel axis theorem."""
+    """Several bodies as one rigid body, by the parallel axis theorem."""
     bodies = list(bodies)
     mass = sum(b.mass for b in bodies)
     com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass if mass > 0 else np.zeros(3)
@@ -58,9 +58,9 @@ def merged(bodies: Iterable[Mass]) -> Mass:
     return Mass(mass, com, (inertia + inertia.T) / 2)
 
 
-def possible(body: Mass) -> Mass:
-    """The same body with moments that a body in space can have. In a plane one alone, about the axis of the joints, may
-    be given; the others, which do not matter there, are raised until it is not above their sum."""
+def realisable(body: Mass) -> Mass:
+    """The same body with moments that a body in space can have. In a plane only the moment about the axis of the joints
+    may be given; the others do not matter there, and are raised until it is not above their sum."""
     moments, axes = np.linalg.eigh(body.inertia)
     lacks = moments[2] - moments[0] - moments[1]
     if lacks <= 1e-12 * moments[2]:
@@ -74,9 +74,9 @@ class TreeJoint:
     """A joint of the tree.
 
     Attributes:
-        kind: "revolute", "prismatic", "fixed", or one that is not supported, as the file calls it.
-        origin: where it sits, in the parent's frame; its axes are those that `axis` is in.
-        outboard: where the child's frame sits, in the joint's moving axes.
+        kind: "revolute", "prismatic", "fixed", or the file's name of another kind, which is not supported.
+        origin: its frame in the parent's frame; `axis` is in the axes of this frame.
+        outboard: the child's frame, in the joint's moving axes.
         springs: arguments of fa.Joint: stiffness, rest, damping, coulomb, reflected_inertia.
         lower, upper: its limits (rad, m), or None.
     """
@@ -98,14 +98,14 @@ class TreeJoint:
 
     @property
     def rest_pose(self) -> Pose:
-        """The child's frame in the parent's where the joint stands at zero."""
+        """The child's frame in the parent's, with the joint at zero."""
         return self.origin @ self.outboard
 
 
 @dataclass
 class Tree:
-    """Bodies by name, joints, what of the file is left out: (what, of whom), and what bodies look like: where, in the
-    body's frame, and what."""
+    """Bodies by name, joints, omissions of the file (item, owner), and the looks of bodies, each with its pose in the
+    body's frame."""
 
     bodies: dict[str, Mass]
     joints: list[TreeJoint]
@@ -113,8 +113,8 @@ class Tree:
     left_out: list[tuple[str, str]] = field(default_factory=list)
     looks: dict[str, list[tuple[Pose, Look]]] = field(default_factory=dict)
     root: str = field(init=False)
-    above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint that a body hangs on
-    below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: those that hang on it
+    above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint of each body to its parent
+    below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: the joints of each body to its children
 
     def __post_init__(self) -> None:
         self.above, self.below = {}, {name: [] for name in self.bodies}
@@ -151,8 +151,8 @@ class Tree:
         return out[::-1]
 
     def beneath(self, name: str, without: TreeJoint | None = None) -> list[tuple[str, Pose]]:
-        """A body and all that hang on it, not by the joint `without`, with where they stand at zero; each after its
-        parent."""
+        """A body and all its descendants, except those behind the joint `without`, with their poses at zero; parents
+        first."""
         out, todo = [], [(name, Pose())]
         while todo:
             body, pose = todo.pop()
@@ -161,11 +161,11 @@ class Tree:
         return out
 
     def default_tip(self) -> str:
-        """The last body that moves, where the moving joints are one chain."""
+        """The last body that moves, if the moving joints are one chain."""
         moving = [j for j in self.joints if j.moves]
         if not moving:
             raise ValueError("the file has no joint that moves")
-        joints, moves = {self.root: 0}, {self.root: False}  # from the base to a body: how many, and whether one moves
+        joints, moves = {self.root: 0}, {self.root: False}  # of each body: its depth, and whether it moves
         for name, _ in self.beneath(self.root)[1:]:
             above = self.above[name]
             joints[name], moves[name] = joints[above.parent] + 1, above.moves or moves[above.parent]

@@ -15,7 +15,7 @@ from .looks import rotation_of, urdf_looks
 from .tree import Mass, Pose, Tree, TreeJoint
 
 _NUMBERS = ("origin", "axis", "mass", "inertia", "limit", "dynamics")  #: have no other attributes
-#: what is read of each element, its attributes and its elements; the parser is given nothing else
+#: the attributes and children that are read of each element; the parser gets no others
 _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name",), ("link", "joint")),
     "link": (("name",), ("inertial",)),
@@ -46,13 +46,13 @@ def read_text(path: Any) -> str:
 
 
 def parse_xml(text: str) -> ET.Element:
-    """Its root. ValueError with the line where it is broken."""
+    """The root of the XML text. ValueError with the line of a syntax error."""
     try:
         return ET.fromstring(text.encode())
     except ET.ParseError as e:
         line, column = e.position
-        said = str(e).partition(":")[0]
-        raise ValueError(f"line {line}, column {column + 1}: is no XML ({said})") from None
+        reason = str(e).partition(":")[0]
+        raise ValueError(f"line {line}, column {column + 1}: is no XML ({reason})") from None
 
 
 def _parser() -> ModuleType:
@@ -87,13 +87,13 @@ def read_urdf(path: Any, gravity: Any) -> Tree:
     return Tree(bodies, joints, gravity, left_out, looks)
 
 
-def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> None:
-    """Keeps what is read, and notes what is not."""
+def _prune(node: ET.Element, owner: str, left_out: list[tuple[str, str]]) -> None:
+    """Removes the elements and attributes that are not read, and notes them."""
     attributes, elements = _READ[node.tag]
-    whose = node.get("name", whose) if node.tag in ("link", "joint") else whose
+    owner = node.get("name", owner) if node.tag in ("link", "joint") else owner
     for key in sorted(set(node.attrib) - set(attributes)):
         if not key.startswith("{") and not (node.tag == "robot" or (node.tag, key) == ("link", "type")):
-            left_out.append((f"attribute {key} of <{node.tag}>", whose))
+            left_out.append((f"attribute {key} of <{node.tag}>", owner))
         del node.attrib[key]
     for key, text in node.attrib.items() if node.tag in _NUMBERS else ():
         many = 3 if key in ("xyz", "rpy") else 1
@@ -103,25 +103,25 @@ def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> Non
             fits = False
         if not fits:
             want = "3 numbers" if many == 3 else "one number"
-            raise ValueError(f'\'{whose}\': <{node.tag} {key}="{text}">: must be {want}')
+            raise ValueError(f'\'{owner}\': <{node.tag} {key}="{text}">: must be {want}')
     node.text = node.tail = None
     for inner in list(node):
         if inner.tag in elements:
-            _prune(inner, whose, left_out)
+            _prune(inner, owner, left_out)
             continue
         node.remove(inner)
         if inner.tag == "collision":
-            left_out.append(("shapes to touch (<collision>)", whose))
+            left_out.append(("shapes to touch (<collision>)", owner))
         elif inner.tag == "visual":
             continue  # read by urdf_looks
         elif isinstance(inner.tag, str):
-            left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else whose or inner.get("name", "")))
+            left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else owner or inner.get("name", "")))
 
 
-def _unique(what: str, names: list[str]) -> None:
+def _unique(kind: str, names: list[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise ValueError(f"{what} '{name}': is named twice")
+            raise ValueError(f"{kind} '{name}': is named twice")
 
 
 def _numbers(where: str, values: Any, n: int) -> Array:
@@ -140,37 +140,37 @@ def _pose(where: str, origin: Any) -> Pose:
 
 
 def _mass(link: Any) -> Mass:
-    given = link.inertial
-    if given is None:
+    inertial = link.inertial
+    if inertial is None:
         return Mass()
     where = f"link '{link.name}'"
-    pose = _pose(f"{where}: inertial", given.origin)
-    mass = float(_numbers(f"{where}: mass", [given.mass], 1)[0])
+    pose = _pose(f"{where}: inertial", inertial.origin)
+    mass = float(_numbers(f"{where}: mass", [inertial.mass], 1)[0])
     inertia = np.zeros((3, 3))
-    if given.inertia is not None:
-        inertia = np.array(given.inertia.to_matrix(), dtype=float)
+    if inertial.inertia is not None:
+        inertia = np.array(inertial.inertia.to_matrix(), dtype=float)
         _numbers(f"{where}: inertia", inertia.ravel(), 9)
     if mass < 0:
         raise ValueError(f"{where}: mass = {mass}: must not be negative")
-    return Mass(mass, np.zeros(3), inertia).seen(pose)
+    return Mass(mass, np.zeros(3), inertia).placed(pose)
 
 
-def _joint(given: Any, left_out: list[tuple[str, str]]) -> TreeJoint:
-    where, kind = f"joint '{given.name}'", given.type
+def _joint(joint: Any, left_out: list[tuple[str, str]]) -> TreeJoint:
+    where, kind = f"joint '{joint.name}'", joint.type
     kind = {"continuous": "revolute"}.get(kind, kind)
-    if given.mimic is not None:
-        kind = f"mimic of '{given.mimic.joint}'"
+    if joint.mimic is not None:
+        kind = f"mimic of '{joint.mimic.joint}'"
     lower = upper = None
-    if given.limit is not None:
-        if given.type in ("revolute", "prismatic"):
-            lower, upper = _numbers(f"{where}: limit", [given.limit.lower, given.limit.upper], 2).tolist()
-        left_out.append(("limits of effort and velocity", given.name))
+    if joint.limit is not None:
+        if joint.type in ("revolute", "prismatic"):
+            lower, upper = _numbers(f"{where}: limit", [joint.limit.lower, joint.limit.upper], 2).tolist()
+        left_out.append(("limits of effort and velocity", joint.name))
     springs = {}
-    if given.dynamics is not None:
-        values = [given.dynamics.damping or 0.0, given.dynamics.friction or 0.0]
+    if joint.dynamics is not None:
+        values = [joint.dynamics.damping or 0.0, joint.dynamics.friction or 0.0]
         springs = dict(zip(("damping", "coulomb"), _numbers(f"{where}: dynamics", values, 2).tolist(), strict=True))
-    axis = np.array([1.0, 0.0, 0.0]) if given.axis is None else _numbers(f"{where}: axis", given.axis, 3)
-    origin = _pose(f"{where}: origin", given.origin)
+    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else _numbers(f"{where}: axis", joint.axis, 3)
+    origin = _pose(f"{where}: origin", joint.origin)
     return TreeJoint(
-        given.name, kind, given.parent, given.child, origin, axis, springs=springs, lower=lower, upper=upper
+        joint.name, kind, joint.parent, joint.child, origin, axis, springs=springs, lower=lower, upper=upper
     )

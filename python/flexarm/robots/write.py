@@ -14,15 +14,15 @@ from ..parts.chain import Chain
 from ..parts.joints import Joint
 from ..parts.link import Link
 from .segments import Segmented, locked_frequencies, mass_of
-from .tree import Mass, Pose, possible
+from .tree import Mass, Pose, realisable
 
-WORLD = "world"  #: what formats call the base
-_SMALL = 1e-12  # kg, kg m^2: what programs that refuse massless bodies are given
+WORLD = "world"  #: name of the base in both formats
+_SMALL = 1e-12  # kg, kg m^2: least mass and inertia, for programs that refuse zero
 
 
 @dataclass(frozen=True)
 class _Freedom:
-    """One motion of a joint, with what acts on it."""
+    """One freedom of a joint, with its spring, damper, stops, friction and motor."""
 
     name: str
     rotates: bool
@@ -35,7 +35,7 @@ def _pose(place: Any) -> Pose:
 
 
 def _freedoms(name: str, joint: Joint, taken: Sequence[str]) -> list[_Freedom]:
-    """Of a link's joint, which has its own name or one that is not `taken`. ValueError for balls, which have
+    """The freedoms of a link's joint, named by the joint or differently from `taken`. ValueError for balls, which have
     quaternions."""
     if joint.ball:
         raise ValueError(f"{name}: its joint '{joint.type}' has a ball, which is not written; use Axes")
@@ -55,7 +55,7 @@ def _at_end(link: Link) -> Array:
 
 
 def _free(name: str, taken: Sequence[str]) -> str:
-    """The name, or, where another has it, one like it."""
+    """The name, or, if it is taken, one like it."""
     return _free(f"{name}_", taken) if name in taken else name
 
 
@@ -73,15 +73,15 @@ def _quaternion(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_quat())[[3, 0, 1, 2]]
 
 
-def _in_space(given: Mass) -> Mass:
+def _in_space(mass: Mass) -> Mass:
     """The same body for programs that refuse bodies without mass or inertia."""
-    body = possible(given)
+    body = realisable(mass)
     small = _SMALL * np.eye(3) * (np.linalg.eigvalsh(body.inertia)[0] < _SMALL)
     return Mass(max(body.mass, _SMALL), body.com, body.inertia + small)
 
 
 def about(cut: Segmented) -> Iterator[str]:
-    """Lines that tell what a file stands for, and how well."""
+    """Comment lines on the arm that the file approximates, and the accuracy."""
     yield "Written by flexarm."
     if len(cut.wanted):
         words = ", ".join(
@@ -95,22 +95,22 @@ def _comment(cut: Segmented) -> str:
     return f"<!-- {' '.join(' '.join(about(cut)).replace('--', '- -').split())} -->\n"
 
 
-def lost(cut: Segmented, fields: dict[str, str]) -> list[str]:
-    """What the arm has and the file has not; of joints, by the names of their arguments."""
+def missing_features(cut: Segmented, fields: dict[str, str]) -> list[str]:
+    """Features of the arm that the file does not have; for joints, by the names of their arguments."""
     out = list(cut.left_out)
     links = list(zip(cut.names, cut.arm.links, strict=True))
     for field, words in fields.items():
-        out += _of(words, [link.joint.name or name for name, link in links if _has(link.joint, field)])
-    return out + _of("looks (shapes and meshes)", [name for name, link in links if link.looks])
+        out += _note(words, [link.joint.name or name for name, link in links if _has(link.joint, field)])
+    return out + _note("looks (shapes and meshes)", [name for name, link in links if link.looks])
 
 
-def _of(words: str, whose: Sequence[str]) -> list[str]:
-    more = f" and {len(whose) - 6} more" if len(whose) > 6 else ""
-    return [f"{words}: {', '.join(whose[:6])}{more}"] if whose else []
+def _note(words: str, owners: Sequence[str]) -> list[str]:
+    more = f" and {len(owners) - 6} more" if len(owners) > 6 else ""
+    return [f"{words}: {', '.join(owners[:6])}{more}"] if owners else []
 
 
 def _has(joint: Joint, field: str) -> bool:
-    """Whether the joint has what this argument is of."""
+    """Whether the joint uses the feature of this argument."""
     if field == "name":
         return not joint.nv and joint.name is not None
     column = {f: np.array(joint._per_freedom(f, joint.nv)) for f in ("coulomb", "lower", "upper", field)}
@@ -127,29 +127,29 @@ def mjcf(cut: Segmented) -> str:
     a site at the tip."""
     arm, w = cut.arm, float(locked_frequencies(cut.arm, cut.hinges).max(initial=500.0))
     digit = 10.0 ** np.floor(-np.log10(w))
-    step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of what is stable
+    step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of the largest stable step
     root = ET.Element("mujoco", model="arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="false")
     option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
     ET.SubElement(root, "option", option)
-    here = ET.SubElement(root, "worldbody")
+    element = ET.SubElement(root, "worldbody")
     end, motors, taken = Pose(), list[str](), _taken(arm)
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
         name = _free(name, [WORLD])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         at = end @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
-        here = ET.SubElement(here, "body", name=name, pos=_numbers(at.position), quat=turn)
+        element = ET.SubElement(element, "body", name=name, pos=_numbers(at.position), quat=turn)
         freedoms = _freedoms(name, link.joint, taken)
         anchor = outboard.inverse
         for f in freedoms:
-            _mjcf_joint(here, f, anchor)
+            _mjcf_joint(element, f, anchor)
         if k not in cut.hinges:
             motors += [f.name for f in freedoms]
-        _mjcf_inertia(here, mass_of(link.hub), bool(freedoms))
-        _mjcf_shape(here, _at_end(link))
+        _mjcf_inertia(element, mass_of(link.hub), bool(freedoms))
+        _mjcf_shape(element, _at_end(link))
         end = Pose(_at_end(link))
-    ET.SubElement(here, "site", name="tip", pos=_numbers(end.position))
+    ET.SubElement(element, "site", name="tip", pos=_numbers(end.position))
     if motors:
         actuator = ET.SubElement(root, "actuator")
         for name in motors:
@@ -159,27 +159,27 @@ def mjcf(cut: Segmented) -> str:
 
 
 def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
-    given = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
-    given["pos"] = _numbers(anchor.position)
+    attributes = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
+    attributes["pos"] = _numbers(anchor.position)
     v = f.values
     if v["stiffness"]:
-        given |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
+        attributes |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
     for key, field in (("damping", "damping"), ("frictionloss", "coulomb"), ("armature", "reflected_inertia")):
         if v[field]:
-            given[key] = _numbers(v[field])
+            attributes[key] = _numbers(v[field])
     if np.isfinite([v["lower"], v["upper"]]).any():
         limits = np.nan_to_num([v["lower"], v["upper"]], posinf=1e6, neginf=-1e6)
-        given |= {"limited": "true", "range": _numbers(limits)}
+        attributes |= {"limited": "true", "range": _numbers(limits)}
     if np.isfinite(v["torque_limit"]):
         most = v["torque_limit"]
-        given |= {"actuatorfrclimited": "true", "actuatorfrcrange": _numbers([-most, most])}
-    ET.SubElement(body, "joint", given)
+        attributes |= {"actuatorfrclimited": "true", "actuatorfrcrange": _numbers([-most, most])}
+    ET.SubElement(body, "joint", attributes)
 
 
-def _mjcf_inertia(body: ET.Element, given: Mass, moves: bool) -> None:
-    if not (moves or given.mass):
+def _mjcf_inertia(body: ET.Element, mass: Mass, moves: bool) -> None:
+    if not (moves or mass.mass):
         return
-    own = _in_space(given)
+    own = _in_space(mass)
     I = own.inertia
     entries = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     ET.SubElement(body, "inertial", pos=_numbers(own.com), mass=_numbers(own.mass), fullinertia=entries)
@@ -209,8 +209,8 @@ def urdf(cut: Segmented) -> str:
         for k, f in enumerate(freedoms):
             child = name if k + 1 == len(freedoms) else f"{name} {k + 1} of {len(freedoms)}"
             body = ET.SubElement(root, "link", name=child)
-            last = k + 1 == len(freedoms)  # the URDF's frame is that of the joint's moving side
-            _urdf_inertia(body, mass_of(link.hub).seen(outboard) if last else Mass(), f is not None)
+            last = k + 1 == len(freedoms)  # a URDF link's frame is that of the joint's moving side
+            _urdf_inertia(body, mass_of(link.hub).placed(outboard) if last else Mass(), f is not None)
             _urdf_joint(root, f or link.joint.name or f"{child} (fixed)", at, parent, child)
             springs += [f] if f is not None and f.values["stiffness"] else []
             parent, at = child, Pose()
@@ -227,7 +227,7 @@ def urdf(cut: Segmented) -> str:
 
 
 def _rpy(R: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw; of a pitch of a quarter turn, where only two of them are told apart, no yaw."""
+    """Roll, pitch, yaw; at a pitch of 90 degrees, where only their sum or difference is determined, yaw is 0."""
     flat = float(np.hypot(R[0, 0], R[1, 0]))
     pitch = float(np.arctan2(-R[2, 0], flat))
     if flat < 1e-9:
@@ -240,10 +240,10 @@ def _urdf_origin(parent: ET.Element, at: Pose) -> None:
     ET.SubElement(parent, "origin", xyz=_numbers(at.position), rpy=_numbers(rpy))
 
 
-def _urdf_inertia(link: ET.Element, given: Mass, moves: bool) -> None:
-    if not (moves or given.mass or given.inertia.any()):
+def _urdf_inertia(link: ET.Element, mass: Mass, moves: bool) -> None:
+    if not (moves or mass.mass or mass.inertia.any()):
         return
-    own = _in_space(given)
+    own = _in_space(mass)
     inertial = ET.SubElement(link, "inertial")
     _urdf_origin(inertial, Pose(own.com))
     ET.SubElement(inertial, "mass", value=_numbers(own.mass))
@@ -252,7 +252,7 @@ def _urdf_inertia(link: ET.Element, given: Mass, moves: bool) -> None:
 
 
 def _urdf_joint(root: ET.Element, f: _Freedom | str, at: Pose, parent: str, child: str) -> None:
-    """Of a freedom, or, by its name, a fixed one."""
+    """Writes a joint of a freedom, or a fixed one with this name."""
     kind, name, limits = "fixed", f, (-np.inf, np.inf)
     if isinstance(f, _Freedom):
         name, limits = f.name, (f.values["lower"], f.values["upper"])
@@ -265,7 +265,7 @@ def _urdf_joint(root: ET.Element, f: _Freedom | str, at: Pose, parent: str, chil
         return
     ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
     effort = {"effort": _numbers(np.nan_to_num(f.values["torque_limit"], posinf=1e6)), "velocity": "1e6"}
-    if kind != "continuous":  # the format wants limits, of a slide always
+    if kind != "continuous":  # the format requires limits
         lower, upper = np.nan_to_num(limits, posinf=1e6, neginf=-1e6)
         ET.SubElement(joint, "limit", {"lower": _numbers(lower), "upper": _numbers(upper), **effort})
     elif np.isfinite(f.values["torque_limit"]):

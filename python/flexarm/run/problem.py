@@ -151,7 +151,7 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
         if value is None:
             state[name] = zero
             continue
-        with arm._saying_how("q0"):
+        with arm._pointing_to_pose("q0"):
             state[name] = array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
     return state

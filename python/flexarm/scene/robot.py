@@ -109,7 +109,7 @@ def from_mjcf(
 def _arm(path: Any, tree: Tree, tip: Any, flexible: Any, stops: Any, springs: Mapping[str, Any]) -> Arm:
     made = chain(tree, tip, flexible, stops, springs)
     arm = Arm(made.links, tree.gravity)
-    if made.said:
-        text = "\n".join(f"  - {line}" for line in made.said)
+    if made.notes:
+        text = "\n".join(f"  - {line}" for line in made.notes)
         warnings.warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning, stacklevel=3)
     return arm

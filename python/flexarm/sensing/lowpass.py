@@ -1,4 +1,4 @@
-"""Low-pass filters of the first and second order, as instruments have them ahead of their sampling."""
+"""Low-pass filters of the first and second order, ahead of an instrument's sampling."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, number, whole
 from ..parts.part import Part
 
-_MANY = 100  # steps, from which on equal ones are taken together
-_DIGITS = 9  # of steps and of places in them, in which they count as equal
+_MANY = 100  # equal steps, from which on one recursion computes all
+_DIGITS = 9  # digits in which equal steps, and places in them, agree
 
 #: the polynomial through values at 0, 1/2 and 1: it, its slope and its second derivative at 0
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
@@ -57,12 +57,12 @@ class LowPass(Part):
         return float(np.pi / 2 * self.frequency / (1.0 if self.damping_ratio is None else 2 * self.damping_ratio))
 
     def response(self, frequency: ArrayLike) -> Any:
-        """What becomes of a sine at frequencies (Hz), (...): complex, with its amplitude and phase, (...)."""
+        """Frequency response at frequencies (Hz), (...): complex, (...)."""
         s = 1j * array("frequency", frequency) / self.frequency
         return 1 / (1 + s) if self.damping_ratio is None else 1 / (1 + 2 * self.damping_ratio * s + s * s)
 
     def apply(self, t: ArrayLike, y: ArrayLike, axis: int = 0) -> Array:
-        """A recorded signal as it leaves the filter: exact for straight lines between its samples.
+        """The filter's output for a recorded signal: exact for straight lines between its samples.
 
         Args:
             t: times (s), (nt,), increasing, in equal steps or not.
@@ -93,12 +93,12 @@ class LowPass(Part):
         return w * np.array([[0.0, 1.0], [-1.0, -2 * self.damping_ratio]]), w * np.array([0.0, 1.0])
 
     def settled(self, y: Array) -> Array:
-        """The state (order, k) that has stood at y (k,)."""
+        """The state (order, k) at equilibrium with the input y (k,)."""
         return np.vstack([y, np.zeros((self.order - 1, *y.shape))])
 
     def steps(self, h: Array, part: Array) -> Array:
-        """What leads from the state ahead of steps h (m,) to that after a `part` of each, (m, order, order + 3): it
-        multiplies the state and what comes in at the step's beginning, middle and end, with a parabola between."""
+        """Matrices from the state ahead of steps h (m,) to that after a `part` of each, (m, order, order + 3): they
+        multiply the state and the inputs at the step's beginning, middle and end, with a parabola between."""
         from scipy.linalg import expm  # slow to import
 
         (A, B), n = self.matrices(), self.order
@@ -110,7 +110,7 @@ class LowPass(Part):
         return np.concatenate([after[..., :n], after[..., n:] @ _PARABOLA], axis=-1)
 
     def step(self, h: float, part: float = 1.0) -> Array:
-        """`steps` of one."""
+        """`steps` for one step."""
         return _step(self, float(f"{h:.{_DIGITS}g}"), round(part, _DIGITS))
 
 
@@ -119,13 +119,13 @@ def _step(filter: LowPass, h: float, part: float) -> Array:
     return np.asarray(filter.steps(np.array([h]), np.array([part]))[0])
 
 
-def _recursion(A: Array, given: Array) -> Array:
-    """x_0 = g_0, x_k = A x_(k-1) + g_k of given (m, n, k), by the complex Schur form of A."""
+def _recursion(A: Array, inputs: Array) -> Array:
+    """x_0 = g_0, x_k = A x_(k-1) + g_k for inputs g (m, n, k), by the complex Schur form of A."""
     from scipy.linalg import schur  # slow to import
     from scipy.signal import lfilter
 
     T, Q = schur(A, output="complex")
-    z = np.matmul(Q.conj().T, given)
+    z = np.matmul(Q.conj().T, inputs)
     for i in reversed(range(len(A))):
         z[1:, i] += np.einsum("j,mjk->mk", T[i, i + 1 :], z[:-1, i + 1 :])
         z[:, i] = lfilter([1.0], [1.0, -T[i, i]], z[:, i], axis=0)
@@ -133,52 +133,52 @@ def _recursion(A: Array, given: Array) -> Array:
 
 
 class Filtered:
-    """What leaves a filter: k signals over nt times, and anywhere between.
+    """The output of a filter: k signals over nt times, and anywhere between.
 
     Args:
         filter: the filter. t: times (nt,).
-        y: what comes in at these, (nt, k). middle: and halfway between, (nt - 1, k).
+        y: the input at these, (nt, k). middle: halfway between, (nt - 1, k).
 
     Attributes:
-        states: of the filter at the times, (nt, order, k); the first is what leaves it.
+        states: of the filter at the times, (nt, order, k); the first is the output.
     """
 
     def __init__(self, filter: LowPass, t: Array, y: Array, middle: Array) -> None:
         self.filter, self.t, self.h = filter, t, np.diff(t)
-        self.given = np.stack([y[:-1], middle, y[1:]], axis=1)
+        self.inputs = np.stack([y[:-1], middle, y[1:]], axis=1)
         self.states = np.empty((len(t), filter.order, y.shape[1]))
         x = self.states[0] = filter.settled(y[0])
         if not self.h.size:
             return
         n = filter.order
-        each, which = self._alike(self.h, np.ones_like(self.h))
-        by_given = np.matmul(each[which][..., n:], self.given)
+        each, which = self._distinct_steps(self.h, np.ones_like(self.h))
+        by_input = np.matmul(each[which][..., n:], self.inputs)
         by_state = each[..., :n]
         if len(each) == 1 and len(self.h) >= _MANY:
-            self.states[1:] = _recursion(by_state[0], np.concatenate([x[None], by_given]))[1:]
+            self.states[1:] = _recursion(by_state[0], np.concatenate([x[None], by_input]))[1:]
             return
         for k, i in enumerate(which):
-            x = self.states[k + 1] = by_state[i] @ x + by_given[k]
+            x = self.states[k + 1] = by_state[i] @ x + by_input[k]
 
-    def _alike(self, h: Array, part: Array) -> tuple[Array, Any]:
-        """`steps` of those that differ, and which of them each is."""
+    def _distinct_steps(self, h: Array, part: Array) -> tuple[Array, Any]:
+        """`steps` of the distinct ones, and the index of each into them."""
         scale = 10.0 ** np.floor(np.log10(h))
-        alike = scale * np.round(h / scale, _DIGITS), np.round(part, _DIGITS)
-        found, which = np.unique(alike, axis=1, return_inverse=True)
+        rounded = scale * np.round(h / scale, _DIGITS), np.round(part, _DIGITS)
+        found, which = np.unique(rounded, axis=1, return_inverse=True)
         return self.filter.steps(*found), np.ravel(which)
 
     def at(self, t: Array) -> Array:
-        """What leaves at any times (m,) within, (m, k)."""
+        """The output at any times (m,) within, (m, k)."""
         if not self.h.size:
             return np.repeat(self.states[:, 0], len(t), axis=0)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.h) - 1)
-        each, which = self._alike(self.h[k], np.clip((t - self.t[k]) / self.h[k], 0.0, 1.0))
-        now = np.concatenate([self.states[k], self.given[k]], axis=1)
+        each, which = self._distinct_steps(self.h[k], np.clip((t - self.t[k]) / self.h[k], 0.0, 1.0))
+        now = np.concatenate([self.states[k], self.inputs[k]], axis=1)
         return np.asarray(np.einsum("mi,mik->mk", each[which, 0], now))
 
 
 def as_low_pass(field: str, value: Any) -> LowPass:
-    """A filter as it is, a number as the cut-off of one of the first order."""
+    """The filter itself; a number is the cut-off of a filter of the first order."""
     if isinstance(value, LowPass):
         return value
     try:

@@ -1,4 +1,4 @@
-"""What a sensor has read, and its power spectral density."""
+"""Readings of a sensor, and their power spectral density."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Reading:
     """Samples of a sensor.
 
     Attributes:
-        t: when each sample came out (s), (n,); what it tells was so a `delay` earlier.
+        t: output time of each sample (s), (n,); the measured quantity is a `delay` older.
         y: the samples, (n, k).
         name: of the sensor.
         labels, units: of its k components.
@@ -47,7 +47,7 @@ class Reading:
 
     def to_data(self) -> Data:
         """The components as columns over time by their labels, beside measured data or in another format: see Data.
-        ValueError where two are called alike."""
+        ValueError if two labels are equal."""
         lost = [label for k, label in enumerate(self.labels) if label in self.labels[:k]]
         if lost:
             raise ValueError(f"labels: two components are called '{lost[0]}'")
@@ -85,8 +85,8 @@ class PowerSpectrum:
         psd's window "hann" and a lightly damped vibration, good to a few hundredths of the frequency step.
 
         Args:
-            count: at most so many, the highest ones; None: all.
-            prominence: how far a peak must stand out from what parts it from higher ones (dB).
+            count: largest number of peaks, the highest ones; None: all.
+            prominence: least height of a peak above the saddle to higher ones (dB).
         """
         from scipy.signal import find_peaks  # slow to import
 
@@ -107,12 +107,12 @@ class PowerSpectrum:
 
 
 def psd(t: ArrayLike, y: ArrayLike, *, segment: float | None = None, window: str = "hann") -> PowerSpectrum:
-    """Power spectral density of an evenly sampled signal, without its mean, as the paper's Fig. 7 shows of a gauge.
+    """Power spectral density of an evenly sampled signal, without its mean, as in the paper's Fig. 7 for a gauge.
 
     Args:
         t: times (s), (n,), in equal steps. y: the signal, (n,) or (n, 1).
         segment: length (s) of the pieces, half overlapping, over which Welch's method averages: shorter ones
-            smooth noise and blur peaks, which are told apart from about 2 / segment (Hz). None: one piece, the whole
+            smooth noise and blur peaks, which are distinct from about 2 / segment (Hz) on. None: one piece, the whole
             signal (a periodogram).
         window: "hann", or "boxcar" for a signal that is periodic in the piece, or transient and dead at its end.
 

@@ -1,8 +1,8 @@
-"""What all sensors share (paper Sec. 5): how an instrument on the arm reads, in an instant and of a whole run.
+"""The base of all sensors (paper Sec. 5): how an instrument on the arm reads, at an instant and over a whole run.
 
-A sensor hangs on a joint or on a slice. `measure` tells what is there to be measured; `read` (of a Result) and
-`sampler` (inside a control loop) add what the instrument makes of it: it filters, samples, comes late, is scaled and
-shifted (gain, offset), adds noise, reads in steps and saturates, in this order.
+A sensor is on a joint or on a slice. `measure` gives the physical quantity; `read` (of a Result) and `sampler` (inside
+a control loop) give the instrument's output: it filters, samples, delays, scales and shifts (gain, offset), adds
+noise, rounds to steps and saturates, in this order.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ _FINER = 10  # a sensor may sample so many times between two output times
 
 @dataclass(frozen=True)
 class Sensor(Part):
-    """What all sensors share. `offset`, `resolution`, `noise` and `range` are in the sensor's unit; they and `gain` are
-    each one number or one for each component. By default there is none of any.
+    """Base of all sensors. `offset`, `resolution`, `noise` and `range` are in the sensor's unit; they and `gain` are
+    each one number or one for each component. By default an instrument is ideal.
 
     Attributes:
         filter: analogue low pass ahead of sampling, noise and steps: a cut-off (Hz) for one of the first order, or a
             LowPass. It starts settled.
         rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
-        delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
-        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, or another scale
-            (a gain in V gives a reading in V, whatever unit the sensor tells).
+        delay: age of the measured quantity at the output (s); before the start, the arm stood as it started.
+        gain, offset: the reading is gain (1) times the measured quantity, plus offset: errors of calibration, or
+            another scale (a gain in V gives a reading in V; the sensor's unit does not change).
         noise: standard deviation of each sample, white and Gaussian. (Of a one-sided density n, in unit/sqrt(Hz),
             that is n sqrt(rate / 2).)
         resolution: the reading is the nearest multiple of this.
@@ -90,7 +90,7 @@ class Sensor(Part):
         if whole("seed", self.seed) < 0:
             raise ValueError(f"seed = {self.seed}: must not be negative")
 
-    # -- what a kind of sensor says of itself --------------------------------------------------------------------------
+    # -- defined by each kind of sensor --------------------------------------------------------------------------------
 
     def components(self, arm: Arm) -> list[Component]:
         """(label, unit) of each component."""
@@ -107,19 +107,19 @@ class Sensor(Part):
         *,
         loads: Sequence[Load] | None = None,
     ) -> Array:
-        """What is there to be measured: no filter, sampling, delay, noise, steps or saturation.
+        """The measured quantity: no filter, sampling, delay, noise, steps or saturation.
 
         Args:
             arm: the arm.
             t: times (s), (...). q: (..., nq). v, a, tau: (..., nv). An accelerometer and a force/torque sensor
                 need a (`needs_a`); of the others it may be None. None of those here needs tau.
-            loads: external forces and moments, which a force/torque sensor feels.
+            loads: external forces and moments, which affect a force/torque sensor.
 
         Returns:
             (..., k)
 
         Raises:
-            ValueError: bad shapes, or a place that the arm does not have.
+            ValueError: bad shapes, or a place that is not on the arm.
         """
         if self.needs_a and a is None:
             raise ValueError(f"a = None: {self._kind()} needs the accelerations")
@@ -129,13 +129,13 @@ class Sensor(Part):
         raise NotImplementedError(f"{type(self).__name__} has no measure(...): it is no kind of sensor by itself")
 
     def steps(self, arm: Arm) -> Array:
-        """What the reading is a multiple of, per component, (k,); 0: no steps."""
+        """The step of the reading, per component, (k,); 0: no steps."""
         return self._each("resolution", len(self.components(arm)), 0.0)
 
     # -- readings ------------------------------------------------------------------------------------------------------
 
     def check(self, arm: Arm, t: Array | None = None) -> None:
-        """ValueError when this sensor cannot be on this arm, or not read a result at these times."""
+        """ValueError if this sensor cannot be on this arm, or cannot read a result at these times."""
         if t is not None:
             self._instants(t)
         zero = np.zeros(arm.nv)
@@ -143,16 +143,16 @@ class Sensor(Part):
         _Instrument(self, arm)
 
     def read(self, result: Result) -> Reading:
-        """What the instrument reads of a simulated run.
+        """The instrument's output for a simulated run.
 
         Between output times the state is interpolated: q by cubic Hermite pieces from q and dq/dt, v likewise from v
         and a, a is the derivative of the latter. A jump of a force between two output times is smoothed over that time.
-        A filter is exact for parabolas through what there is to be measured at the output times and halfway between; it
-        starts settled at the first value. Without one, what is faster than half the rate is folded back.
+        A filter is exact for parabolas through the measured quantity at the output times and halfway between; it starts
+        settled at the first value. Without one, frequencies above half the rate are aliased.
 
         Raises:
-            ValueError: a place that the arm does not have, a result of fewer than two rows, or a rate above ten times
-                that of the output times.
+            ValueError: a place that is not on the arm, a result of fewer than two rows, or a rate above ten times that
+                of the output times.
 
         Warns:
             ModelWarning: a filter's frequency is above half the rate of the output times.
@@ -168,7 +168,7 @@ class Sensor(Part):
         t = self._instants(result.t)
         at = np.clip(t - self.delay, result.t[0], result.t[-1]) if self.delay or self.rate else None
         if isinstance(self.filter, LowPass):
-            coarse = self._coarse(float(np.diff(result.t).max()))
+            coarse = self._coarse_warning(float(np.diff(result.t).max()))
             if coarse:
                 warnings.warn(coarse, stacklevel=outside())
             state = result.t, result.q, result.v, result.a, result.tau
@@ -176,12 +176,12 @@ class Sensor(Part):
             filtered = Filtered(self.filter, result.t, y, middle)
             y = filtered.states[:, 0] if at is None else filtered.at(at)
         else:
-            y = self.measure(arm, *_at(result, at), loads=result.loads)
+            y = self.measure(arm, *_interpolated(result, at), loads=result.loads)
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
 
     def sampler(self, arm: Arm, *, loads: Sequence[Load] | None = None) -> Sampler:
-        """The instrument as a control loop sees it; see Sampler."""
+        """The instrument inside a control loop; see Sampler."""
         return Sampler(self, arm, loads=loads)
 
     def title(self, arm: Arm) -> str:
@@ -203,14 +203,14 @@ class Sensor(Part):
             raise ValueError(f"{name} = {value}: must be one number, or {count}, one for each component")
         return np.array(np.broadcast_to(np.asarray(value, dtype=float), count))
 
-    def _coarse(self, gap: float) -> ModelWarning | None:
-        """The warning that a filter deserves of states that are `gap` (s) apart."""
+    def _coarse_warning(self, gap: float) -> ModelWarning | None:
+        """A warning if a filter is too fast for states that are `gap` (s) apart, else None."""
         frequency = self.filter.frequency if isinstance(self.filter, LowPass) else 0.0
         if frequency * gap <= 0.5 * (1 + 1e-9):
             return None
         return ModelWarning(
             f"filter: {frequency:g} Hz is above half the rate of the states that this {self._kind()} sees, every "
-            f"{gap:g} s: it would let pass what is not known between them; have one every {0.5 / frequency:.3g} s"
+            f"{gap:g} s: it passes frequencies that these do not resolve; have one every {0.5 / frequency:.3g} s"
         )
 
     def _instants(self, t: Array) -> Array:
@@ -227,8 +227,8 @@ class Sensor(Part):
 
 
 class _Instrument:
-    """Turns what is there into what is read: it scales and shifts rows (..., k), adds noise, rounds them to steps, and
-    saturates."""
+    """Turns measured quantities into readings: it scales and shifts rows (..., k), adds noise, rounds them to steps,
+    and saturates."""
 
     def __init__(self, sensor: Sensor, arm: Arm) -> None:
         count = len(sensor.components(arm))
@@ -242,7 +242,7 @@ class _Instrument:
         self.rng = np.random.default_rng([sensor.seed, zlib.crc32(f"{sensor.type} {place}".encode())])
 
     def __call__(self, y: Array, skip: int = 0) -> Array:
-        """The reading of y, passing over `skip` samples' noise first."""
+        """The reading of y; the noise of `skip` samples is drawn first and dropped."""
         if (self.gain != 1.0).any() or self.offset.any():
             y = self.gain * y + self.offset
         if self.noise.any():
@@ -255,7 +255,7 @@ class _Instrument:
         return np.clip(y, -self.range, self.range)
 
 
-def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Array]:
+def _interpolated(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Array]:
     """Times and state t, q, v, a, tau, interpolated between the output times; None: at those."""
     if t is None:
         return result.t, result.q, result.v, result.a, result.tau
@@ -276,7 +276,7 @@ def _rates(arm: Arm, q: Array, v: Array) -> Array:
 
 
 def _slope(h: Array, x: Array, rate: Array) -> Array:
-    """The rates halfway between rows of the cubic pieces through x and `rate`; straight where x stands still."""
+    """The slope halfway between rows of the cubic pieces through x and `rate`; the mean rate if x is constant."""
     move, mean = np.diff(x, axis=0), 0.5 * (rate[:-1] + rate[1:])
     return np.asarray(mean + np.where(move == 0, 0.0, 1.5 * (move / h - mean)))
 
@@ -284,8 +284,8 @@ def _slope(h: Array, x: Array, rate: Array) -> Array:
 def _midway(
     arm: Arm, t: Array, q: Array, v: Array, a: Array | None, tau: Array | None
 ) -> tuple[Array, Array, Array, Array | None, Array | None]:
-    """Times and states halfway between rows: q of cubic pieces through q and dq/dt, v their slope, a of those through
-    v and a. A force that jumps at a row so leaves v right, and a in the mean."""
+    """Times and states halfway between rows: q of cubic pieces through q and dq/dt, v their slope, a the slope of those
+    through v and a. A force that jumps at a row leaves v right, and a right on average."""
     h = np.diff(t)[:, None]
     rates = _rates(arm, q, v)
     qm, vm = 0.5 * (q[:-1] + q[1:]) - h / 8 * np.diff(rates, axis=0), _slope(h, q, rates)
@@ -297,16 +297,16 @@ def _midway(
 
 
 class Sampler:
-    """An instrument in a control loop: remembers what its delay needs, holds its last sample until the next is due.
+    """An instrument in a control loop: stores the past for its delay, holds its last sample until the next is due.
 
-    Asked at the same times, it gives what `read` gives of the run, noise included. Where its samples (`rate`) or what
-    they tell (`delay`) fall between two calls, it interpolates linearly between what those saw; where they fall due
-    more often than it is asked, the last one counts. A filter goes on from call to call, as `read` has it from output
-    time to output time.
+    Called at the same times, it gives the same readings as `read`, noise included. If its sample times (`rate`) or
+    their delayed times (`delay`) fall between two calls, it interpolates linearly between the quantities at both; if
+    several samples fall due between two calls, the last one counts. A filter is integrated from call to call, as in
+    `read` from output time to output time.
 
     Args:
         sensor: the sensor. arm: the arm.
-        loads: external forces and moments, which a force/torque sensor feels.
+        loads: external forces and moments, which affect a force/torque sensor.
     """
 
     def __init__(self, sensor: Sensor, arm: Arm, *, loads: Sequence[Load] | None = None) -> None:
@@ -315,12 +315,12 @@ class Sampler:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything and starts its noise again."""
+        """Clears the past and restarts the noise."""
         self._instrument = _Instrument(self.sensor, self.arm)
-        #: time, what there is to read, and, behind a filter, its state before and what came in since the last call
-        self._seen: deque[tuple[float, Array, tuple[Array, Array] | None]] = deque()
+        #: time and quantity of past calls, and, with a filter, its state before and its inputs since the call before
+        self._history: deque[tuple[float, Array, tuple[Array, Array] | None]] = deque()
         self._filter: Array = np.empty(0)  #: the filter's state
-        self._before: tuple[Any, ...] = ()  #: what came in at the last call, and its time and state
+        self._last_input: tuple[Any, ...] = ()  #: input of the filter at the last call, with time and state
         self._start = 0.0
         self._count = -1
         self._last: Array = np.empty(0)
@@ -337,46 +337,46 @@ class Sampler:
             if count == self._count:
                 return self._last.copy()
             now, missed, self._count = self._start + count / s.rate, count - self._count - 1, count
-        self._last = self._instrument(self._back_at(now - s.delay), missed)
+        self._last = self._instrument(self._output_at(now - s.delay), missed)
         return self._last.copy()
 
     def observe(
         self, t: float, q: ArrayLike, v: ArrayLike, a: ArrayLike | None = None, tau: ArrayLike | None = None
     ) -> None:
-        """Shows the instrument the state at time t (s) without a reading: between samples, to a filter or a delay."""
-        if not self._seen:
+        """Passes the state at time t (s) without a reading: between samples, for a filter or a delay."""
+        if not self._history:
             self._start = t
-        elif not t > self._seen[-1][0]:
-            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
+        elif not t > self._history[-1][0]:
+            raise ValueError(f"t = {t}: must be later than the last call's, {self._history[-1][0]}")
         y = self.sensor.measure(self.arm, t, q, v, a, tau, loads=self.loads)
-        self._seen.append((t, y, None) if self.sensor.filter is None else (t, *self._filtered(y, t, q, v, a, tau)))
+        self._history.append((t, y, None) if self.sensor.filter is None else (t, *self._filtered(y, t, q, v, a, tau)))
 
     def _filtered(self, y: Array, t: float, *state: Any) -> tuple[Array, tuple[Array, Array] | None]:
-        """What leaves the filter at t, y coming in; its state before, and what came in meanwhile."""
+        """The filter's output at t for the input y; its state before, and its inputs since the last call."""
         s, f = self.sensor, self.sensor.filter
         assert isinstance(f, LowPass)
         now = [None if x is None else np.array(x, dtype=float) for x in (t, *state)]
-        before, self._before = self._before, (y, *now)
-        if not self._seen:
+        before, self._last_input = self._last_input, (y, *now)
+        if not self._history:
             self._filter = f.settled(y)
             return y, None
-        if len(self._seen) == 1 and (coarse := s._coarse(t - self._seen[-1][0])):
+        if len(self._history) == 1 and (coarse := s._coarse_warning(t - self._history[-1][0])):
             warnings.warn(coarse, stacklevel=outside())
         rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
-                           for x0, x1 in zip(before[1:], self._before[1:], strict=True)]  # fmt: skip
+                           for x0, x1 in zip(before[1:], self._last_input[1:], strict=True)]  # fmt: skip
         middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]
-        old, given = self._filter, np.stack([before[0], middle, y])
-        self._filter = f.step(t - self._seen[-1][0]) @ np.vstack([old, given])
-        return self._filter[0], (old, given)
+        old, inputs = self._filter, np.stack([before[0], middle, y])
+        self._filter = f.step(t - self._history[-1][0]) @ np.vstack([old, inputs])
+        return self._filter[0], (old, inputs)
 
-    def _back_at(self, t: float) -> Array:
-        while len(self._seen) > 2 and self._seen[1][0] <= t:
-            self._seen.popleft()
-        times = [seen[0] for seen in self._seen]
+    def _output_at(self, t: float) -> Array:
+        while len(self._history) > 2 and self._history[1][0] <= t:
+            self._history.popleft()
+        times = [seen[0] for seen in self._history]
         k = int(np.searchsorted(times, t))
         if k == 0 or k == len(times):
-            return self._seen[min(k, len(times) - 1)][1]
-        (before, y0, _), (after, y1, inside) = self._seen[k - 1], self._seen[k]
+            return self._history[min(k, len(times) - 1)][1]
+        (before, y0, _), (after, y1, inside) = self._history[k - 1], self._history[k]
         part = (t - before) / (after - before)
         if inside is None:
             return np.asarray(y0 + part * (y1 - y0))

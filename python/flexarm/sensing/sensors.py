@@ -37,7 +37,7 @@ class Encoder(_OnFreedom):
     """Incremental encoder: the coordinate of a joint (rad; m), in steps.
 
     Args:
-        link, freedom: which joint (-1 is the last), and which of its freedoms.
+        link, freedom: the joint's link (-1 is the last), and its freedom.
         pulses: per revolution (per metre of a prismatic joint); None: no steps.
         quadrature: four counts a pulse, from both edges of both tracks.
         gear: turns of the encoder for one of the joint, where it sits on the motor.
@@ -81,7 +81,7 @@ class Tachometer(_OnFreedom):
     """The rate of a joint (rad/s; m/s).
 
     Args:
-        link, freedom: which joint (-1 is the last), and which of its freedoms.
+        link, freedom: the joint's link (-1 is the last), and its freedom.
     """
 
     type: ClassVar[str] = "tachometer"
@@ -95,10 +95,10 @@ class Tachometer(_OnFreedom):
 
 @dataclass(frozen=True)
 class ForceTorque(Sensor):
-    """Six-component force/torque sensor in a joint: what it passes on to its link, as `Arm.joint_reaction` has it.
+    """Six-component force/torque sensor in a joint: the wrench that it passes on to its link, as `Arm.joint_reaction`.
 
     Args:
-        link: which joint; -1 is the last.
+        link: the joint's link; -1 is the last.
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
     """
 
@@ -134,7 +134,7 @@ _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 
 def half_thickness(section: Any, along: str, x: float) -> float | None:
-    """The distance from the neutral axis to a face (m); None where the section does not tell."""
+    """The distance from the neutral axis to a face (m); None if it is not known."""
     reach = section.at(x)._reach(along)
     return None if reach is None else float(reach)
 
@@ -148,12 +148,12 @@ class StrainGauge(Sensor):
     and -y and -z the opposite. Curvature, as of Eq. 97, is K3 = -strain / y.
 
     Args:
-        link: which link's beam; -1 is the last. x: where along it (m).
+        link: the beam's link; -1 is the last. x: place along it (m).
         face: "+y", "-y", "+z" or "-z".
         gauge_factor: None: the reading is the strain; else the relative change of resistance, gauge_factor * strain.
             A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
-        distance: from the neutral axis to the gauge (m); None: to the face, which all sections tell but
-            those given by their integrals.
+        distance: from the neutral axis to the gauge (m); None: to the face, which is known for all sections but those
+            given by their integrals.
     """
 
     link: int | str = -1
@@ -199,9 +199,9 @@ class Accelerometer(Sensor):
     """Accelerometer on a slice, in the slice's own axes (m/s^2).
 
     Args:
-        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
+        link: the slice's link; -1 is the last. x: place along its beam (m); None: the link's end.
         axis: "x", "y", "z", a direction of three numbers, or "xyz" for all three axes.
-        gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
+        gravity: True: specific force, R^T (a - g), as real instruments read: at rest, 9.81 upwards. False: R^T a.
     """
 
     link: int | str = -1
@@ -242,12 +242,12 @@ class Accelerometer(Sensor):
 
 @dataclass(frozen=True)
 class Camera(Sensor):
-    """Camera, or another tracker, that follows the place of a slice (m, three components).
+    """Camera, or another tracker, of the place of a slice (m, three components).
 
     Args:
-        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
-        axes: "world": a camera that stands still: the place in the world; "link": one that turns with the link's hub:
-            the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
+        link: the slice's link; -1 is the last. x: place along its beam (m); None: the link's end.
+        axes: "world": a fixed camera: the place in the world; "link": one that turns with the link's hub: the
+            displacement of the slice from its undeformed place, in the axes of the hub (needs a beam).
     """
 
     link: int | str = -1

@@ -21,18 +21,18 @@ CURRENTS = ("motor1_current", "motor2_current")
 UNITS = {**dict.fromkeys((*JOINTS, *DEFLECTIONS), "rad"), **dict.fromkeys(CURRENTS, "A")}
 
 RATE = 50.0  # Hz, to which recordings are averaged
-_WINDOW = 5  # rows, over which angles are smoothed by a cubic: what the encoder's steps would make of accelerations
+_WINDOW = 5  # rows of a cubic's window, which smooths angles: encoder steps would spoil their accelerations
 _LEAST_TARE = 0.02  # s; shorter rows of zeros are chance
-_SETTLED = 0.5  # s, that a gauge has to settle in once it has been tared
+_SETTLED = 0.5  # s: time for a gauge to settle after its tare
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording, made ready.
+    """One recording, prepared.
 
     Attributes:
         name: of its file. data: its columns in rad and A at RATE, on times from 0.
-        tares: for how long each gauge read zero at first (s), while the rig took its zero (QUARC's "Bias Removal").
+        tares: for how long each gauge read zero at the start (s), during the rig's tare (QUARC's "Bias Removal").
     """
 
     name: str
@@ -41,13 +41,13 @@ class Recording:
 
     @property
     def judged(self) -> Array:
-        """Rows from where both gauges read, (nt,)."""
+        """Rows after both gauges have settled, (nt,) of bool."""
         wait = max(self.tares)
         return np.asarray(self.data.t >= (wait + _SETTLED if wait else 0.0))
 
     @property
     def from_rest(self) -> bool:
-        """Whether the arm is at rest at first: its gauges take their zero, or no deflection changes within 0.25 s by a
+        """Whether the arm is at rest at the start: a gauge is tared there, or no deflection changes within 0.25 s by a
         fifth of its standard deviation."""
         first = self.data.between(None, 0.25)
         return any(self.tares) or all(np.ptp(first[name]) < 0.2 * self.data[name].std() for name in DEFLECTIONS)
@@ -59,12 +59,12 @@ class Recording:
         return Motion(self.data.t, savgol_filter(self.data[column], _WINDOW, 3))
 
     def current(self, column: str) -> Torque:
-        """A torque of 1 N m for each ampere that was measured; a fit scales it."""
+        """A torque of 1 N m for each measured ampere; a fit scales it."""
         return Torque(self.data.t, self.data[column])
 
 
 def read(source: Any) -> Recording:
-    """A recording.
+    """Reads a recording.
 
     Args:
         source: "lqr" or "fsf", shipped; the path of a file, or Data.
@@ -91,14 +91,14 @@ def read(source: Any) -> Recording:
 
 
 def _tare(data: Data, name: str) -> float:
-    """For how long a gauge read zero at first (s)."""
+    """Time for which a gauge read zero at the start (s)."""
     alive = np.flatnonzero(data[name])
     wait = float(data.t[alive[0]] - data.t[0]) if alive.size else 0.0
     return wait if wait > _LEAST_TARE else 0.0
 
 
 def _averaged(data: Data) -> Data:
-    """Means of as many rows as make RATE, on times from 0."""
+    """Means over enough rows for RATE, on times from 0."""
     n = max(1, round(1.0 / (RATE * data.step)))
     rows = len(data) // n * n
 

@@ -14,13 +14,13 @@ from ..identify.unknown import Unknown
 from ..run.simulation import SimulationError
 from ..scene.scene import Scene, load
 from .recordings import DEFLECTIONS, JOINTS, SHIPPED, Recording, read
-from .rig import ARM, DRIVES, EACH, START, driven, found, moved, outputs, seen, with_values
+from .rig import ARM, DRIVES, PER_RUN, START, compared, identified, outputs, with_currents, with_motion, with_values
 from .validation import Judged, Validation
 
 RIGS = ("quanser",)
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
-_NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about what the model leaves out
-_EACH, _DRIVES = "zeros, gains, cable, level", "drives"
+_NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about the model's own errors
+_PER_RUN, _DRIVES = "zeros, gains, cable, level", "drives"
 
 
 def validate(
@@ -28,10 +28,10 @@ def validate(
 ) -> Validation:
     """Compares the shipped model of a measured arm with recordings of it.
 
-    Without `data`, what is not known of the arm is fitted to one of the shipped recordings, and the other is predicted.
-    With `data`, the shipped values of the arm are judged on other recordings. What differs from recording to recording
-    is fitted to each: the zero of the second joint's encoder, the calibration of the strain gauges, the pull of the
-    cable, the level of the table.
+    Without `data`, the unknown parameters of the arm are fitted to one of the shipped recordings, and the other is
+    predicted. With `data`, the shipped values of the arm are judged on other recordings. Always fitted to each
+    recording are: the zero of the second joint's encoder, the calibration of the strain gauges, the pull of the cable,
+    the level of the table.
 
     Args:
         rig: "quanser", a two-link flexible arm (docs/validation.md).
@@ -59,80 +59,79 @@ def validate(
     sources = list(data) if isinstance(data, (list, tuple)) else [data]
     if not sources:
         raise ValueError("data: an empty list; give at least one recording")
-    made = Validation([])
+    validation = Validation([])
     for recording in [read(source) for source in sources]:
-        _judge(scene, recording, calibrate, made, progress)
-    return made
+        _judge(scene, recording, calibrate, validation, progress)
+    return validation
 
 
 def _shipped(scene: Scene, fit: str, progress: Any) -> Validation:
     """Fits to one of the shipped recordings and predicts the other."""
     first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
-    done = _fitted(moved(scene, first), first, {**ARM, **EACH}, DEFLECTIONS, progress)
-    made = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
-    again = _fitted(moved(done.scene, other), other, EACH, DEFLECTIONS, progress)
-    made.judged.append(Judged.of(other, "motion", _EACH, again.comparisons[0]))
-    made.calibrations[other.name] = again.values
-    made.notes += [f"{other.name}: {x}." for x in again.loose]
-    for recording, one in ((first, done), (other, again)):
-        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, made, progress)
-    return made
+    done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, progress)
+    validation = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
+    other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, progress)
+    validation.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
+    validation.calibrations[other.name] = other_fit.values
+    validation.notes += [f"{other.name}: {x}." for x in other_fit.loose]
+    for recording, one in ((first, done), (other, other_fit)):
+        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, progress)
+    return validation
 
 
-def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Validation, progress: Any) -> None:
-    """A recording that nothing of the arm was fitted to."""
+def _judge(scene: Scene, recording: Recording, calibrate: float | None, validation: Validation, progress: Any) -> None:
+    """Judges a recording to which no parameter of the arm was fitted."""
     t = recording.data.t
     until = float(t[-1]) / 2 if calibrate is None else number("calibrate", calibrate)
     least, most = float(t[recording.judged][0]) + 1.0, float(t[-1]) - 1.0
     if not least <= until <= most:
         raise ValueError(f"calibrate = {until:g}: must be from {least:.4g} to {most:.4g} s, for {recording.name}")
-    there = moved(scene, recording)
-    said, begin = _nearest(there, recording, "motion", DEFLECTIONS)
-    made.judged.append(said)
-    own = EACH if recording.from_rest else {**EACH, **START}
-    done = _fitted(there, recording, own, DEFLECTIONS, progress, until, begin)
+    moved = with_motion(scene, recording)
+    best, begin = _nearest(moved, recording, "motion", DEFLECTIONS)
+    validation.judged.append(best)
+    own = PER_RUN if recording.from_rest else {**PER_RUN, **START}
+    done = _fitted(moved, recording, own, DEFLECTIONS, progress, until, begin)
     rest = done.validate(recording.data)
-    made.judged.append(Judged.of(recording, "motion", f"{_EACH}, {until:.3g} s", rest, until))
-    made.calibrations[recording.name] = done.values
-    made.notes += [f"{recording.name}: {x}." for x in done.loose]
-    _drive(done.scene, recording, until, made, progress)
+    validation.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
+    validation.calibrations[recording.name] = done.values
+    validation.notes += [f"{recording.name}: {x}." for x in done.loose]
+    _drive(done.scene, recording, until, validation, progress)
 
 
-def _drive(scene: Scene, recording: Recording, until: float, made: Validation, progress: Any) -> None:
-    """The drives: as found in the recording shipped that is nearest, and fitted to the currents of the first part."""
-    there, columns = driven(scene, recording), (*JOINTS, *DEFLECTIONS)
+def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, progress: Any) -> None:
+    """The drives: with the best values of the shipped recordings, and fitted to the currents of the first part."""
+    driven, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
     try:
-        said, begin = _nearest(there, recording, "current", columns)
+        best, begin = _nearest(driven, recording, "current", columns)
         if recording.name not in SHIPPED:
-            made.judged.append(said)
+            validation.judged.append(best)
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
-        done = _fitted(with_values(there, own), recording, DRIVES, columns, progress, until, begin)
+        done = _fitted(with_values(driven, own), recording, DRIVES, columns, progress, until, begin)
         rest = done.validate(recording.data)
     except (FitError, SimulationError) as e:  # a drive that runs away
-        made.notes.append(f"{recording.name}, driven by current: {e}")
+        validation.notes.append(f"{recording.name}, driven by current: {e}")
         return
-    made.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
-    made.fits.setdefault("current", done)
+    validation.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
+    validation.fits.setdefault("current", done)
 
 
 def _nearest(
     scene: Scene, recording: Recording, driven_by: str, columns: Sequence[str]
 ) -> tuple[Judged, dict[str, float]]:
-    """Of what was found in the recordings shipped, what is nearest to this one: how near, and the values by path."""
-    tried = []
+    """The values of the shipped recording with the smallest errors here: their comparison, and the values by path."""
+    candidates = []
     for name in SHIPPED:
-        values = found(name)[driven_by == "current"]
-        seen_there = seen(with_values(scene, values), recording, columns)
-        said = Judged.of(recording, driven_by, f"nothing; values of {name}", seen_there)
-        tried.append((said, values))
-    return min(tried, key=lambda x: sum(x[0].nrmse.values()))
+        values = identified(name)[driven_by == "current"]
+        comparison = compared(with_values(scene, values), recording, columns)
+        candidates.append((Judged.of(recording, driven_by, f"nothing; values of {name}", comparison), values))
+    return min(candidates, key=lambda x: sum(x[0].nrmse.values()))
 
 
 def _fitted(
     scene: Scene, recording: Recording, unknown: Mapping[str, Unknown], columns: Sequence[str], progress: Any,
     until: float | None = None, begin: Mapping[str, float] | None = None,
 ) -> Fit:  # fmt: skip
-    """The scene fitted to a recording, or to what of it comes before `until` (s)."""
+    """The scene fitted to a recording, or to its part before `until` (s)."""
     sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)

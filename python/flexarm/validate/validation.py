@@ -1,4 +1,4 @@
-"""What a validation gives: errors by recording and column, a report, a figure."""
+"""The result of a validation: errors by recording and column, a report, a figure."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Judged:
     """A recording beside the model.
 
     Attributes:
-        recording: its name. driven: "motion": the joints move as measured; "current": the motors have the currents that
-            were measured. role: what of the model was fitted to this recording.
-        since: from when on it is judged (s), after its begin. comparison: both, over the whole recording.
-        nrmse: by column, the root mean square of the error over the standard deviation of the measured, of the part
-            that is judged (1).
+        recording: its name. driven: "motion": the joints move as measured; "current": the motors have the measured
+            currents. role: the parameters that were fitted to this recording.
+        since: start of the judged part (s), after the recording's. comparison: both, over the whole recording.
+        nrmse: by column, the root mean square of the error over the standard deviation of the measured values, in the
+            judged part (1).
     """
 
     recording: str
@@ -62,10 +62,10 @@ class Validation:
     """A measured arm and its model. `print(validation)` is its report.
 
     Attributes:
-        judged: recordings beside the model; see Judged: `.recording`, `.driven`, `.role`, `.nrmse["link1_deflection"]`.
-        fits: by "motion" and "current", the Fit of the model; none where shipped values were taken.
-        calibrations: by recording, what was found of what differs from recording to recording.
-        notes: what could not be done, and numbers that stand in for each other; see `Fit.loose`.
+        judged: recordings beside the model; see Judged: `.recording`, `.driven`, `.role`, `.nrmse[column]`.
+        fits: by "motion" and "current", the Fit of the model; none if shipped values were used.
+        calibrations: by recording, the fitted values of the parameters that differ between recordings.
+        notes: failed computations, and parameters that can replace each other; see `Fit.loose`.
     """
 
     judged: list[Judged]
@@ -77,13 +77,13 @@ class Validation:
         return self.report()
 
     def report(self) -> str:
-        """A table of errors, and what was found."""
+        """A table of errors, and the fitted values."""
         columns = [n for n in _SHOWN if any(n in j.nrmse for j in self.judged)]
         rows = [["driven by", "recording", "what was fitted to it", "judged from", *columns]]
         for j in self.judged:
             errors = [f"{100 * j.nrmse[n]:.1f}" if n in j.nrmse else "" for n in columns]
             rows.append([j.driven, j.recording, j.role, f"{j.since:.1f} s", *errors])
-        lines = ["NRMSE (%): rms of the error over the standard deviation of what was measured", "",
+        lines = ["NRMSE (%): rms of the error over the standard deviation of the measured values", "",
                  *aligned(rows, range(3, 4 + len(columns)))]  # fmt: skip
         lines += ["", *self.notes] if self.notes else []
         for name, values in self.calibrations.items():
@@ -97,7 +97,7 @@ class Validation:
         return plot_recordings(latest([j for j in self.judged if j.driven == driven]))
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it but the curves, as JSON has it."""
+        """All but the curves, as JSON has it."""
         return {
             "judged": [{"driven": j.driven, "recording": j.recording, "role": j.role, "since": j.since,
                         "nrmse": dict(j.nrmse)} for j in self.judged],
@@ -108,5 +108,5 @@ class Validation:
 
 
 def latest(judged: Sequence[Judged]) -> list[Curves]:
-    """Of each recording the last way it was judged, as curves."""
+    """The last comparison of each recording, as curves."""
     return [j.curves() for j in {j.recording: j for j in judged}.values()]

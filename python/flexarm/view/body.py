@@ -1,4 +1,4 @@
-"""What an arm looks like, apart from its motion: outlines of sections, solids, joints' axes, each fixed to a node.
+"""The shape of an arm, apart from its motion: outlines of sections, solids, joints' axes, each fixed to a node.
 
 A node is a frame that moves with the arm: the world (node 0), each link's own frame, slices of its beam, places where
 loads act. Browser and matplotlib draw the same Body.
@@ -28,7 +28,7 @@ _DENSITY = 7800.0  # kg/m^3, of a point mass that is drawn as a ball
 
 @dataclass
 class Body:
-    """What is drawn of an arm.
+    """The drawn shapes of an arm.
 
     Attributes:
         places: of each node, the link and the place along its beam (m); None for a link's own frame, (None, None) for
@@ -36,11 +36,11 @@ class Body:
         beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m),
             "part": "beam", whose colour is strain, or "patch", a piezo patch}.
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
-            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. With "under":
-            it stands for what meshes show better, and is drawn where these are not; with "colour": in that.
+                sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. "under":
+                it is hidden where meshes are drawn; "colour": its own.
         meshes: triangles of the links' looks.
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
-        axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to be seen.
+        axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to stand out of the solids.
         labels: {"node", "at", "text"}.
         loads: nodes where loads act. tip: (node, at) of the arm's end.
         size: length of the arm, stretched out (m).
@@ -67,7 +67,7 @@ class Body:
         self.solids.append({"node": node, "part": part, "kind": kind, "at": at, "axes": axes, "size": list(size)})
 
     def rod(self, node: int, a: Array, b: Array, radius: float, part: str = "rod") -> None:
-        """A round bar between two points of a node; none where they are one."""
+        """A round bar between two points of a node; none if they coincide."""
         length = float(np.linalg.norm(b - a))
         if length > 1e-6 * self.size:
             self.solid(part, node, "cylinder", (a + b) / 2, along((b - a) / length), (length, radius))
@@ -82,7 +82,7 @@ def along(direction: Array) -> Array:
 
 
 def outline(section: Section) -> Array:
-    """Corners (y, z) of a section (m), (m, 2); of one that is given by its integrals or matrices, those of the
+    """Corners (y, z) of a section (m), (m, 2); for a section given by its integrals or matrices, those of the
     rectangle with the same radii of gyration."""
     if isinstance(section, (Rectangle, Box)):
         y, z = section.y, section.z
@@ -111,7 +111,7 @@ def outline(section: Section) -> Array:
 
 
 def length(arm: Chain) -> float:
-    """Of an arm that is stretched out (m)."""
+    """Length of the stretched-out arm (m)."""
     total = 0.0
     for link in arm.links:
         places = [p.position for p in (link.joint.inboard, link.joint.outboard) if p is not None]
@@ -147,7 +147,7 @@ def _joint(body: Body, name: str, joint: Joint, below: tuple[int, Array], node: 
     body.rod(node, moved, np.zeros(3), radius / 3)
     freedoms = [(rotates, np.array(axis) / np.linalg.norm(axis)) for _, rotates, axis in joint._freedoms()]
     seen = {0: (lower, start, R_in), len(freedoms) - 1: (node, moved, R_out.T)}
-    for i in sorted(seen if freedoms else ()):  # what lies between turns with neither side
+    for i in sorted(seen if freedoms else ()):  # freedoms between these turn with neither side
         where, place, R = seen[i] if i else (lower, start, R_in)
         rotates, axis = freedoms[i]
         body.axes.append({"node": where, "at": place, "direction": R @ axis, "length": 6 * radius})
@@ -194,7 +194,7 @@ def _layer(beam: Beam, patch: Patch, x: float, side: int) -> Array:
 
 
 def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], hub: slice, tip: slice) -> None:
-    """What a link's file shows; the symbols and boxes of its joint and hub, and of its tip, then give way to it."""
+    """Adds the looks of a link; they replace the symbols and boxes of its joint, hub and tip, if they can be drawn."""
     shown = set()
     for look in link.looks:
         (node, origin), (at, axes) = places[look.on], (look.at or Placement())._core
@@ -218,7 +218,7 @@ def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], hub: sl
 
 
 def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius: float) -> None:
-    """An axis of a joint with one freedom: out of the meshes that it moves."""
+    """Lengthens the axis of a joint with one freedom out of the meshes that it moves."""
     ((_, _, direction),) = joint._freedoms()
     place, turn = (joint.outboard or Placement())._core
     d = turn.T @ (np.array(direction) / np.linalg.norm(direction))
@@ -227,7 +227,7 @@ def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius:
 
 
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
-    """The body of an arm, each beam cut into as many slices as its link's entry of `slices` says."""
+    """The body of an arm; `slices` is the number of slices of each link's beam."""
     body = Body(length(arm))
     below: tuple[int, Array] = (0, np.zeros(3))
     for k, link in enumerate(arm.links):

@@ -1,4 +1,4 @@
-"""Meshes of files, as triangles in the axes of a link, thinned out to what a picture or a page can hold."""
+"""Meshes of files, as triangles in the axes of a link, simplified for a picture or a page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .._check import Array
 from ..parts.look import Look
 
-LOOK_COLOUR = "#9AA3AE"  # of what has no colour of its own
+LOOK_COLOUR = "#9AA3AE"  # of a mesh without a colour
 Triangles = NDArray[np.int64]
 
 
@@ -30,7 +30,7 @@ class Mesh:
 
 
 def meshes_of(look: Look, node: int, at: Array, axes: Array) -> list[Mesh]:
-    """A mesh's parts, one for each of its colours, where `axes` and `at` put it in a node. None where it cannot be
+    """A mesh's parts, one for each of its colours, placed in a node by `axes` and `at`. An empty list if it cannot be
     read, with a warning that names the file.
 
     Warns:
@@ -46,7 +46,7 @@ def meshes_of(look: Look, node: int, at: Array, axes: Array) -> list[Mesh]:
     except OSError as e:
         _warn(f"the mesh {file} is not drawn: {e.strerror or e}")
         return []
-    except Exception as e:  # of trimesh's many readers
+    except Exception as e:  # trimesh's readers raise many kinds
         _warn(f"the mesh {file} is not drawn: {' '.join(str(e).split()) or repr(e)}")
         return []
     factors = np.array(look.size)
@@ -93,7 +93,7 @@ def _joined(pairs: Sequence[tuple[Array, Triangles]]) -> tuple[Array, Triangles]
 
 
 def welded(vertices: Array, faces: Triangles, cell: float = 0.0) -> tuple[Array, Triangles]:
-    """All corners of a cell (m) as one, in their middle, and the triangles that are left; cell 0: only equal ones."""
+    """The corners of each cell (m) merged at their mean, and the remaining triangles; cell 0 merges equal ones only."""
     low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     step = cell or 1e-7 * size
     steps = np.floor((vertices - low) / step + (0.0 if cell else 0.5)).astype(np.int64)
@@ -111,7 +111,7 @@ def welded(vertices: Array, faces: Triangles, cell: float = 0.0) -> tuple[Array,
 
 
 def thinned(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
-    """The same with about as many triangles as fit, cells of one size for all, so that large parts keep more."""
+    """The meshes with about `most` triangles; cells have one size for all, so that large parts keep more."""
     whole = sum(len(m.faces) for m in meshes)
     if whole <= most:
         return list(meshes)
@@ -122,4 +122,4 @@ def thinned(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
         count = sum(len(m.faces) for m in fewer)
         if count <= most or cell > size:
             return [m for m in fewer if len(m.faces)]
-        cell *= min(max((count / most) ** 0.5, 1.05), 4.0)  # triangles as the inverse of a cell's area
+        cell *= min(max((count / most) ** 0.5, 1.05), 4.0)  # the number of triangles is inverse to a cell's area

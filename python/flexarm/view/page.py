@@ -70,13 +70,13 @@ def _text(numbers: NDArray[Any]) -> str:
 
 
 def _body(body: Body) -> dict[str, Any]:
-    kept = ("beams", "solids", "struts", "axes", "labels", "loads", "tip", "size")
+    fields = ("beams", "solids", "struts", "axes", "labels", "loads", "tip", "size")
     frames = [i for i, (_, x) in enumerate(body.places) if x is None]
-    return {**{name: getattr(body, name) for name in kept}, "frames": frames}
+    return {**{name: getattr(body, name) for name in fields}, "frames": frames}
 
 
 def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
-    """16-bit numbers, a row for each frame, and what restores them: value = centre + scale n."""
+    """16-bit numbers, a row for each frame, and their scaling: value = centre + scale n."""
     rows, about = [], {}
     for name, x in columns.items():
         flat = x.reshape(-1, x.shape[-1]) if x.size else np.zeros((1, x.shape[-1]))
@@ -96,7 +96,7 @@ def _track(track: Track, triangles: int) -> dict[str, Any]:
 
 
 def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
-    """All that the viewer is told."""
+    """All data of the viewer."""
     most = stage.round_up(stage.greatest_strain(tracks))
     factor, unit = stage.strain_label(most)
     view = stage.camera(tracks)
@@ -116,15 +116,15 @@ def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
 
 def page(tracks: Sequence[Track], title: str, options: Mapping[str, Any]) -> str:
     """The whole file. Raises ImportError without three.js."""
-    here = resources.files("flexarm") / "view"
-    # a browser reads "</script" and "<!--" in a script, whatever they stand in
-    told = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    folder = resources.files("flexarm") / "view"
+    # a browser reads "</script" and "<!--" even within strings of a script
+    content = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = {
         "TITLE": html.escape(title),
-        "STYLE": (here / "viewer.css").read_text(encoding="utf-8"),
+        "STYLE": (folder / "viewer.css").read_text(encoding="utf-8"),
         "THREE": library(),
-        "DATA": told,
-        "VIEWER": (here / "viewer.js").read_text(encoding="utf-8"),
+        "DATA": content,
+        "VIEWER": (folder / "viewer.js").read_text(encoding="utf-8"),
     }
     return "".join(parts.get(piece, piece) for piece in _PAGE.split("@@"))
 

@@ -1,4 +1,4 @@
-"""What browser and matplotlib share beyond bodies and tracks: camera, colours, strain at the corners of a section."""
+"""The parts that browser and matplotlib share, apart from bodies and tracks: camera, colours, strain at the surface."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FIELD = 28.0  # degrees, from the picture's lower edge to its upper
 
 @dataclass
 class Camera:
-    """Where one looks from.
+    """A camera.
 
     Attributes:
-        centre: of what is to be seen (m). half: half of its width, height and depth in the picture's axes (m).
+        centre: of the scene (m). half: half of its width, height and depth in the picture's axes (m).
         axes: of the picture: to the right, upwards, towards the eye; rows of unit length, (3, 3).
-        up: world axis that points up. floor: where along it the lowest point is (m). radius: half its width or height.
+        up: world axis that points up. floor: height of the lowest point along it (m). radius: half its width or height.
     """
 
     centre: Array
@@ -37,13 +37,13 @@ class Camera:
     radius: float
 
     def distance(self, aspect: float) -> float:
-        """Of the eye from the centre (m), so that a picture so many times as wide as high holds all."""
+        """Distance of the eye from the centre (m) that fits all into a picture of this aspect (width / height)."""
         most = 1.1 * max(self.half[1], self.half[0] / aspect)
         return float(most / np.tan(np.radians(FIELD / 2)) + self.half[2])
 
 
 def camera(tracks: Sequence[Track], steady: bool = False) -> Camera:
-    """One that sees all tracks; where `steady`, all that the arm can reach about its base too."""
+    """A camera that sees all tracks; if `steady`, also all that the arm can reach about its base."""
     points = np.concatenate([_points(track) for track in tracks])
     size = max(track.body.size for track in tracks)
     gravity = tracks[0].gravity
@@ -63,7 +63,7 @@ def camera(tracks: Sequence[Track], steady: bool = False) -> Camera:
 
 
 def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
-    """From ahead and above; across the plane where all is in one."""
+    """Direction towards the eye: from ahead and above; perpendicular to the plane of a plane motion."""
     right = np.roll(np.abs(up), 1)
     ahead = np.cross(up, right)
     eye = 0.55 * right - ahead + 0.5 * up
@@ -76,8 +76,8 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
 
 
 def _points(track: Track) -> Array:
-    """Six points about each node at its frames, as far away as solids and sections reach there, and the corners of
-    meshes, (n, 3)."""
+    """Six points about each node in each frame, at the distance that solids and sections reach there, and the corners
+    of meshes, (n, 3)."""
     from scipy.spatial.transform import Rotation
 
     reach = np.full(track.position.shape[1], 0.02 * track.body.size)
@@ -111,7 +111,7 @@ def surface_strain(strain: Array, outline: Array) -> Array:
 
 
 def greatest_strain(tracks: Sequence[Track]) -> float:
-    """The largest of all beams and times; 0 where nothing is strained."""
+    """The largest strain of all beams and times; 0 without strain."""
     most = 0.0
     for track in tracks:
         for beam in track.body.beams:
@@ -129,11 +129,11 @@ def round_up(x: float) -> float:
 
 
 def grid_step(radius: float) -> float:
-    """Of the floor's lines (m): 1, 2 or 5 times a power of ten."""
+    """Distance of the floor's lines (m): 1, 2 or 5 times a power of ten."""
     power = 10 ** np.floor(np.log10(radius / 2))
     return float(next(f * power for f in (5, 2, 1) if f * power <= radius / 2 * (1 + 1e-9)))
 
 
 def strain_label(most: float) -> tuple[float, str]:
-    """What strain is multiplied with to be shown, and its unit."""
+    """The factor for displayed strain, and its unit."""
     return (1e2, "%") if most >= 0.01 else (1e6, "µm/m")

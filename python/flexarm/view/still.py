@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_TRIANGLES = 12_000  # of meshes: so many are drawn in a third of a second
+_TRIANGLES = 12_000  # of meshes, drawn in a third of a second
 
 
 class Eye:
@@ -33,12 +33,12 @@ class Eye:
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Places (..., 2) and distances from the eye (...)."""
-        seen = (points - self.camera.centre) @ self.axes.T
-        depth = self.distance - seen[..., 2]
-        return seen[..., :2] * (self.scale / depth)[..., None], depth
+        placed = (points - self.camera.centre) @ self.axes.T
+        depth = self.distance - placed[..., 2]
+        return placed[..., :2] * (self.scale / depth)[..., None], depth
 
     def sees(self, faces: Array) -> NDArray[np.bool_]:
-        """Of faces (n, 4, 3) whose corners go round to the left as seen from outside, which turn to the eye."""
+        """Whether faces (n, 4, 3), whose corners run counterclockwise as seen from outside, turn to the eye."""
         normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         eye = self.camera.centre + self.distance * self.axes[2]
         return np.asarray(np.einsum("ni,ni->n", normal, eye - faces.mean(axis=1)) > 0)
@@ -59,7 +59,7 @@ def _round(length: float, radii: Sequence[float], places: Sequence[float], sides
 
 
 def _divided(faces: Array, n: int = 8) -> Array:
-    """Faces (k, 4, 3) in n times n parts, so that what is far and what is near can be told of boxes that meet."""
+    """Faces (k, 4, 3) in n times n parts, so that boxes that touch can be sorted by distance."""
     s = np.linspace(0.0, 1.0, n + 1)[:, None]
     a, b, c, d = np.moveaxis(faces, 1, 0)
     low, high = a[:, None] + s * (b - a)[:, None], d[:, None] + s * (c - d)[:, None]  # (k, n + 1, 3)
@@ -69,7 +69,7 @@ def _divided(faces: Array, n: int = 8) -> Array:
 
 
 def _solid_faces(solid: dict[str, Any]) -> Array:
-    """Faces (n, 4, 3) in the axes of its node, whose corners go round to the left as seen from outside."""
+    """Faces (n, 4, 3) in the axes of its node; corners run counterclockwise as seen from outside."""
     size = solid["size"]
     if solid["kind"] == "ball":
         turn = np.linspace(0.0, np.pi, 9)
@@ -97,7 +97,7 @@ def arrow(start: Array, end: Array, radius: float) -> Array:
 
 
 class _Faces:
-    """Faces with their colours, gathered, then drawn from far to near."""
+    """Collects faces with their colours, and draws them from far to near."""
 
     def __init__(self) -> None:
         self.faces: list[Array] = []
@@ -105,7 +105,7 @@ class _Faces:
         self.nearer: list[Array] = []
 
     def add(self, faces: Array, colour: Any, nearer: float = 0.0) -> None:
-        """Faces, taken for that much nearer to the eye than they are (m): of what lies on something else."""
+        """Adds faces; they are sorted as if `nearer` (m) closer to the eye, for a face that lies on another one."""
         from matplotlib.colors import to_rgb
 
         rgb = np.array(to_rgb(colour)) if isinstance(colour, str) else colour
@@ -114,7 +114,7 @@ class _Faces:
         self.nearer.append(np.full(len(faces), nearer))
 
     def add_polygon(self, polygon: Array, colour: Any) -> None:
-        """A cap of any outline, as a fan about its middle."""
+        """Adds a cap of any outline, as a fan about its centre."""
         middle = np.broadcast_to(polygon.mean(axis=0), polygon.shape)
         self.add(np.stack([polygon, np.roll(polygon, -1, axis=0), middle, middle], axis=1), colour)
 
@@ -133,7 +133,7 @@ class _Faces:
 
 
 def _finer(outlines: Array) -> Array:
-    """Corners (n, m, 2) with more between those of few, since a face has one colour."""
+    """Outlines (n, m, 2) with additional corners if they have few, since a face has one colour."""
     parts = 4 if outlines.shape[1] < 12 else 2 if outlines.shape[1] < 20 else 1
     after = np.roll(outlines, -1, axis=1)
     between = [outlines + k / parts * (after - outlines) for k in range(parts)]
@@ -178,10 +178,10 @@ def _add_track(
         mean = (values[:-1] + after[:-1] + after[1:] + values[1:]) / 4
         plain = None if beam["part"] == "beam" else stage.PART_COLOURS[beam["part"]]
         sides, colours = _quads(rings), _beam_colours(mean.ravel(), most)
-        seen = eye.sees(sides)
-        towards = (rings.mean(axis=(0, 1)) - p[nodes].mean(axis=0)) @ eye.axes[2]  # on which face a patch is
+        visible = eye.sees(sides)
+        towards = (rings.mean(axis=(0, 1)) - p[nodes].mean(axis=0)) @ eye.axes[2]  # towards the patch's face
         lift = float(np.sign(towards) * np.linalg.norm(rings[1, 0] - rings[0, 0])) if plain else 0.0
-        faces.add(sides[seen], plain or colours[seen], lift)
+        faces.add(sides[visible], plain or colours[visible], lift)
         for k in (0, -1):
             faces.add_polygon(rings[k], plain or _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
     for solid in body.solids:

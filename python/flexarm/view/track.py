@@ -1,4 +1,4 @@
-"""The motion of an arm's nodes over time, thinned out to what a smooth curve through it needs."""
+"""The motion of an arm's nodes over time, at as many frames as a smooth curve needs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..acting.load import Load
 from ..parts.chain import Chain
 from .body import Body, length, make_body
 
-_BUDGET = 1.5e6  # bytes of frames of one page
-_MOST = 20_000  # rows that are looked at
+_BUDGET = 1.5e6  # bytes: frames of one page
+_MOST = 20_000  # rows: of a result, at most
 _TOLERANCE = 3e-4  # of the arm's length, between frames
 
 
@@ -25,13 +25,13 @@ class Track:
     """One arm over time.
 
     Attributes:
-        body: what is drawn.
+        body: the drawn shapes.
         t: times of the frames (s), (nt,).
         position: of the nodes, world axes (m), (nt, n, 3). quaternion: x, y, z, w, (nt, n, 4), without jumps of sign.
         strain: eps, K2, K3 (1/m) of the slices, not magnified, (nt, n, 3); zero elsewhere.
         force, moment: of the loads, world axes (N, N m), (nt, n, 3).
-        error: how far the curve through the frames is off the rows between them (m).
-        title: what stands above it. gravity: world axes (m/s^2).
+        error: largest distance of the curve through the frames from the rows between them (m).
+        title: text above the arm. gravity: world axes (m/s^2).
     """
 
     body: Body
@@ -51,7 +51,7 @@ class Track:
         return curve(self.t, np.concatenate([x.reshape(len(self.t), -1) for x in columns], axis=1))
 
     def at(self, t: float) -> tuple[Array, Array, Array, Array, Array]:
-        """position, rotation (n, 3, 3), strain, force and moment at a time (s), as the browser interpolates them."""
+        """position, rotation (n, 3, 3), strain, force and moment at a time (s), interpolated as in the browser."""
         from scipy.spatial.transform import Rotation
 
         n, loads = self.position.shape[1], self.force.shape[1]
@@ -61,7 +61,7 @@ class Track:
         return p.reshape(-1, 3), Rotation.from_quat(turn.reshape(-1, 4)).as_matrix(), strain, force, moment
 
     def tip(self, times: Array) -> Array:
-        """Where the arm's end is at times (s), (nt, 3)."""
+        """Positions of the arm's end at times (s), (nt, 3)."""
         from scipy.spatial.transform import Rotation
 
         node, at = self.body.tip
@@ -80,7 +80,7 @@ def curve(t: Array, x: Array) -> Callable[[Any], Array]:
 
 
 def _end_weights(t: Array) -> Array:
-    """Of values at t, the derivative at t[0] of the polynomial through them."""
+    """Weights of the values at t for the derivative at t[0] of the polynomial through them."""
     apart = t[:, None] - t + np.eye(len(t))
     others = np.prod(apart[0, 1:]) / apart[0]
     weights = others / np.prod(apart, axis=1)
@@ -89,7 +89,7 @@ def _end_weights(t: Array) -> Array:
 
 
 def magnified(arm: Chain, q: Array, magnify: float) -> Array:
-    """q (..., nq) with the elastic coordinates that many times as large."""
+    """q (..., nq) with the elastic coordinates multiplied by `magnify`."""
     out = np.array(q)
     for k, link in enumerate(arm.links):
         if link.beam:
@@ -99,14 +99,14 @@ def magnified(arm: Chain, q: Array, magnify: float) -> Array:
 
 
 def _slices(arm: Chain, q: Array) -> list[int]:
-    """Enough slices of each beam that neighbours turn by less than 6 degrees at the rows q (nt, nq), 33 at most."""
-    some = q[:: max(len(q) // 60, 1)]
+    """Numbers of slices of the beams: neighbours turn by less than 6 degrees at the rows q (nt, nq), 33 at most."""
+    rows = q[:: max(len(q) // 60, 1)]
     counts = []
     for k, link in enumerate(arm.links):
         if link.beam is None:
             counts.append(0)
             continue
-        R = np.array([arm.frame(some, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
+        R = np.array([arm.frame(rows, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
         cosine = (np.einsum("stij,stij->st", R[1:], R[:-1]) - 1) / 2
         turn = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=0).max()
         fewest = min(max(8, 4 * max(link.beam.counts.values(), default=0)), 32)  # colours follow the strain shapes
@@ -115,23 +115,23 @@ def _slices(arm: Chain, q: Array) -> list[int]:
 
 
 def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_], float]:
-    """Which rows to keep, evenly spaced, and how far the curve through them is off the others (m)."""
+    """Indices of the frames, evenly spaced, and the largest distance of the curve through them from the rows (m)."""
     places: list[tuple[int, float | None]] = [(k, None) for k in range(len(arm.links))]
     places += [(k, link.beam.length / 2) for k, link in enumerate(arm.links) if link.beam]
-    arms = 0.1 * length(arm) * np.array([(0, 0, 0), (0, 1, 0), (0, 0, 1)])  # what turns is followed beside the axis too
+    arms = 0.1 * length(arm) * np.array([(0, 0, 0), (0, 1, 0), (0, 0, 1)])  # points beside the axis follow rotations
     poses = [arm.frame(q, k, x) for k, x in places]
     ends = np.concatenate([(p[:, None] + arms @ R.swapaxes(1, 2)).reshape(len(q), -1) for p, R in poses], axis=1)
     last = len(t) - 1
     tolerance, most = _TOLERANCE * max(float(np.ptp(ends, axis=0).max()), 1e-9), max(most, 2)
     finest = -(-last // (most - 1)) if last else 1
-    kept, error = np.arange(len(t)), 0.0
+    frames, error = np.arange(len(t)), 0.0
     for stride in sorted({int(finest * 1.4**k) for k in range(30)}):
         rows = np.unique(np.append(np.arange(0, len(t), stride), last))
         off = float(np.abs(curve(t[rows], ends[rows])(t) - ends).max()) if stride > 1 else 0.0
         if (stride > finest and off > tolerance) or len(rows) < min(9, len(t)):
             break
-        kept, error = rows, off
-    return kept, error
+        frames, error = rows, off
+    return frames, error
 
 
 def _pose(arm: Chain, body: Body, q: Array) -> tuple[Array, Array, Array]:
@@ -161,7 +161,7 @@ def _strains(arm: Chain, body: Body, q: Array, strain: Array) -> None:
 
 
 def _smooth(quaternion: Array) -> Array:
-    """q and -q are one rotation: that which is nearer to the row before."""
+    """Quaternions with continuous signs: q and -q are one rotation."""
     turned = np.einsum("tnk,tnk->tn", quaternion[1:], quaternion[:-1]) < 0
     quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
     return quaternion
@@ -177,7 +177,7 @@ def make_track(
     title: str = "",
     share: float = 1.0,
 ) -> Track:
-    """The track of an arm whose coordinates are q (nt, nq) at times t; `share` of a page's bytes are its own."""
+    """The track of an arm whose coordinates are q (nt, nq) at times t; `share` is its part of a page's bytes."""
     from scipy.spatial.transform import Rotation
 
     _, rows = np.unique(t, return_index=True)
@@ -185,8 +185,8 @@ def make_track(
     t, q = t[rows], q[rows]
     large = magnified(arm, q, magnify)
     body = make_body(arm, _slices(arm, large), loads)
-    kept, error = _frames(arm, t, large, int(share * _BUDGET / (20 * len(body.places) + 12 * len(loads))))
-    t, q, large = t[kept], q[kept], large[kept]
+    frames, error = _frames(arm, t, large, int(share * _BUDGET / (20 * len(body.places) + 12 * len(loads))))
+    t, q, large = t[frames], q[frames], large[frames]
     p, R, strain = _pose(arm, body, large)
     _strains(arm, body, q, strain)
     wrench = np.array([[load(float(s)) for load in loads] for s in t]).reshape(len(t), len(loads), 2, 3)

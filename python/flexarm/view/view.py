@@ -38,7 +38,7 @@ def magnification(value: Any) -> float:
 
 
 class View:
-    """What `arm.show`, `result.animate` and `modes.animate` give: the arm in 3-D, over time if it moves.
+    """The arm in 3-D, over time if it moves: the result of `arm.show`, `result.animate` and `modes.animate`.
 
     In a notebook it shows itself. Elsewhere `.open()` shows it in the browser, and `.save(path)` writes it: as a page
     (.html: one file, which needs no network), a picture (.png) or a film (.gif, .mp4).
@@ -49,10 +49,10 @@ class View:
     where it is stretched; they are never magnified.
 
     Attributes:
-        tracks: what is shown side by side. magnify: the factor of the elastic coordinates; None of a mode.
-        speed: of playing; 1 is real time. cycle: whether it plays again and again. notes: lines that the picture
-            states. steady: whether a picture shows all that the arm can reach, not only where it is. strain_scale: the
-            strain up to which colours go in a picture, at least.
+        tracks: the arms shown side by side. magnify: the factor of the elastic coordinates; None for a mode.
+        speed: of playing; 1 is real time. cycle: whether it plays in a loop. notes: lines of text in the picture.
+        steady: whether a picture shows all that the arm can reach, not only its present place. strain_scale: the
+            least strain at the ends of a picture's colour scale.
     """
 
     def __init__(
@@ -71,8 +71,8 @@ class View:
 
     def __repr__(self) -> str:
         frames = max(len(t.t) for t in self.tracks)
-        what = "1 picture" if frames == 1 else f"{frames} frames, t = {self.times[0]:g} to {self.times[1]:g} s"
-        return f"View({what}; .open() shows it in a browser, .save('arm.html'), '.png', '.gif' or '.mp4' writes it)"
+        content = "1 picture" if frames == 1 else f"{frames} frames, t = {self.times[0]:g} to {self.times[1]:g} s"
+        return f"View({content}; .open() shows it in a browser, .save('arm.html'), '.png', '.gif' or '.mp4' writes it)"
 
     @property
     def times(self) -> tuple[float, float]:
@@ -80,7 +80,7 @@ class View:
         return float(min(t.t[0] for t in self.tracks)), float(max(t.t[-1] for t in self.tracks))
 
     def html(self) -> str:
-        """The page, a whole file. Raises ImportError without `pip install 'flexarm[view]'`."""
+        """The page as one HTML file. Raises ImportError without `pip install 'flexarm[view]'`."""
         options = {"speed": self.speed, "cycle": self.cycle, "notes": self.notes}
         title = ", ".join(t.title for t in self.tracks if t.title) or "flexarm"
         return page.page(self.tracks, title, options)
@@ -92,7 +92,7 @@ class View:
         )
 
     def open(self) -> Path:
-        """Shows the page in the browser, and tells where the page is; where there is no browser, on stderr too."""
+        """Shows the page in the browser, and returns its path; without a browser the path is also printed on stderr."""
         folder = tempfile.mkdtemp(prefix="flexarm-")
         file = Path(folder) / "view.html"
         file.write_text(self.html(), encoding="utf-8")
@@ -101,7 +101,7 @@ class View:
         return file
 
     def figure(self, t: float | None = None, size: Sequence[float] = (9.0, 6.0)) -> Figure:
-        """A matplotlib figure at time t (s; None: the first), size in inches."""
+        """A matplotlib figure at time t (s; None: the first time), size in inches."""
         self._check_time(t)
         return self._drawn(size).draw(self.times[0] if t is None else float(t))
 
@@ -136,7 +136,7 @@ class View:
             size: of a picture or a film (inches, 100 pixels each; a .png has 200).
 
         Raises:
-            ValueError: another suffix, a time that is not there, or where nothing can be written; .mp4 without ffmpeg.
+            ValueError: another suffix, a time outside the view, or a path that cannot be written; .mp4 without ffmpeg.
             ImportError: .html without `pip install 'flexarm[view]'`.
         """
         file = named(path, ".html", ".htm", ".png", ".gif", ".mp4")
@@ -166,7 +166,7 @@ class View:
 
 
 def _has_display() -> bool:
-    """Whether a browser has somewhere to draw; on a Linux without, one for the terminal would be opened."""
+    """Whether a display is present; without one, Linux would open a browser for the terminal."""
     names = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME")
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
 
@@ -183,7 +183,7 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 def _gif(file: Path, pictures: Any, rate: float) -> None:
     from PIL import Image
 
-    rare = {"method": Image.Quantize.MAXCOVERAGE, "dither": Image.Dither.NONE}  # the few pixels of an arrow keep theirs
+    rare = {"method": Image.Quantize.MAXCOVERAGE, "dither": Image.Dither.NONE}  # keeps rare colours, as of arrows
     frames = [Image.fromarray(p).quantize(256, **rare) for p in pictures]  # type: ignore[arg-type]
     ends = np.round(100 / rate * np.arange(len(frames) + 1))  # a GIF counts in hundredths of a second
     options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
@@ -199,12 +199,12 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
     if tool is None:
         raise ValueError(f"path = {str(file)!r}: .mp4 needs the program ffmpeg, which is not here; .gif does without")
     with tempfile.TemporaryDirectory(prefix="flexarm-") as folder:
-        made = Path(folder) / "film.mp4"
+        film = Path(folder) / "film.mp4"
         first = next(pictures)
         height, width = first.shape[:2]
         command = [tool, "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         command += ["-r", f"{rate:g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
-        command.append(str(made))
+        command.append(str(film))
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as p:
             assert p.stdin is not None and p.stderr is not None
             try:
@@ -214,21 +214,21 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
                 p.stdin.close()
             except BrokenPipeError:
                 pass
-            said = p.stderr.read().decode(errors="replace").strip()
-        if p.returncode or not made.exists():
-            raise ValueError(f"path = {str(file)!r}: ffmpeg failed: {said[-300:]}")
-        content = made.read_bytes()
+            error = p.stderr.read().decode(errors="replace").strip()
+        if p.returncode or not film.exists():
+            raise ValueError(f"path = {str(file)!r}: ffmpeg failed: {error[-300:]}")
+        content = film.read_bytes()
     write_whole(file, lambda f: f.write(content), "path")
 
 
-# -- what methods call -----------------------------------------------------------------------------------------------
+# -- functions called by methods -------------------------------------------------------------------------------------
 
 
 def show(
     arm: Chain, q: Array, magnify: float, loads: Sequence[Load] = (), t: float = 0.0, title: str = "",
     marks: Sequence[Any] = (), **options: Any
 ) -> View:  # fmt: skip
-    """See Arm.show; q (nq,). Marks are places in world axes (m) that small balls show. Options are those of View."""
+    """See Arm.show; q (nq,). Marks are positions in world axes (m), shown as small balls. Options are those of View."""
     magnify = magnification(magnify)
     track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
     for place in marks:
@@ -242,7 +242,7 @@ def animate(
     speed: float,
     titles: Sequence[str],
 ) -> View:
-    """See Result.animate; runs of (arm, t, q, loads), with loads None where they are not known."""
+    """See Result.animate; runs of (arm, t, q, loads), with loads None if unknown."""
     magnify = magnification(magnify)
     rate = number("speed", speed)
     if not (np.isfinite(rate) and rate > 0):
@@ -262,7 +262,7 @@ def animate(
 def animate_mode(
     arm: Chain, q0: Array, shape: NDArray[Any], frequency: float, damping: float, k: int, reach: float
 ) -> View:
-    """See Modes.animate; `shape` (nv,) to the scale that is shown, `reach` its largest displacement (m)."""
+    """See Modes.animate; `shape` (nv,) at the displayed scale, `reach` its largest displacement (m)."""
     turn = np.linspace(0.0, 2 * np.pi, 49)
     _, _, E = arm._core.rates(q0, np.zeros(arm.nv))  # dq = E v
     q = q0 + np.real(np.exp(1j * turn)[:, None] * shape) @ E.T
@@ -280,7 +280,7 @@ def animate_mode(
 
 
 def in_notebook() -> bool:
-    """Whether a notebook shows what a cell gives."""
+    """Whether this runs in a notebook, which displays the value of a cell."""
     ipython = sys.modules.get("IPython")
     kinds = () if ipython is None else type(ipython.get_ipython()).__mro__
     return any(kind.__name__ == "ZMQInteractiveShell" for kind in kinds)
