@@ -1,4 +1,4 @@
-"""Runs that go on with a richer arm where a monitor says that the lean one is out of its range."""
+"""Runs that switch to a richer arm when a monitor reports that the lean one is out of its range."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .coordinates import carried_q, carried_v, embed
 
 def _simulated(scene: Scene, watch: Watch | bool, progress: bool) -> Result:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # its modes are enough, as was found
+        warnings.simplefilter("ignore", ModelWarning)  # the choice has shown that the modes suffice
         options = {"watch": watch, "progress": progress, **scene.options}
         return simulate(scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), **options)
 
@@ -31,13 +31,13 @@ def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
 
 
 def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progress: bool = False) -> Result:
-    """A run of the lean scene, and from the last output time before a monitor speaks up one with a richer arm.
+    """Runs the lean scene; from the last output time before a monitor reports, continues with a richer arm.
 
     Args:
-        arm: has the lean arm's coordinates, and more. options: of its simulation.
+        arm: the richer arm, with all coordinates of the lean one. options: of its simulation.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RangeWarning)  # what follows answers it
+        warnings.simplefilter("ignore", RangeWarning)  # the richer arm below takes over
         first = _simulated(lean, False, progress)
     left = watch.look(first)
     if left is None:
