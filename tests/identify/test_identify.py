@@ -263,7 +263,7 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"outputs": {"angle": "sensor.5"}}, r"there are sensor\.0, sensor\.1"),
         ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
         ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and the output of the run is in 1; "
-         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a gain .*, rad for each unit of strain"),
+         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a known gain, rad for each unit of strain"),
         ([MASS], {"outputs": {"angle": fa.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
          "add 'sensor.2.gain' to the parameters, .*, rad for each unit of dR/R"),
         ([MASS], {"outputs": {"angle": fa.Camera(0)}}, "3 components"),

@@ -334,7 +334,7 @@ def _to_other_units(run: Run, f: _Reading, theirs: str) -> str:
     sensor = run.setup.sensors[f.sensor]
     assert isinstance(sensor, Sensor)
     quantity = sensor.components(run.setup.arm)[f.component][0]
-    known = f"give this sensor a gain, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {quantity}"
+    known = f"give this sensor a known gain, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {quantity}"
     return f"; add 'sensor.{f.sensor}.gain' to the parameters, which fits it, or {known}"
 
 
