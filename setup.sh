@@ -115,7 +115,7 @@ install_flexarm() {
     "--config-settings=cmake.define.FLEXARM_SCENES=$scenes")
   if [[ $command == test ]]; then  # the C++ tests with it, so that they try what is installed; warnings are errors for
     settings+=(--config-settings=cmake.define.FLEXARM_BUILD_TESTS=ON)  # us (CI), not for a newer compiler
-    [[ -z ${CI:-} ]] || settings+=(--config-settings=cmake.define.FLEXARM_WERROR=ON)
+    [[ -z ${CI:-} ]] || settings+=(--config-settings=cmake.define.FLEXARM_{WERROR=ON,SETS=ALL})
   fi
   rm -rf build/wheel  # what is installed, and tested, can be taken from there
   "$venv/bin/pip" wheel -q "${settings[@]}" --no-deps -w build/wheel .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -18,6 +19,18 @@ ROOMS = (
 FILES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path
     for path in [*sorted(ROOT.rglob("*.py")), ROOT / "_core.pyi"]
+}
+# Rooms of the C++ kernel, and the rooms that each may include.
+KERNEL = Path(__file__).parents[1] / "cpp" / "kernel"
+KERNEL_ROOMS = {
+    "door": "",
+    "wide": "",
+    "space": "wide door",
+    "beam": "space door",
+    "arm": "beam space wide door",
+    "step": "arm wide door",
+    "slopes": "arm door",
+    "setup": "door wide",
 }
 
 
@@ -86,3 +99,12 @@ def test_no_circles() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as e:
         pytest.fail(" -> ".join(e.args[1]))
+
+
+def test_rooms_of_the_kernel() -> None:
+    rooms = {path.name for path in KERNEL.iterdir() if path.is_dir()}
+    assert rooms == set(KERNEL_ROOMS)
+    for room, lower in KERNEL_ROOMS.items():
+        for path in (KERNEL / room).iterdir():
+            included = set(re.findall(r'#include "(\w+)/', path.read_text(encoding="utf-8")))
+            assert included <= {room, "flexarm", *lower.split()}, path

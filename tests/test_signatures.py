@@ -79,5 +79,6 @@ def run(arm: fa.Arm) -> fa.Result:
 
 
 def test_a_watch_takes_negative_links() -> None:
-    found = fa.Watch({("rotation", -1): 1e-9}).look(run(TipTracking().arm))
-    assert found is not None and (found.what, found.link) == ("rotation", 1)
+    result = run(TipTracking().arm)
+    *_, found = result.check(fa.Watch({("rotation", -1): 1e-9}))
+    assert (found.where, found.unit) == (result.arm.names[1], "rad") and found.value > found.limit == 1e-9

@@ -9,7 +9,6 @@ those against differences of sixth order of runs at a tight tolerance, extrapola
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -114,7 +113,6 @@ def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--seconds", type=float, default=10.0, help="for each row")
     given = p.parse_args()
-    warnings.simplefilter("ignore", fa.ModelWarning)  # these modes are for speed
     heads = ["arm, coordinates", "integrator", f"run of {STEPS} steps", "adjoint, forces alone"]
     heads += [f"adjoint, {n} parameter{'s' * (n > 1)}" for n in COUNTS] + [f"forward, {n}" for n in FORWARD] + ["error"]
     table = ["| " + " | ".join(heads) + " |", "|-" * len(heads) + "|"]

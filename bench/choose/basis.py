@@ -10,7 +10,6 @@ docs by default).
 from __future__ import annotations
 
 import argparse
-import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -87,7 +86,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", type=Path, default=Path(__file__).parents[2] / "docs")
     page = parser.parse_args().o / "choosing.md"
-    warnings.simplefilter("ignore", fa.ModelWarning)
     cases = [
         payload("nothing", 0.0),
         payload("a tip as heavy as the beam", 1.0),

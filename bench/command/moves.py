@@ -224,7 +224,6 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
     out = parser.parse_args().o
     out.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", fa.ModelWarning)
     warnings.simplefilter("ignore", fa.RangeWarning)
     two_masses()
     servo()

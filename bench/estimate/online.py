@@ -18,6 +18,8 @@ import argparse
 import csv
 import re
 import subprocess
+import sys
+import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -164,7 +166,9 @@ def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def cycles(program: Path) -> list[list[str]]:
     """Of two arms: coordinates, readings, median of the filter's cycle and of a plain step (us), allocations."""
     rows = []
-    paper = ["--scene", ROOT / "python/flexarm/scenes/ist.toml", "--payload", "0.05"]
+    compiled = Path(tempfile.mkdtemp()) / "ist.json"
+    subprocess.run([sys.executable, "-m", "flexarm", "compile", "ist", "-o", compiled], check=True, capture_output=True)
+    paper = ["--scene", compiled, "--payload", "0.05"]
     scenes: dict[str, list[object]] = {"two links": [], "the paper's link": paper}
     for name, options in scenes.items():
         out = subprocess.run([program, *options], capture_output=True, text=True, check=True).stdout

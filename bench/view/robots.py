@@ -42,8 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=INSTALLED / "cmeel.prefix/share/example-robot-data/robots")
     folder = parser.parse_args().data
-    for kind in (fa.RobotWarning, fa.ModelWarning):
-        warnings.simplefilter("ignore", kind)
+    warnings.simplefilter("ignore", fa.RobotWarning)
     parts = []
     with tempfile.TemporaryDirectory() as place:
         for name, make in (("ur5", ur5), ("panda", panda)):

@@ -3,8 +3,8 @@
 #include <cmath>
 
 #include "arrays.hpp"
-#include "lanes/feedback.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
+#include "step/feedback.hpp"
 
 namespace flexarm {
 
@@ -56,8 +56,8 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
   laws.by_v = laws.by_q + laws.laws * laws.nq;
   laws.limit = laws.by_v + laws.laws * laws.nv;
   laws.most = laws.limit + laws.laws;
-  Room room(at + laws.laws * (2 * laws.nv + laws.nq + 1) + laws.limits);
-  laws.lay_out(room);
+  Arena arena(at + laws.laws * (2 * laws.nv + laws.nq + 1) + laws.limits);
+  laws.lay_out(arena);
   for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
   return laws;
 }

@@ -1,8 +1,8 @@
 // Dynamics on plain arrays, which the functions of vectors and the methods of steps share; lengths are the arm's.
 #pragma once
 
+#include "door/kernels.hpp"
 #include "flexarm/kinematics.hpp"
-#include "lanes/kernels.hpp"
 
 namespace flexarm {
 

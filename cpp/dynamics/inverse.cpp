@@ -1,7 +1,7 @@
 #include "flexarm/inverse.hpp"
 
 #include "arrays.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 

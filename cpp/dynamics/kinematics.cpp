@@ -2,8 +2,8 @@
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
-#include "lanes/ball.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
+#include "space/ball.hpp"
 #include "turning.hpp"
 
 namespace flexarm {

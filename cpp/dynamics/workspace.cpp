@@ -4,8 +4,8 @@
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
-#include "lanes/feedback.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
+#include "step/feedback.hpp"
 
 namespace flexarm {
 
@@ -93,7 +93,7 @@ void make_room_for_limits(Workspace& ws) {
   counted.laws = static_cast<int>(laws);
   counted.nv = static_cast<int>(ws.a.size());
   counted.limits = static_cast<int>(count);
-  Room scratch;
+  Arena scratch;
   counted.lay_out(scratch);
   const Eigen::Index numbers = laws * (2 * ws.a.size() + ws.nq() + 1);
   const Eigen::Index size = numbers + count + static_cast<Eigen::Index>(scratch.bytes() / sizeof(double));

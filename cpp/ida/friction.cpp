@@ -21,7 +21,8 @@ constexpr double kInstant = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
-constexpr double kShort = 1e-6;  // in so small a part of the time simulated are no motion
+constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
+constexpr double kShort = 1e-6;       // in so small a part of the time simulated are no motion
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;
@@ -81,17 +82,19 @@ class Sliding {
               double span) {
     const double t = part.reached;
     if (!tangents_) return settle(t, q, v, &switched);
-    const auto on = [this](std::size_t n, double when, const Eigen::VectorXd& at, const Eigen::VectorXd& rate) {
-      return holding(when, at, rate)[contacts_[n].coordinate];
+    const int of = switched.coordinate;
+    const auto force = [&](double when, const Eigen::VectorXd& at, const Eigen::VectorXd& rate) {
+      return holding(when, at, rate)[of];
     };
-    holding(t, q, v);
+    force(t, q, v);
     const Eigen::VectorXd before = probe_->a;
-    const auto n = static_cast<std::size_t>(&switched - contacts_.data());
-    const Eigen::RowVectorXd lead = tangents_->lead(part, n, switched, q, v, before, span, on);
-    tangents_->end(part);
+    Saltation leap = switched.sense != 0
+                         ? Saltation::at_rest(of, before)
+                         : Saltation::torn(of, switched.stiction, true, t, q, v, before, kDifference * span, force);
     settle(t, q, v, &switched);
-    holding(t, q, v);
-    tangents_->leap(before, probe_->a, lead);
+    force(t, q, v);
+    leap.end(probe_->a);
+    tangents_->leap(part, static_cast<std::size_t>(&switched - contacts_.data()), leap);
     tangents_->prepare(arm_, contacts_, q, v);
   }
 

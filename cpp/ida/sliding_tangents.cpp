@@ -1,20 +1,11 @@
 #include "sliding_tangents.hpp"
 
-#include <cmath>
-
 #include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 
 using Eigen::Index;
 using Eigen::VectorXd;
-
-namespace {
-
-constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
-constexpr double kAtOnce = 1e-6;      // parts of its stiction by which a holding force has leapt over it
-
-}  // namespace
 
 Drive held(const Arm& arm, const Contact& contact, const VectorXd& q) {
   const double place = q[arm.coordinate_of(contact.coordinate)];
@@ -63,37 +54,17 @@ void SlidingTangents::prepare(const Arm& arm, const std::vector<Contact>& contac
     }
 }
 
-Eigen::RowVectorXd SlidingTangents::lead(const Trajectory& part, std::size_t n, const Contact& contact,
-                                         const VectorXd& q, const VectorXd& v, const VectorXd& a, double span,
-                                         const Holding& holding) const {
-  const int i = contact.coordinate;
-  Eigen::RowVectorXd by(static_cast<Index>(near_.size()));
-  if (contact.sense != 0) {  // its speed has come down to zero
-    for (Index k = 0; k < by.size(); ++k) by[k] = -part.ends[static_cast<std::size_t>(k)].v(0, i) / a[i];
-    return by;
+void SlidingTangents::leap(const Trajectory& part, std::size_t n, const Saltation& switched) {
+  Eigen::RowVectorXd gap(by_q_.cols());
+  for (Index k = 0; k < gap.size(); ++k) {
+    const Trajectory::Tangent& end = part.ends[static_cast<std::size_t>(k)];
+    by_q_.col(k) = end.q.row(0);
+    by_v_.col(k) = end.v.row(0);
+    gap[k] = switched.tears == 0.0
+                 ? end.v(0, switched.of)
+                 : end.friction(0, switched.of) + switched.tears * stiction_by_(static_cast<Index>(n), k);
   }
-  const double t = part.reached, force = holding(n, t, q, v), d = kDifference * span;
-  if (std::abs(std::abs(force) - contact.stiction) > kAtOnce * contact.stiction) return by.setZero();  // at a sample
-  double rate = 25.0 * force;  // along the flow's tangent, backwards
-  const double weights[] = {-48.0, 36.0, -16.0, 3.0};
-  for (int s = 1; s <= 4; ++s) rate += weights[s - 1] * holding(n, t - s * d, q - s * d * v, v - s * d * a);
-  rate /= 12.0 * d;
-  const double sense = force > 0.0 ? 1.0 : -1.0;
-  for (Index k = 0; k < by.size(); ++k)
-    by[k] =
-        (sense * stiction_by_(static_cast<Index>(n), k) - part.ends[static_cast<std::size_t>(k)].friction(0, i)) / rate;
-  return by;
-}
-
-void SlidingTangents::end(const Trajectory& part) {
-  for (std::size_t k = 0; k < near_.size(); ++k) {
-    by_q_.col(static_cast<Index>(k)) = part.ends[k].q.row(0);
-    by_v_.col(static_cast<Index>(k)) = part.ends[k].v.row(0);
-  }
-}
-
-void SlidingTangents::leap(const VectorXd& a_before, const VectorXd& a_behind, const Eigen::RowVectorXd& lead) {
-  by_v_ += (a_before - a_behind) * lead;
+  switched.leap(gap, by_v_);
 }
 
 void SlidingTangents::separate(Trajectory& out, Index row, std::size_t n, const Contact& contact, double sense) const {

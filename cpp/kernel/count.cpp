@@ -1,11 +1,11 @@
 // Operations of one evaluation, by running it on numbers that count.
 #include <vector>
 
-#include "lanes/scalar.hpp"
+#include "wide/scalar.hpp"
 
 namespace {
 
-/// A double that counts what is done to it.
+/// A double that counts its operations.
 struct Counted {
   double x;
   static thread_local long operations;
@@ -61,9 +61,9 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 
 }  // namespace
 
-#include "lanes/composite.hpp"
-#include "lanes/elimination.hpp"
-#include "lanes/single.hpp"
+#include "arm/composite.hpp"
+#include "arm/elimination.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -75,13 +75,12 @@ long count(const KernelArm& arm) {
   using C = Chain<Sp, Counted>;
   const std::size_t nv = static_cast<std::size_t>(arm.layout().nv);
   const Memory memory(C::memory_needed(arm.layout()));
-  C chain(arm.layout(), arm.numbers().data(), Room(memory.get()));
+  C chain(arm.layout(), arm.numbers().data(), Arena(memory.get()));
   std::vector<Counted> q(static_cast<std::size_t>(arm.layout().nq), Counted(0.1)), v(nv, Counted(0.1)), tau = v, a = v;
   const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
-  inward<true, true, true>(chain, tau.data(), a.data(), Shift{});
-  outward<true>(chain, Sp::read(p), a.data());
+  ::forward(chain, Sp::read(p), tau.data(), a.data());
   return Counted::operations;
 }
 

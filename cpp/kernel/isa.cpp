@@ -1,11 +1,11 @@
 // Compiled once for each instruction set, with FLEXARM_ISA its name and FLEXARM_WIDTH its doubles. Everything but the
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
-#include "lanes/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // before the others
 // clang-format: keep
-#include "lanes/composite.hpp"
-#include "lanes/elimination.hpp"
-#include "lanes/roll.hpp"
-#include "lanes/slopes.hpp"
+#include "arm/composite.hpp"
+#include "arm/elimination.hpp"
+#include "slopes/slopes.hpp"
+#include "step/roll.hpp"
 
 namespace {
 
@@ -26,14 +26,14 @@ constexpr std::size_t kHead = 192;  // addresses of the layout and of Composite'
 template <class Sp>
 std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
   static_assert(sizeof(Single<Sp>) <= kHead - 64, "the chain's head");
-  Room room = at ? Room(at + kHead) : Room();
-  const Single<Sp> chain(layout, numbers, room);
+  Arena arena = at ? Arena(at + kHead) : Arena();
+  const Single<Sp> chain(layout, numbers, arena);
   if (at) {
     __builtin_memcpy(at + 64, &chain, sizeof(chain));
-    reinterpret_cast<char**>(at)[1] = at + kHead + room.bytes();
+    reinterpret_cast<char**>(at)[1] = at + kHead + arena.bytes();
   }
-  Composite<Sp>(layout, room);
-  return room.bytes();
+  Composite<Sp>(layout, arena);
+  return arena.bytes();
 }
 std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
   return layout.planar ? lay_out<Plane<double>>(layout, numbers, at) : lay_out<Space<double>>(layout, numbers, at);
@@ -62,9 +62,7 @@ void load(void* self, const double* wrenches) {
 Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
-    const bool good = inward<true, true, true>(chain, tau, a, Shift{});
-    outward<true>(chain, base_of(chain), a);
-    return outcome(chain, good);
+    return outcome(chain, ::forward(chain, base_of(chain), tau, a));
   });
 }
 
@@ -85,7 +83,7 @@ void forces(void* self, const double* a, double* tau) {
 
 template <class C>
 void fill(const C& chain, void* memory, double* M) {
-  Composite<typename C::Space>(chain.layout, Room(memory)).run(chain, M);
+  Composite<typename C::Space>(chain.layout, Arena(memory)).run(chain, M);
 }
 
 void mass_matrix(void* self, double* M) {
@@ -129,7 +127,7 @@ void inverse_side_by_side(const Layout& layout, const double* numbers, void* mem
                           const double* q, const double* v, const double* a, double* tau) {
   with_side(layout, [&](auto t) {
     const auto packs = [](const double* x) { return reinterpret_cast<const Pack*>(x); };
-    typename decltype(t)::type chain(layout, numbers, Room(memory));
+    typename decltype(t)::type chain(layout, numbers, Arena(memory));
     for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = packs(wrenches)[i];
     chain.move(packs(q), packs(v));
     chain.forces(base_of(chain), packs(a), reinterpret_cast<Pack*>(tau));
@@ -152,7 +150,7 @@ void with_roller(const Roll& job, const F& f) {
 std::size_t roll_memory(Roll& job) {
   std::size_t bytes = 0;
   with_roller(job, [&](auto t) {
-    Room none;
+    Arena none;
     typename decltype(t)::type(job, none);
     bytes = none.bytes();
   });
@@ -161,8 +159,8 @@ std::size_t roll_memory(Roll& job) {
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
   with_roller(job, [&](auto t) {
-    Room room(memory);
-    typename decltype(t)::type(job, room).run(q, v);
+    Arena arena(memory);
+    typename decltype(t)::type(job, arena).run(q, v);
   });
 }
 

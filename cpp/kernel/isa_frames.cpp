@@ -1,8 +1,8 @@
 // Compiled once for each instruction set, as isa.cpp.
-#include "lanes/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // before the others
 // clang-format: keep
-#include "lanes/frames.hpp"
-#include "lanes/tangent.hpp"
+#include "arm/frames.hpp"
+#include "slopes/tangent.hpp"
 
 namespace {
 
@@ -17,8 +17,8 @@ std::size_t memory(const Layout& layout) { return kHead + One::memory(layout); }
 void begin(const Layout& layout, const double* numbers, void* memory) {
   static_assert(sizeof(One) <= kHead, "the head");
   char* at = static_cast<char*>(memory);
-  Room room(at + kHead);
-  const One frames(layout, numbers, room);
+  Arena arena(at + kHead);
+  const One frames(layout, numbers, arena);
   __builtin_memcpy(at, &frames, sizeof(frames));
 }
 
@@ -45,33 +45,30 @@ void put(const One::Lin& x, double* out) {
   out[2] = x.z;
 }
 
+void put(const Motion<One::Sp>& m, double* out) {
+  put(m.linear, out);
+  put(m.angular, out + 3);
+}
+
 void pose(void* self, const Place& place, const double* numbers, bool in_world, double* p, double* R) {
   One& f = of(self);
   const One::Spot at = f.spot(place, numbers);
-  const One::Rot turn = in_world ? One::Sp::times(at.frame.R, at.slice.R) : at.slice.R;
-  put(in_world ? at.p() : at.slice.x, p);
-  __builtin_memcpy(R, &turn, sizeof(turn));
+  const Frame<One::Sp> frame = in_world ? at.in_world() : at.slice.frame;
+  put(frame.r, p);
+  __builtin_memcpy(R, &frame.R, sizeof(frame.R));
 }
 
 void jacobian(void* self, const Place& place, const double* numbers, double* J) {
   One& f = of(self);
   for (int i = 0; i < 6 * f.chain.layout.nv; ++i) J[i] = 0.0;
-  f.jacobian(place, numbers, [&](int rate, const One::Lin& linear, const One::Lin& angular) {
-    put(linear, J + 6 * rate);
-    put(angular, J + 6 * rate + 3);
-  });
+  f.jacobian(place, numbers, [&](int rate, const Motion<One::Sp>& m) { put(m, J + 6 * rate); });
 }
 
 void motion(void* self, const Place& place, const double* numbers, double* velocity, double* acceleration) {
   One& f = of(self);
   const One::Spot at = f.spot(place, numbers);
-  One::Lin linear, angular;
-  f.velocity(at, linear, angular);
-  put(linear, velocity);
-  put(angular, velocity + 3);
-  f.acceleration(at, linear, angular);
-  put(linear, acceleration);
-  put(angular, acceleration + 3);
+  put(f.velocity(at), velocity);
+  put(f.acceleration(at), acceleration);
 }
 
 void reaction(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
@@ -82,9 +79,10 @@ void reaction(void* self, const Place& link, const double* numbers, const double
   f.place<true>();
   f.chain.forces(One::Sp::read(base), a, f.a);  // which has room for the forces
   const One::Spot at = f.spot(link, numbers);
-  const One::Lin force = at.state.f, moment = at.state.n - One::Sp::cross(at.slice.x, force);
-  put(One::Sp::unrotate(at.slice.R, force), out);
-  put(One::Sp::unrotate(at.slice.R, moment), out + 3);
+  const Force<One::Sp>& through = at.state.force;
+  const Frame<One::Sp>& frame = at.slice.frame;
+  put(One::Sp::unrotate(frame.R, through.force), out);
+  put(One::Sp::unrotate(frame.R, through.moment - One::Sp::cross(frame.r, through.force)), out + 3);
 }
 
 void sums(void* self, const double* q, const double* v, Sums& out) {
@@ -109,16 +107,15 @@ void set(const double* from, int n, LaneDual* to) {
   for (int i = 0; i < n; ++i) to[i] = LaneDual{} + from[i];
 }
 
-void put_slope(const Tangent::Lin& x, int direction, double*& out) {
-  *out++ = slope_of(x.x, direction);
-  *out++ = slope_of(x.y, direction);
-  *out++ = slope_of(x.z, direction);
+void put_slope(const Motion<Tangent::Sp>& m, int direction, double*& out) {
+  const LaneDual* x = reinterpret_cast<const LaneDual*>(&m);
+  for (int i = 0; i < 6; ++i) *out++ = slope_of(x[i], direction);
 }
 
 void slopes(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
             const double* q, const double* v, const double* a, double* by_q, double* by_v) {
-  Room room(memory);
-  Tangent f(layout, arm, room);
+  Arena arena(memory);
+  Tangent f(layout, arm, arena);
   set(q, layout.nq, f.q);
   set(v, layout.nv, f.v);
   set(a, layout.nv, f.a);
@@ -126,29 +123,27 @@ void slopes(const Layout& layout, const double* arm, void* memory, const Place& 
     f.place();
     f.chain.accelerate(Tangent::Sp::zero(), f.a);
     const Tangent::Spot at = f.spot(place, numbers);
-    Tangent::Lin motion[4];
-    f.velocity(at, motion[0], motion[1]);
-    f.acceleration(at, motion[2], motion[3]);
+    const Motion<Tangent::Sp> velocity = f.velocity(at), acceleration = f.acceleration(at);
     for (int k = 0; k < count; ++k) {
       const int direction = first + k;
       double* column = direction < layout.nq ? by_q + 12 * direction : by_v + 12 * (direction - layout.nq);
-      for (const Tangent::Lin& m : motion) put_slope(m, k, column);
+      put_slope(velocity, k, column);
+      put_slope(acceleration, k, column);
     }
   });
 }
 
 void jacobian_rate(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
                    const double* q, const double* rate, double* J) {
-  Room room(memory);
-  Tangent f(layout, arm, room);
+  Arena arena(memory);
+  Tangent f(layout, arm, arena);
   set(q, layout.nq, f.q);
   for (int i = 0; i < layout.nq; ++i) f.q[i].d[0][0] = rate[i];
   f.place();
   for (int i = 0; i < 6 * layout.nv; ++i) J[i] = 0.0;
-  f.jacobian(place, numbers, [&](int i, const Tangent::Lin& linear, const Tangent::Lin& angular) {
+  f.jacobian(place, numbers, [&](int i, const Motion<Tangent::Sp>& m) {
     double* column = J + 6 * i;
-    put_slope(linear, 0, column);
-    put_slope(angular, 0, column);
+    put_slope(m, 0, column);
   });
 }
 

@@ -1,7 +1,7 @@
 #include "held_laws.hpp"
 
+#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 
 #include "flexarm/check.hpp"
@@ -24,7 +24,7 @@ long number(double t, double first, double period) {
 
 }  // namespace
 
-HeldLaws::HeldLaws(const std::vector<Sampler>& samplers, int nv) : columns_(nv, 0) {
+HeldLaws::HeldLaws(const std::vector<Sampler>& samplers, int nv) : times_({}, samplers, nv), columns_(nv, 0) {
   for (std::size_t k = 0; k < samplers.size(); ++k) {
     const Sampler& s = samplers[k];
     const LinearLaw* law = s.law.target<LinearLaw>();
@@ -32,6 +32,7 @@ HeldLaws::HeldLaws(const std::vector<Sampler>& samplers, int nv) : columns_(nv, 
       bad_value("samplers[" + std::to_string(k) + "]", "a law of its own", "must be a LinearLaw that reads no sensors");
     const Index nx = law->x.size(), nu = law->columns.cols();
     const long slots = s.delay > 0.0 ? static_cast<long>(std::floor(s.delay / s.period + kOneTime)) + 1 : 0;
+    one_time_ = std::min(one_time_, kOneTime * s.period);
     lines_.push_back({*law, s.first, s.period, s.delay, size_, size_ + nx, size_ + nx + nu, slots});
     const Index before = columns_.cols();
     columns_.conservativeResize(Eigen::NoChange, before + nu);
@@ -39,16 +40,6 @@ HeldLaws::HeldLaws(const std::vector<Sampler>& samplers, int nv) : columns_(nv, 
     for (Index i = 0; i < nu; ++i) acting_.push_back(size_ + nx + i);
     size_ += nx + nu * (1 + slots);
   }
-}
-
-double HeldLaws::next(double t) const {
-  double found = std::numeric_limits<double>::infinity();
-  for (const Line& l : lines_)
-    for (const double first : {l.first, l.first + l.delay}) {
-      const double k = std::max(0.0, std::floor((t - first) / l.period + kOneTime) + 1.0);
-      found = std::min(found, first + k * l.period);
-    }
-  return found;
 }
 
 void HeldLaws::pass(double t, const VectorXd& q, const VectorXd& v, VectorXd& z, const std::vector<MatrixXd*>& slopes,

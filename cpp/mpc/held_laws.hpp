@@ -1,6 +1,7 @@
 // Sampled linear laws over a horizon: what they remember is a part of the state that is predicted.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "flexarm/control.hpp"
@@ -19,7 +20,7 @@ class HeldLaws {
   const Eigen::MatrixXd& columns() const { return columns_; }
   const std::vector<Eigen::Index>& acting() const { return acting_; }
   /// The first time after t at which something happens (s).
-  double next(double t) const;
+  double next(double t) const { return times_.next(t + one_time_); }
   /// Lets happen what does at time t.
   /// @param z       the numbers
   /// @param slopes  of [q; v; z] as rates (2 nv + size), by whatever their columns are
@@ -35,6 +36,8 @@ class HeldLaws {
     long slots;                 ///< how many of these there are; 0 without delay
   };
   std::vector<Line> lines_;
+  Control times_;
+  double one_time_ = std::numeric_limits<double>::infinity();  ///< by how much two times may differ that are one (s)
   Eigen::MatrixXd columns_;
   std::vector<Eigen::Index> acting_;
   Eigen::Index size_ = 0;

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "flexarm/check.hpp"
+#include "kalman_parts.hpp"
 #include "prediction.hpp"
 #include "qp.hpp"
 
@@ -14,10 +15,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 namespace {
-
-std::string entry(const char* name, std::size_t k, const char* field) {
-  return std::string(name) + "[" + std::to_string(k) + "]." + field;
-}
 
 void check(const Arm& arm, std::size_t k, const MpcOutput& o) {
   if (o.placed ? !(o.along.allFinite() && o.along.norm() > 0.0) : o.by_q.size() != arm.nv() || !o.by_q.allFinite())
@@ -87,13 +84,11 @@ double span(const MpcRow& r) {
 }  // namespace
 
 MpcOutput MpcOutput::joint(const Arm& arm, int rate) {
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    if (rate < arm.first(n) || rate >= arm.first(n) + arm.link(n).nj() || arm.coordinate_of(rate) < 0) continue;
-    MpcOutput out;
-    out.by_q = VectorXd::Unit(arm.nv(), rate);
-    return out;
-  }
-  bad_value("rate", rate, "must be the index of a joint's rate in v, not of a ball");
+  checked_joint(arm, "rate", rate);
+  if (arm.coordinate_of(rate) < 0) bad_value("rate", rate, "is of a ball, which has no coordinates to be led");
+  MpcOutput out;
+  out.by_q = VectorXd::Unit(arm.nv(), rate);
+  return out;
 }
 
 MpcOutput MpcOutput::place(const Arm& arm, std::size_t link, std::optional<double> x, const Eigen::Vector3d& along) {

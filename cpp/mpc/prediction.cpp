@@ -63,11 +63,10 @@ Prediction::Prediction(const Problem& problem, const Grid& grid, const std::vect
       laws_(problem.samplers, arm_.nv()),
       nu_(options.columns.cols()),
       step_(problem, (MatrixXd(arm_.nv(), nu_ + laws_.columns().cols()) << options.columns, laws_.columns()).finished(),
-            static_cast<std::size_t>(grid.stages()) + 1, options.friction_speed),
-      columns_(options.columns) {
+            {}, options.friction_speed, static_cast<std::size_t>(grid.stages()) + 1) {
   const Index n = arm_.nv(), m = laws_.size(), all = 2 * n + m, forces = nu_ + laws_.columns().cols();
   const Index stages = grid.stages(), nz = nu_ * grid.blocks(), count = static_cast<Index>(rows.size());
-  to_inputs_ = columns_.completeOrthogonalDecomposition().pseudoInverse();
+  to_inputs_ = options.columns.completeOrthogonalDecomposition().pseudoInverse();
   for (const MpcOutput& output : outputs) {
     by_q_.push_back(VectorXd::Zero(arm_.nq()));
     for (int i = 0; i < arm_.nv(); ++i)
@@ -96,7 +95,7 @@ Prediction::Prediction(const Problem& problem, const Grid& grid, const std::vect
     E_ = MatrixXd::Zero(arm_.nq(), n);
     E_by_q_ = MatrixXd::Zero(arm_.nq(), arm_.nq());
   }
-  a_ = tau_ = still_ = none_ = VectorXd::Zero(n);
+  a_ = tau_ = forces_ = still_ = none_ = VectorXd::Zero(n);
   inputs_ = VectorXd::Zero(forces);
   change_ = next_ = VectorXd::Zero(all);
 }
@@ -128,7 +127,8 @@ Status Prediction::advance(std::size_t which, double t, double h, const Eigen::R
   const Index n = arm_.nv();
   inputs_.head(nu_) = u;
   if (laws_.size() == 0) {
-    const Status status = step_(which, t, h, at_.q, at_.v, inputs_);
+    forces_.noalias() = step_.columns() * inputs_;
+    const Status status = step_(which, t, h, at_.q, at_.v, forces_);
     if (A && status == Status::ok) step_.derivatives(*A, B_);
     return status;
   }
@@ -145,7 +145,8 @@ Status Prediction::advance(std::size_t which, double t, double h, const Eigen::R
     for (std::size_t k = 0; k < laws_.acting().size(); ++k)
       inputs_[nu_ + static_cast<Index>(k)] = at_.z[laws_.acting()[k]];
     const double next = laws_.next(t), to = next < end - same ? next : end;
-    if (const Status status = step_(which, t, to - t, at_.q, at_.v, inputs_); status != Status::ok) return status;
+    forces_.noalias() = step_.columns() * inputs_;
+    if (const Status status = step_(which, t, to - t, at_.q, at_.v, forces_); status != Status::ok) return status;
     t = to;
     if (!A) continue;
     step_.derivatives(A_step_, B_step_);

@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "damped_step.hpp"
 #include "flexarm/mpc.hpp"
 #include "held_laws.hpp"
+#include "predictive_step.hpp"
 
 namespace flexarm {
 
@@ -84,15 +84,15 @@ class Prediction {
   const int carried_;
   HeldLaws laws_;
   const Eigen::Index nu_;
-  DampedStep step_;  ///< those of the stages, and one more
-  Eigen::MatrixXd columns_, to_inputs_;
+  PredictiveStep step_;  ///< those of the stages, and one more
+  Eigen::MatrixXd to_inputs_;
   std::vector<Spot> spots_;
   std::vector<int> spot_of_;           ///< of each output, or -1
   std::vector<Eigen::VectorXd> by_q_;  ///< of each output, by coordinates
   std::vector<Eigen::MatrixXd> A_, C_;
   MpcState at_;
   Eigen::MatrixXd B_, S_, S_next_, A_step_, B_step_, A_next_, E_, E_by_q_;
-  Eigen::VectorXd a_, tau_, change_, next_, inputs_, still_, none_;
+  Eigen::VectorXd a_, tau_, change_, next_, inputs_, forces_, still_, none_;
 };
 
 }  // namespace flexarm

@@ -7,9 +7,9 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
-#include "lanes/single.hpp"
 #include "oracle/oracle.hpp"
 #include "sanitized.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 namespace lanes {

@@ -7,7 +7,7 @@
 #include "flexarm/kinematics.hpp"
 #include "flexarm/step.hpp"
 #include "kernels.hpp"
-#include "lanes/ball.hpp"
+#include "space/ball.hpp"
 
 using namespace flexarm;
 using Eigen::Vector3d;

@@ -5,7 +5,7 @@
 #include "flexarm/collocation.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
-#include "lanes/feedback.hpp"
+#include "step/feedback.hpp"
 
 using namespace flexarm;
 
@@ -125,11 +125,11 @@ TEST_CASE(
     laws.limits = 2;
     laws.limited = limited;
     laws.most = most;
-    Room needed;
+    Arena needed;
     laws.lay_out(needed);
     std::vector<double> memory(needed.bytes() / sizeof(double));
-    Room room(memory.data());
-    laws.lay_out(room);
+    Arena arena(memory.data());
+    laws.lay_out(arena);
     const Eigen::VectorXd given = Eigen::Vector4d(beside[0], beside[1], 0.0, 0.0);
     laws.given = given.data();
     const Eigen::VectorXd q = Eigen::VectorXd::Zero(nv), v = flexarm_test::wave(nv, 0.3 * trial, 1.0);

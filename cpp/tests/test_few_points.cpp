@@ -4,7 +4,7 @@
 #include "batches.hpp"
 #include "flexarm/load.hpp"
 #include "kernels.hpp"
-#include "lanes/sampled_tables.hpp"
+#include "setup/sampled_tables.hpp"
 
 using namespace flexarm;
 using namespace flexarm_test;
@@ -97,7 +97,7 @@ TEST_CASE("few points are as right as all, up to their bound") {
 bool has_few(const Beam& beam, const std::function<std::vector<Load>(const Arm&)>& loads = {}) {
   const Arm arm({Link(Joint::revolute({0, 0, 1}), body(0.5, {0.1, 0, 0}), beam, std::nullopt)}, {0, 0, -9.81});
   const lanes::KernelArm known = lanes::KernelArm::of(arm).loaded(arm, loads ? loads(arm) : std::vector<Load>{});
-  return known.layout().node[0].few != nullptr;
+  return known.layout().node[0].sampled.few != nullptr;
 }
 
 TEST_CASE("which beams have few points") {

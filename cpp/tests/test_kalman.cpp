@@ -1,5 +1,5 @@
-// The Kalman filter: its model against ImplicitStep of an arm with other parts, its tangent against StepDerivatives and
-// differences, its algebra against covariances in full, and what it asks of the system.
+// The Kalman filter: its model against an arm with other parts and against fine steps, its tangent against differences,
+// its algebra against covariances in full, and what it asks of the system.
 #include <doctest/doctest.h>
 
 #include <Eigen/Dense>
@@ -8,7 +8,7 @@
 
 #include "arms.hpp"
 #include "flexarm/kalman.hpp"
-#include "flexarm/step_derivatives.hpp"
+#include "flexarm/step.hpp"
 #include "watch.hpp"
 
 using namespace flexarm;
@@ -82,44 +82,38 @@ VectorXd state(const KalmanFilter& f) {
 
 }  // namespace
 
-TEST_CASE("the model is the implicit step of the arm that has these parameters") {
+TEST_CASE("the model is the arm that has these parameters") {
   const Arm bare = two_links(0.0), loaded = two_links(0.3, 0.05);
   const Start at(bare);
-  for (const double radius : {1.0, 0.6}) {
-    KalmanOptions options;
-    options.spectral_radius = radius;
-    auto p = certain_payload(parameters(bare, 0.3, 0.05, 0.0));
-    p.resize(3);
-    KalmanFilter filter(Problem(bare), kStep, sensors(bare), p, VectorXd::Zero(bare.nv()), options);
-    filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
-    Workspace ws(loaded);
-    ImplicitOptions of;
-    of.spectral_radius = radius;
-    VectorXd q = at.q, v = at.v;
-    for (int k = 0; k < 20; ++k) {
-      ImplicitStep step(loaded, kStep, of);
-      REQUIRE(step(ws, q, v, at.tau) == Status::ok);
-      REQUIRE(filter.predict(at.tau) == Status::ok);
-    }
-    CHECK((q - at.q).norm() > 0.01);
-    CHECK((filter.q() - q).norm() < 1e-9 * q.norm());
-    CHECK((filter.v() - v).norm() < 1e-8 * v.norm());
+  auto p = certain_payload(parameters(bare, 0.3, 0.05, 0.0));
+  p.resize(3);
+  KalmanFilter filter(Problem(bare), kStep, sensors(bare), p, VectorXd::Zero(bare.nv()));
+  KalmanFilter other(Problem(loaded), kStep, sensors(loaded), {}, VectorXd::Zero(bare.nv()));
+  for (KalmanFilter* f : {&filter, &other}) {
+    f->start(at.q, at.v, at.q_deviation, at.v_deviation);
+    for (int k = 0; k < 20; ++k) REQUIRE(f->predict(at.tau) == Status::ok);
   }
+  CHECK((filter.q() - at.q).norm() > 0.01);
+  CHECK((filter.q() - other.q()).norm() < 1e-9 * other.q().norm());
+  CHECK((filter.v() - other.v()).norm() < 1e-8 * other.v().norm());
 }
 
-TEST_CASE("derivatives of a step without parameters are those of StepDerivatives") {
+TEST_CASE("predictions are of second order") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
-  KalmanFilter filter(Problem(arm), kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {}, VectorXd::Zero(arm.nv()));
-  filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
-  REQUIRE(filter.predict(at.tau) == Status::ok);
-  StepDerivatives exact("implicit", arm, kStep);
   Workspace ws(arm);
   VectorXd q = at.q, v = at.v;
-  REQUIRE(exact(ws, q, v, at.tau) == Status::ok);
-  MatrixXd A, B;
-  exact.matrices(A, B);
-  CHECK((filter.transition() - A).norm() < 1e-9 * A.norm());
+  OneStep fine("implicit", arm, 1e-6);
+  for (int k = 0; k < 2000; ++k) REQUIRE(fine(ws, q, v, at.tau) == Status::ok);
+  double before = 0.0;
+  for (const int steps : {20, 40, 80}) {
+    KalmanFilter filter(Problem(arm), 2e-3 / steps, sensors(arm), {}, VectorXd::Zero(arm.nv()));
+    filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
+    for (int k = 0; k < steps; ++k) REQUIRE(filter.predict(at.tau) == Status::ok);
+    const double error = (filter.q() - q).norm();
+    if (steps > 20) CHECK(before / error == doctest::Approx(4.0).epsilon(0.2));
+    before = error;
+  }
 }
 
 TEST_CASE("derivatives by states, parameters and filters are those of differences") {
@@ -171,7 +165,6 @@ TEST_CASE("the square root is that of the covariance in full") {
   MatrixXd Q = MatrixXd::Zero(states, states);
   Q(2 * n + 1, 2 * n + 1) = 1e-4 * kStep;
   {
-    StepDerivatives exact("implicit", arm, kStep);  // of another arm, but in the same places: without parameters
     auto none = p;
     for (auto& one : none) one.start = 0.0;
     auto plain = sensors(arm);
@@ -181,14 +174,19 @@ TEST_CASE("the square root is that of the covariance in full") {
     KalmanFilter still(Problem(arm), kStep, plain, none, noise);
     still.start(at.q, at.v, 0.0 * at.q_deviation, 0.0 * at.v_deviation);
     REQUIRE(still.predict(at.tau) == Status::ok);
-    Workspace ws(arm);
-    VectorXd q = at.q, v = at.v;
-    REQUIRE(exact(ws, q, v, at.tau) == Status::ok);
-    MatrixXd A0, B;
-    exact.matrices(A0, B);
+    MatrixXd B(2 * n, n);
+    for (Eigen::Index j = 0; j < n; ++j) {
+      VectorXd ends[2];
+      for (const int sign : {0, 1}) {
+        without.start(at.q, at.v, 0.0 * at.q_deviation, 0.0 * at.v_deviation);
+        REQUIRE(without.predict(at.tau + (sign == 0 ? 0.01 : -0.01) * VectorXd::Unit(n, j)) == Status::ok);
+        ends[sign] = state(without).head(2 * n);
+      }
+      B.col(j) = (ends[0] - ends[1]) / 0.02;
+    }
     const MatrixXd by_noise = (still.root() * still.root().transpose()).topLeftCorner(2 * n, 2 * n);
     const MatrixXd expected = B * B.transpose() * (0.03 * 0.03 / kStep);
-    CHECK((by_noise - expected).norm() < 1e-9 * expected.norm());
+    CHECK((by_noise - expected).norm() < 1e-6 * expected.norm());
   }
   auto still = p;
   for (auto& one : still) one.deviation = one.drift = 0.0;
@@ -276,50 +274,6 @@ TEST_CASE("a place has the covariance of its coordinates") {
   CHECK((p - slice_pose(ws, end).p).norm() < 1e-15);
   const MatrixXd expected = 1e-4 * J.topRows<3>() * J.topRows<3>().transpose();
   CHECK((C - expected).norm() < 1e-12 * expected.norm());
-}
-
-TEST_CASE("derivatives under all that acts, with balls, are those of differences") {
-  Problem problem(flexarm_test::floating_arm());
-  const Arm& arm = *problem.arm;
-  const int n = arm.nv();
-  problem.loads.push_back({Load::at_end(arm, 1, false), [](double t) {
-                             Vec6<double> w;
-                             w << 1.0, 40.0 * t, 0.5, 0.02, 0.0, 0.01;
-                             return w;
-                           }});
-  problem.drives.push_back({0, [](double t) { return MotionValue{0.1 * t * t, 0.2 * t, 0.2}; }, {}});
-  problem.feedback.push_back({VectorXd::Unit(n, 4), 20.0 * VectorXd::Unit(arm.nq(), 1), 2.0 * VectorXd::Unit(n, 4),
-                              [](double t) { return t; }});
-  KalmanFilter filter(problem, 1e-5,
-                      {KalmanSensor::tachometer(arm, 4, 1e-3), KalmanSensor::camera(arm, 1, {}, {0, 0, 1}, 1e-3)},
-                      {{KalmanParameter::payload, 0, 0.2, 0.0}}, VectorXd::Zero(n));
-  VectorXd q0 = arm.zero();
-  displace(arm, arm.zero(), flexarm_test::wave_of(arm, 0.3, 0.4, 1e-6), q0);
-  const auto end = [&](const VectorXd& d) {
-    VectorXd q = q0;
-    displace(arm, q0, d.head(n), q);
-    filter.start(q, flexarm_test::wave_of(arm, 0.9, 0.8, 1e-3) + d.tail(n), VectorXd::Zero(n), VectorXd::Zero(n), 0.05);
-    REQUIRE(filter.predict(wave(n, 0.5, 0.1)) == Status::ok);
-  };
-  end(VectorXd::Zero(2 * n));
-  CHECK(filter.t() == doctest::Approx(0.05 + 1e-5));
-  CHECK(filter.q()[0] == doctest::Approx(0.1 * 0.05001 * 0.05001));
-  const VectorXd here = filter.q();
-  const MatrixXd A = filter.transition().topLeftCorner(2 * n, 2 * n);
-  MatrixXd A_d = A;
-  constexpr double e = 1e-6;
-  for (Eigen::Index k = 0; k < 2 * n; ++k) {
-    VectorXd moved[2];
-    for (const int sign : {0, 1}) {
-      VectorXd u(n);
-      end((sign == 0 ? e : -e) * VectorXd::Unit(2 * n, k));
-      displacement(arm, here, filter.q(), u);
-      moved[sign].resize(2 * n);
-      moved[sign] << u, filter.v();
-    }
-    A_d.col(k) = (moved[0] - moved[1]) / (2.0 * e);
-  }
-  CHECK((A - A_d).norm() < 1e-7 * A.norm());
 }
 
 TEST_CASE("what cannot be filtered is named") {

@@ -1,9 +1,8 @@
-// Predictive control: its step and the derivatives of that, its predictions, its quadratic programs, what it does where
-// there is nothing to be done, and what it asks of the system.
+// Predictive control: its predictions and their derivatives, its quadratic programs, what it does where there is
+// nothing to be done, and what it asks of the system.
 #include <doctest/doctest.h>
 
-#include "arms.hpp"
-#include "damped_step.hpp"
+#include "acted_on.hpp"
 #include "flexarm/mpc.hpp"
 #include "prediction.hpp"
 #include "qp.hpp"
@@ -13,110 +12,8 @@ using namespace flexarm;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-TEST_CASE("derivatives of the damped step are those of differences") {
-  const Arm arm = flexarm_test::spatial_arm();
-  const Eigen::Index n = arm.nv();
-  const MatrixXd columns = MatrixXd::Identity(n, n).leftCols(3);
-  const Problem problem(arm);
-  DampedStep step(problem, columns, 1, 0.05);
-  const VectorXd q0 = flexarm_test::wave(arm.nq(), 0.1, 1e-3), v0 = flexarm_test::wave(n, 0.4, 0.05);
-  const VectorXd u0 = VectorXd::Constant(3, 0.5);
-  const auto end = [&](const VectorXd& x, const VectorXd& u) {
-    VectorXd q = x.head(n), v = x.tail(n);
-    CHECK(step(0, 0.0, 1e-3, q, v, u) == Status::ok);
-    VectorXd out(2 * n);
-    out << q, v;
-    return out;
-  };
-  VectorXd x0(2 * n);
-  x0 << q0, v0;
-  end(x0, u0);
-  MatrixXd A(2 * n, 2 * n), B(2 * n, 3);
-  step.derivatives(A, B);
-  constexpr double e = 1e-6;
-  MatrixXd A_d = A, B_d = B;
-  for (Eigen::Index k = 0; k < 2 * n; ++k) {
-    const VectorXd d = e * VectorXd::Unit(2 * n, k);
-    A_d.col(k) = (end(x0 + d, u0) - end(x0 - d, u0)) / (2 * e);
-  }
-  for (Eigen::Index k = 0; k < 3; ++k) {
-    const VectorXd d = e * VectorXd::Unit(3, k);
-    B_d.col(k) = (end(x0, u0 + d) - end(x0, u0 - d)) / (2 * e);
-  }
-  CHECK((A - A_d).norm() < 1e-8 * A.norm());
-  CHECK((B - B_d).norm() < 1e-6 * B.norm());
-}
-
-namespace {
-
-/// A floating arm with a ball, under a load that follows it, a motion, a law at its limit and one below.
-Problem acted_on() {
-  Problem out(flexarm_test::floating_arm());
-  const Arm& arm = *out.arm;
-  const int n = arm.nv();
-  out.loads.push_back({Load::at_end(arm, 1, false), [](double t) {
-                         Vec6<double> w;
-                         w << 1.0, 40.0 * t, 0.5, 0.02, 0.0, 0.01;
-                         return w;
-                       }});
-  out.drives.push_back({0, [](double t) { return MotionValue{0.1 * t * t, 0.2 * t, 0.2}; }, {}});
-  out.drives.push_back({1, {}, [](double t) { return 3.0 * std::cos(50.0 * t); }});
-  for (const double limit : {1e-3, 1e3})
-    out.feedback.push_back({VectorXd::Unit(n, 1),
-                            20.0 * VectorXd::Unit(arm.nq(), 1),
-                            2.0 * VectorXd::Unit(n, 4),
-                            [](double t) { return 2.0 + t; },
-                            {},
-                            limit});
-  return out;
-}
-
-/// A state of it, displaced by d.
-MpcState displaced(const Problem& of, const VectorXd& d) {
-  const Arm& arm = *of.arm;
-  const Eigen::Index n = arm.nv();
-  VectorXd q = arm.zero(), turned = q;
-  displace(arm, q, flexarm_test::wave_of(arm, 0.1, 0.4, 1e-4), turned);
-  displace(arm, turned, d.head(n), q);
-  return {q, flexarm_test::wave_of(arm, 0.4, 0.8, 0.01) + d.segment(n, n), d.tail(d.size() - 2 * n)};
-}
-
-}  // namespace
-
-TEST_CASE("derivatives of the damped step under all that acts, with balls, are those of differences") {
-  const Problem problem = acted_on();
-  const Eigen::Index n = problem.arm->nv();
-  const MatrixXd columns = MatrixXd::Identity(n, n).middleCols(3, 4);
-  DampedStep step(problem, columns, 1, 0.05);
-  const auto end = [&](const VectorXd& d, const VectorXd& u) {
-    MpcState x = displaced(problem, d);
-    CHECK(step(0, 0.03, 2e-3, x.q, x.v, u) == Status::ok);
-    return x;
-  };
-  const VectorXd u0 = VectorXd::Constant(4, 0.5), none = VectorXd::Zero(2 * n);
-  const MpcState here = end(none, u0);
-  CHECK(here.q[0] == doctest::Approx(0.1 * 0.032 * 0.032));
-  CHECK(here.v[0] == doctest::Approx(0.2 * 0.032));
-  MatrixXd A(2 * n, 2 * n), B(2 * n, 4);
-  step.derivatives(A, B);
-  constexpr double e = 1e-5;
-  const auto slope = [&](const VectorXd& d, const VectorXd& u) {
-    const MpcState more = end(e * d, u0 + e * u), less = end(-e * d, u0 - e * u);
-    VectorXd out(2 * n), up(n), down(n);
-    displacement(*problem.arm, here.q, more.q, up);
-    displacement(*problem.arm, here.q, less.q, down);
-    out << up - down, more.v - less.v;
-    return VectorXd(out / (2.0 * e));
-  };
-  MatrixXd A_d = A, B_d = B;
-  for (Eigen::Index k = 0; k < 2 * n; ++k) A_d.col(k) = slope(VectorXd::Unit(2 * n, k), VectorXd::Zero(4));
-  for (Eigen::Index k = 0; k < 4; ++k) B_d.col(k) = slope(none, VectorXd::Unit(4, k));
-  CHECK((A - A_d).norm() < 1e-7 * A.norm());
-  CHECK((B - B_d).norm() < 1e-6 * B.norm());
-}
-
 TEST_CASE("derivatives of a prediction through sampled laws are those of differences") {
-  Problem problem = acted_on();
+  Problem problem = flexarm_test::acted_on();
   const Arm& arm = *problem.arm;
   const Eigen::Index n = arm.nv();
   for (const double delay : {0.0, 0.0025}) {  // an integral, and a gain at its limit
@@ -156,7 +53,8 @@ TEST_CASE("derivatives of a prediction through sampled laws are those of differe
   MatrixXd plan(3, 3);
   for (Eigen::Index k = 0; k < 9; ++k) plan(k % 3, k / 3) = 0.5 * std::sin(2.0 * static_cast<double>(k));
   const auto values = [&](const MatrixXd& u, const VectorXd& d) {
-    CHECK(prediction(0.04, displaced(problem, d), u) == Status::ok);
+    const auto [q, v] = flexarm_test::displaced(problem, d.head(2 * n));
+    CHECK(prediction(0.04, {q, v, d.tail(all - 2 * n)}, u) == Status::ok);
     return VectorXd(prediction.values);
   };
   values(plan, start);

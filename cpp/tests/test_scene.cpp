@@ -151,6 +151,16 @@ TEST_CASE("a scene comes back from its file to the last bit") {
   CHECK((one.q() - scene.problem.q0).norm() > 1e-4);
 }
 
+TEST_CASE("steps that are long for the modes find what dry friction does") {
+  Scene scene = whole();
+  scene.problem.drives.clear();
+  const Eigen::MatrixXd coarse = run(scene, "gauss");
+  scene.step = 1e-4;
+  const Eigen::MatrixXd fine = run(scene, "rk4");
+  REQUIRE(coarse.allFinite());
+  CHECK((coarse - fine).leftCols(2).cwiseAbs().maxCoeff() < 0.01 * fine.leftCols(2).cwiseAbs().maxCoeff());
+}
+
 TEST_CASE("options of IDA are in the file") {
   Scene scene{Problem(flexarm_test::spatial_arm())};
   scene.t = Eigen::Vector2d(0.0, 1.0);

@@ -8,9 +8,9 @@
 #endif
 #define FLEXARM_ISA test
 #define FLEXARM_WIDTH 2
-#include "lanes/pack.hpp"  // what the others need first
+#include "wide/pack.hpp"  // what the others need first
 // clang-format: keep
-#include "lanes/tangent.hpp"
+#include "slopes/tangent.hpp"
 
 namespace {
 
@@ -26,7 +26,7 @@ void whole_chain(const lanes::KernelArm& arm, const double* wrenches, const doub
   const lanes::Memory memory(C::memory_needed(layout) + static_cast<std::size_t>(nq + 3 * nv) * sizeof(LaneDual));
   LaneDual* q = static_cast<LaneDual*>(memory.get());
   LaneDual *v = q + nq, *a = v + nv, *tau = a + nv;
-  C chain(layout, arm.numbers().data(), Room(tau + nv));
+  C chain(layout, arm.numbers().data(), Arena(tau + nv));
   for (int i = 0; i < nq; ++i) q[i] = LaneDual{} + q0[i];
   for (int i = 0; i < nv; ++i) {
     v[i] = LaneDual{} + v0[i];

@@ -5,7 +5,7 @@
 #include "flexarm/collocation.hpp"
 #include "flexarm/simulate.hpp"
 #include "flexarm/step_derivatives.hpp"
-#include "lanes/ball.hpp"
+#include "space/ball.hpp"
 
 using namespace flexarm;
 

@@ -1,8 +1,8 @@
 // The forces of problems at the places of a tape.
 #include <algorithm>
 
-#include "lanes/single.hpp"
 #include "places.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 

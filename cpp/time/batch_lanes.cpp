@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "flexarm/control.hpp"
-#include "lanes/methods.hpp"
+#include "step/methods.hpp"
 #include "stepper.hpp"
 
 namespace flexarm {

@@ -9,7 +9,7 @@
 
 #include "events.hpp"
 #include "flexarm/batch.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 

@@ -7,8 +7,8 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
-#include "lanes/ball.hpp"
-#include "lanes/newton.hpp"
+#include "space/ball.hpp"
+#include "step/newton.hpp"
 #include "turning.hpp"
 
 namespace flexarm {
@@ -372,7 +372,10 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   if (given) given(1.0);
   if (tape_) {
     tape_->entries.push_back({h, 1.0, tape_->points()});
-    for (int i = 0; i < s_; ++i) tape_->add(tape_->now + c_[i] * h, q_.col(i), v_.col(i), a_.col(i));
+    for (int i = 0; i < s_; ++i) {
+      tape_->add(tape_->now + c_[i] * h, q_.col(i), v_.col(i), a_.col(i));
+      std::copy(contact_.begin(), contact_.end(), tape_->last_contacts());
+    }
   }
   if (arm_->within_reach(q, v)) return Status::ok;
   q = q0_;

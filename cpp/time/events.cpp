@@ -67,7 +67,6 @@ void StepEvents::start(double t) {
   t0_ = t;
   q0_ = s_.q;
   v0_ = s_.v;
-  entry0_ = last_entry();
 }
 
 bool StepEvents::look(double t) {
@@ -81,9 +80,7 @@ bool StepEvents::look(double t) {
   }
   bool ended = false;
   if (!found_.empty()) {
-    const auto write_end = [this](double end) {
-      (end == t0_ ? before_ : after_) = write(end, end == t0_ ? entry0_ : last_entry());
-    };
+    const auto write_end = [this](double end) { (end == t0_ ? before_ : after_) = write(end); };
     cubic_.prepare(s_, t0_, q0_, v0_, t, s_.rubbing && !s_.rubbing->switches_within(), write_end);
     for (auto& [time, k] : found_) time = locate(k);
     std::sort(found_.begin(), found_.end());
@@ -99,7 +96,6 @@ bool StepEvents::look(double t) {
   t0_ = t;
   q0_ = s_.q;
   v0_ = s_.v;
-  entry0_ = last_entry();
   return ended;
 }
 
@@ -123,10 +119,12 @@ void StepEvents::look_through(double from, double h) {
 }
 
 /// A row of the tape, of this state at time t. A method that interpolates may look in the middle of its last step.
-Eigen::Index StepEvents::write(double t, Eigen::Index entry) const {
+Eigen::Index StepEvents::write(double t) const {
   if (!tape_) return -1;
-  if (!inside_) return write_row(s_, nullptr, entry, 1.0, t, *tape_);
-  return write_row(s_, inside_, last_entry(), (t - tape_->now) / tape_->entries.back().h, t, *tape_);
+  auto entry = static_cast<Eigen::Index>(tape_->entries.size()) - 1;
+  while (tape_->entries[static_cast<std::size_t>(entry)].h == 0.0) --entry;  // which came behind the step
+  if (!inside_) return write_row(s_, nullptr, t == t0_ ? entry - 1 : entry, 1.0, t, *tape_);
+  return write_row(s_, inside_, entry, (t - tape_->now) / tape_->entries.back().h, t, *tape_);
 }
 
 /// By bisection, to the last digit: the end after the zero.

@@ -67,8 +67,7 @@ class StepEvents {
   void look_through(double from, double h);
 
  private:
-  Eigen::Index write(double t, Eigen::Index entry) const;
-  Eigen::Index last_entry() const { return tape_ ? static_cast<Eigen::Index>(tape_->entries.size()) - 1 : -1; }
+  Eigen::Index write(double t) const;
   double locate(std::size_t k);
 
   System& s_;
@@ -77,7 +76,6 @@ class StepEvents {
   Tape* tape_;
   const Step* inside_;
   Eigen::Index before_ = -1, after_ = -1;  // rows of the tape
-  Eigen::Index entry0_ = -1;               // of the tape, at the last look
   double t0_ = 0.0, t1_ = 0.0;
   Eigen::VectorXd values0_, values1_, values_;
   Eigen::VectorXd q0_, v0_, q1_, v1_;

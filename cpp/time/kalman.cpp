@@ -5,105 +5,13 @@
 #include <limits>
 
 #include "flexarm/check.hpp"
-#include "kalman_model.hpp"
+#include "kalman_parts.hpp"
+#include "predictive_step.hpp"
 
 namespace flexarm {
 
 using Eigen::Index;
 using Eigen::VectorXd;
-
-namespace {
-
-KalmanSensor linear(const Arm& arm, double noise) {
-  KalmanSensor s;
-  s.by_q = s.by_v = VectorXd::Zero(arm.nv());
-  s.noise = noise;
-  return s;
-}
-
-std::string entry(const char* name, std::size_t k, const char* field) {
-  return std::string(name) + "[" + std::to_string(k) + "]." + field;
-}
-
-/// That a rate is one of a joint, which has a coordinate.
-void check_joint(const Arm& arm, const std::string& field, int rate) {
-  for (std::size_t n = 0; n < arm.size(); ++n)
-    if (rate >= arm.first(n) && rate < arm.first(n) + arm.link(n).nj()) return;
-  bad_value(field, rate, "must be the index of a joint's rate in v");
-}
-
-/// Of a joint's rate.
-JointForce force_of(const Arm& arm, int rate) {
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const std::vector<JointForce>& forces = arm.link(n).joint().forces();
-    const int k = rate - arm.first(n);
-    if (k >= 0 && k < static_cast<int>(forces.size())) return forces[static_cast<std::size_t>(k)];
-  }
-  return {};
-}
-
-void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
-  if (s.by_q.size() != arm.nv() || s.by_v.size() != arm.nv() || !s.by_q.allFinite() || !s.by_v.allFinite())
-    bad_value(entry("sensors", k, "by_q"), s.by_q.size(), "by_q and by_v must be of finite numbers, one for each rate");
-  for (int i = 0; i < arm.nv(); ++i)
-    if (s.by_q[i] != 0.0 && arm.coordinate_of(i) < 0)
-      bad_value(entry("sensors", k, "by_q"), "of a ball",
-                "a ball has no coordinates to be read; take its rates or a place");
-  positive(entry("sensors", k, "noise"), s.noise);
-  if (!std::isfinite(s.offset)) bad_value(entry("sensors", k, "offset"), s.offset, "must be finite");
-  const Index order = s.F.rows();
-  if (s.F.cols() != order || s.before.size() != order || s.after.size() != order || !s.F.allFinite() ||
-      !s.before.allFinite() || !s.after.allFinite())
-    bad_value(entry("sensors", k, "F"), order, "F, before and after must be of one size, and finite");
-  if (order > 0 && s.at) bad_value(entry("sensors", k, "F"), order, "a place goes through no filter here");
-}
-
-void check(const Arm& arm, const std::vector<KalmanParameter>& parameters) {
-  for (std::size_t k = 0; k < parameters.size(); ++k) {
-    const KalmanParameter& p = parameters[k];
-    if (p.kind != KalmanParameter::payload) check_joint(arm, entry("parameters", k, "rate"), p.rate);
-    for (std::size_t l = 0; l < k; ++l)
-      if (parameters[l].kind == p.kind && (p.kind == KalmanParameter::payload || parameters[l].rate == p.rate))
-        bad_value(entry("parameters", k, "kind"), static_cast<int>(p.kind), "is there twice");
-    if (!std::isfinite(p.start)) bad_value(entry("parameters", k, "start"), p.start, "must be finite");
-    non_negative(entry("parameters", k, "deviation"), p.deviation);
-    non_negative(entry("parameters", k, "drift"), p.drift);
-  }
-}
-
-}  // namespace
-
-KalmanSensor KalmanSensor::encoder(const Arm& arm, int rate, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  check_joint(arm, "rate", rate);
-  s.by_q[rate] = 1.0;
-  return s;
-}
-
-KalmanSensor KalmanSensor::tachometer(const Arm& arm, int rate, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  check_joint(arm, "rate", rate);
-  s.by_v[rate] = 1.0;
-  return s;
-}
-
-KalmanSensor KalmanSensor::gauge(const Arm& arm, std::size_t link, double x, double y, double z, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  if (link >= arm.size()) bad_value("link", link, "there is no such link");
-  const SliceTable slice = arm.link(link).slice_at(x);
-  const Index at = arm.first(link) + arm.link(link).nj(), n = arm.link(link).ne();
-  s.by_q.segment(at, n) =
-      slice.strains.row(StrainRow::eps) + z * slice.strains.row(StrainRow::K2) - y * slice.strains.row(StrainRow::K3);
-  return s;
-}
-
-KalmanSensor KalmanSensor::camera(const Arm& arm, std::size_t link, std::optional<double> x,
-                                  const Eigen::Vector3d& along, double noise) {
-  KalmanSensor s = linear(arm, noise);
-  s.at.emplace(arm, link, x);
-  s.along = along;
-  return s;
-}
 
 KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<KalmanSensor>& sensors,
                            const std::vector<KalmanParameter>& parameters, const VectorXd& force_noise,
@@ -122,11 +30,10 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   check(arm, parameters);
   if (force_noise.size() != arm.nv() || !(force_noise.array() >= 0.0).all() || !force_noise.allFinite())
     bad_value("force_noise", force_noise.size(), "must be finite numbers, not negative, one for each rate");
-  if (!(options.spectral_radius >= 0.0 && options.spectral_radius <= 1.0))
-    bad_value("spectral_radius", options.spectral_radius, "must be from 0 to 1");
   positive("friction_speed", options.friction_speed);
-  if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
-  model_ = std::make_unique<KalmanModel>(problem_, h, parameters, options);
+  std::vector<KalmanParameter> told = parameters;
+  for (int j = 0; j < arm.nv(); ++j) told.push_back({KalmanParameter::offset, j, 0.0, 0.0});
+  step_ = std::make_unique<PredictiveStep>(problem_, Eigen::MatrixXd(arm.nv(), 0), told, options.friction_speed, 1);
 
   const Index n = arm.nv(), m = static_cast<Index>(parameters.size());
   Index filters = 0;
@@ -139,25 +46,31 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   }
   const Index states = 2 * n + m + filters, noises = n + m;
   q_ = q0_ = from_ = arm.zero();
-  v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = u_ = bend_ = mean_ = VectorXd::Zero(n);
+  v_ = v0_ = u_ = bend_ = mean_ = VectorXd::Zero(n);
   back_ = turned_ = Eigen::MatrixXd::Identity(n, n);
-  p_ = dp_ = VectorXd::Zero(m);
-  f_ = f0_ = df_ = VectorXd::Zero(filters);
+  p_ = VectorXd::Zero(m);
+  told_ = VectorXd::Zero(m + n);
+  f_ = f0_ = VectorXd::Zero(filters);
   row_ = phi_ = gain_ = VectorXd::Zero(states);
   essential_ = VectorXd::Zero(states + noises);
   innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
   lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
   for (Index k = 0; k < m; ++k) {
     const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
-    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : force_of(arm, p.rate);
-    if (p.kind == KalmanParameter::payload) lowest_[k] = 0.0;
+    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : checked_joint(arm, "rate", p.rate);
+    if (p.kind == KalmanParameter::payload) {
+      lowest_[k] = 0.0;
+      payload_ = 2 * n + k;
+    }
     if (p.kind == KalmanParameter::damping) lowest_[k] = -own.damping;
     if (p.kind == KalmanParameter::coulomb) lowest_[k] = -own.coulomb;
   }
   L_ = transition_ = Eigen::MatrixXd::Identity(states, states);
   rows_ = Eigen::MatrixXd::Zero(states + noises, states);
   forces_ = Eigen::MatrixXd::Zero(n, n);
-  pushed_ = Eigen::MatrixXd::Zero(n, states);
+  pushes_ = Eigen::MatrixXd::Zero(states, n);
+  A_ = Eigen::MatrixXd::Zero(2 * n, 2 * n);
+  B_ = Eigen::MatrixXd::Zero(2 * n, m + n);
   J_ = Mat6X<double>::Zero(6, n);
   start(arm.zero(), v_, VectorXd::Zero(n), VectorXd::Zero(n));
 }
@@ -167,6 +80,7 @@ KalmanFilter::~KalmanFilter() = default;
 void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q_deviation, const VectorXd& v_deviation,
                          double t) {
   const Index n = v_.size(), m = p_.size();
+  step_->forget();
   t_ = t;
   q_ = q;
   v_ = v;
@@ -190,17 +104,21 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
 }
 
 Status KalmanFilter::predict(const VectorXd& tau) {
-  const Index n = v_.size(), m = p_.size();
+  const Index n = v_.size(), m = p_.size(), states = L_.rows();
   q0_ = q_;
   v0_ = v_;
   f0_ = f_;
-  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
-  for (Index i = 0; i < n; ++i) slack += model_->inertia()[i] * L_.row(n + i).squaredNorm();
-  if (const Status status = model_->step(t_, q_, v_, p_, tau, std::sqrt(slack)); status != Status::ok) {
+  told_.head(m) = p_;
+  const auto failed = [this](Status status) {
     q_ = q0_;
     v_ = v0_;
+    f_ = f0_;
     return status;
-  }
+  };
+  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
+  for (Index i = 0; i < n; ++i) slack += step_->inertia()[i] * L_.row(n + i).squaredNorm();
+  if (const Status status = (*step_)(0, t_, h_, q_, v_, tau, told_, std::sqrt(slack)); status != Status::ok)
+    return failed(status);
   for (std::size_t k = 0; k < sensors_.size(); ++k) {
     const KalmanSensor& s = sensors_[k];
     const Index order = s.F.rows();
@@ -210,57 +128,70 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f += s.before * linear(k, q0_, v0_);
     f += s.after * linear(k, q_, v_);
   }
-  forces_.setZero();
-  mean_.setZero();
-  for (Index j = 0; j < L_.cols(); ++j) {
-    row_ = L_.col(j);
-    carry(j, false);
-    if (model_->payload() >= 0) {
-      model_->bend(dq_, dv_, bend_);
-      forces_ += bend_.lazyProduct(bend_.transpose());
-      mean_ += L_(2 * n + model_->payload(), j) * bend_;
-    }
+  linearise();
+  for (Index j = 0; j < states; ++j) {
+    row_.noalias() = transition_ * L_.col(j);
+    rows_.row(j) = row_.transpose();
   }
   disturb();
   for (Index j = 0; j < m; ++j) {  // drifts come after the step
     const double drift = parameters_[static_cast<std::size_t>(j)].drift * std::sqrt(h_);
-    rows_.row(L_.cols() + n + j).setZero();
-    rows_(L_.cols() + n + j, 2 * n + j) = drift;
+    rows_.row(states + n + j).setZero();
+    rows_(states + n + j, 2 * n + j) = drift;
   }
-  if (!rows_.allFinite() || !f_.allFinite()) {
-    q_ = q0_;
-    v_ = v0_;
-    f_ = f0_;
-    return Status::not_finite;
-  }
+  if (!rows_.allFinite() || !f_.allFinite()) return failed(Status::not_finite);
   triangularise();
   t_ += h_;
   return Status::ok;
 }
 
+/// The derivatives of the last step into transition_ and pushes_, whose rows of parameters never change.
+void KalmanFilter::linearise() {
+  const Index n = v_.size(), m = p_.size();
+  step_->derivatives(A_, B_);
+  transition_.topLeftCorner(2 * n, 2 * n) = A_;
+  transition_.block(0, 2 * n, 2 * n, m) = B_.leftCols(m);
+  pushes_.topRows(2 * n) = B_.rightCols(n);
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {
+    const KalmanSensor& s = sensors_[k];
+    const Index order = s.F.rows(), at = 2 * n + m + first_[k];
+    if (order == 0) continue;
+    const auto follow = [&](Eigen::MatrixXd& x) {
+      for (Index j = 0; j < x.cols(); ++j)
+        x.col(j).segment(at, order) = s.after * (s.by_q.dot(x.col(j).head(n)) + s.by_v.dot(x.col(j).segment(n, n)));
+    };
+    follow(transition_);
+    follow(pushes_);
+    transition_.block(at, 0, order, n) += s.before.lazyProduct(s.by_q.transpose());
+    transition_.block(at, n, order, n) += s.before.lazyProduct(s.by_v.transpose());
+    transition_.block(at, at, order, order) += s.F;
+  }
+}
+
 /// Forces that are held over the step, into rows of rows_: those that the model does not know of, with the variance of
-/// their density over h, and those of the product of two errors, a payload's e and that of what it multiplies, u. In
-/// forces_ and mean_ are E[u u^T] and E[e u], as far as they come from the state; the product has the mean E[e u] and
-/// the covariance E[e^2] E[u u^T] + E[e u] E[e u]^T.
+/// their density over h, and those of the product of two errors, a payload's e and that of what it multiplies, u. The
+/// product has the mean E[e u] and the covariance E[e^2] E[u u^T] + E[e u] E[e u]^T.
 void KalmanFilter::disturb() {
   const Index n = v_.size(), first = L_.cols();
-  row_.setZero();
-  for (Index j = 0; j < n; ++j) {  // forces of 1
-    dtau_.setZero();
-    dtau_[j] = 1.0;
-    carry(first + j, true);
-    if (model_->payload() < 0) continue;
-    model_->bend(dq_, dv_, bend_);
-    bend_ *= force_noise_[j] / std::sqrt(h_);
-    forces_ += bend_.lazyProduct(bend_.transpose());
-  }
-  if (model_->payload() >= 0) {
-    const double variance = L_.row(2 * n + model_->payload()).squaredNorm(), share = model_->share();
+  forces_.setZero();
+  if (payload_ >= 0) {
+    const Index known = 2 * n + p_.size();
+    const Eigen::MatrixXd& bend = step_->bend();
+    mean_.setZero();
+    for (Index j = 0; j < first + n; ++j) {  // of the state, and of forces
+      if (j < first)
+        bend_.noalias() = bend.leftCols(known) * L_.col(j).head(known);
+      else
+        bend_ = bend.col(known + j - first) * (force_noise_[j - first] / std::sqrt(h_));
+      forces_ += bend_.lazyProduct(bend_.transpose());
+      if (j < first) mean_ += L_(payload_, j) * bend_;
+    }
+    const double variance = L_.row(payload_).squaredNorm(), share = step_->share();
     const double most = std::max(1.0, variance * share * share);  // beyond 1 inertia might be negative
     forces_ *= variance / most;
     mean_ /= most;
     forces_ += mean_.lazyProduct(mean_.transpose());
-    gain_.noalias() = rows_.middleRows(first, n).transpose().lazyProduct(mean_);
+    gain_.noalias() = pushes_.lazyProduct(mean_);
     add(-1.0);
   }
   forces_.diagonal() += force_noise_.cwiseAbs2() / h_;
@@ -273,31 +204,7 @@ void KalmanFilter::disturb() {
     for (Index k = j + 1; k < n; ++k) forces_.col(k).tail(n - k) -= forces_(k, j) * forces_.col(j).tail(n - k);
     forces_.col(j).head(j).setZero();
   }
-  pushed_ = rows_.middleRows(first, n);
-  rows_.middleRows(first, n).noalias() = forces_.transpose().lazyProduct(pushed_);
-}
-
-/// A small change of the state, in row_, over the step, into a row of rows_.
-void KalmanFilter::carry(Index row, bool noise) {
-  const Index n = v_.size(), m = p_.size();
-  dq_ = old_q_ = row_.head(n);
-  dv_ = old_v_ = row_.segment(n, n);
-  dp_ = row_.segment(2 * n, m);
-  if (!noise) dtau_.setZero();
-  model_->tangent(dq_, dv_, dp_, dtau_);
-  for (std::size_t k = 0; k < sensors_.size(); ++k) {
-    const KalmanSensor& s = sensors_[k];
-    const Index order = s.F.rows();
-    if (order == 0) continue;
-    auto df = df_.segment(first_[k], order);
-    df.noalias() = s.F.lazyProduct(row_.segment(2 * n + m + first_[k], order));
-    df += s.before * (s.by_q.dot(old_q_) + s.by_v.dot(old_v_));
-    df += s.after * (s.by_q.dot(dq_) + s.by_v.dot(dv_));
-  }
-  rows_.row(row).head(n) = dq_.transpose();
-  rows_.row(row).segment(n, n) = dv_.transpose();
-  rows_.row(row).segment(2 * n, m) = dp_.transpose();
-  rows_.row(row).tail(df_.size()) = df_.transpose();
+  rows_.middleRows(first, n).noalias() = forces_.transpose().lazyProduct(pushes_.transpose());
 }
 
 /// rows_ = Q R by Householder's reflections; L = R^T has L L^T = rows_^T rows_.
@@ -332,7 +239,7 @@ double KalmanFilter::expected(std::size_t sensor) {
   row_.segment(n, n) = s.by_v;
   double y = linear(sensor, q_, v_);
   if (s.at) {
-    Workspace& ws = model_->workspace();
+    Workspace& ws = step_->system().ws;
     move_arm(*arm_, ws, q_, v_);
     slice_jacobian(*arm_, ws, *s.at, J_);
     y += s.along.dot(slice_pose(ws, *s.at).p);
@@ -405,7 +312,7 @@ Status KalmanFilter::update(const VectorXd& y) {
 }
 
 void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance) {
-  Workspace& ws = model_->workspace();
+  Workspace& ws = step_->system().ws;
   move_arm(*arm_, ws, q_, v_);
   slice_jacobian(*arm_, ws, at, J_);
   p = slice_pose(ws, at).p;
@@ -416,32 +323,25 @@ void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matri
   }
 }
 
-KalmanFilter::State KalmanFilter::state() const {
-  return {q_, v_, p_, f_, innovations_, innovation_deviations_, model_->inertia(), L_, t_, nis_, used_};
+VectorXd KalmanFilter::state() const {
+  const VectorXd memory = step_->memory();
+  VectorXd out(q_.size() + v_.size() + p_.size() + f_.size() + 2 * innovations_.size() + L_.size() + 3 + memory.size());
+  out << q_, v_, p_, f_, innovations_, innovation_deviations_, L_.reshaped(), t_, nis_, used_, memory;
+  return out;
 }
 
-void KalmanFilter::resume(const State& state) {
-  q_ = state.q;
-  v_ = state.v;
-  p_ = state.parameters;
-  f_ = state.filters;
-  innovations_ = state.innovations;
-  innovation_deviations_ = state.innovation_deviations;
-  model_->resume(state.inertia);
-  L_ = state.root;
-  t_ = state.t;
-  nis_ = state.nis;
-  used_ = state.used;
-}
-
-const Eigen::MatrixXd& KalmanFilter::transition() {
-  for (Index j = 0; j < L_.cols(); ++j) {
-    row_.setZero();
-    row_[j] = 1.0;
-    carry(j, false);
+void KalmanFilter::resume(const VectorXd& state) {
+  const double* at = state.data();
+  for (VectorXd* x : {&q_, &v_, &p_, &f_, &innovations_, &innovation_deviations_}) {
+    *x = Eigen::Map<const VectorXd>(at, x->size());
+    at += x->size();
   }
-  transition_ = rows_.topRows(L_.cols()).transpose();
-  return transition_;
+  L_ = Eigen::Map<const Eigen::MatrixXd>(at, L_.rows(), L_.cols());
+  at += L_.size();
+  t_ = *at++;
+  nis_ = *at++;
+  used_ = static_cast<int>(*at++);
+  step_->recall(state.tail(state.data() + state.size() - at));
 }
 
 }  // namespace flexarm

@@ -62,8 +62,8 @@ class Places {
     for (const Rub& r : rubs_) {
       const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
       const int is = contact(e, r.rate);
-      const double v = s_.v[r.rate], way = given ? (v > 0.0) - (v < 0.0) : is == Tape::held ? 0.0 : is;
-      needed[r.rate] += r.coulomb * way;
+      const double v = s_.v[r.rate], way = given ? (v > 0.0) - (v < 0.0) : is == Tape::held ? 0.0 : (is > 0) - (is < 0);
+      needed[r.rate] += (std::abs(is) < Tape::held ? r.coulomb : r.stiction) * way;
     }
   }
 
@@ -114,7 +114,7 @@ class Places {
     return out;
   }
   /// Whether the equation of a rate does not count at a place: it is given, or held.
-  bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
+  bool fixed(Index e, Index i) const { return given(i) || std::abs(contact(e, i)) >= Tape::held; }
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
 
   /// Moves the workspace to place e.
@@ -178,6 +178,9 @@ class Ahead {
         kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm->nv()) : 1)) {
     for (const Tape::Row& row : tape.rows)
       if (row.point >= 0) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
+    for (std::size_t k = 0, leap = 0; !tape.leaps.empty() && k < tape.entries.size(); ++k)
+      if (tape.entries[k].h == 0.0 && tape.leaps[leap++].tears != 0.0)
+        asked_[static_cast<std::size_t>(tape.entries[k].point)] = 2;
     for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
     for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
   }

@@ -84,6 +84,18 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     by += at.K * x + at.C * y;
     return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
   };
+  /// Of the force that holds a rate at a place.
+  const auto holding = [&](Index e, Index i, const MatrixXd& z) -> Eigen::RowVectorXd {
+    const Slopes& at = slopes(e);
+    Eigen::RowVectorXd force =
+        at.M_needed.row(i) * z + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
+    for (Index p = 0; p < np; ++p) {
+      const Balance& by_one = by_p[static_cast<std::size_t>(p)];
+      force[p] += by_one.needed(e, i) - by_one.applied(e, i);
+    }
+    if (held.size() > 0) force -= places.given_out(e, held).row(i);
+    return force;
+  };
   const auto write = [&](Index row, const MatrixXd& x, const MatrixXd& y) {
     const Index e = tape.rows[static_cast<std::size_t>(row)].point;
     const MatrixXd own = places.in_q(std::max<Index>(e, 0), x);
@@ -107,7 +119,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
-  std::size_t sampled = 0;
+  std::size_t sampled = 0, leaps = 0;
   /// Samples behind entry k - 1 that come before a place.
   const auto sample = [&](std::size_t k, Index before) {
     for (; sampled < tape.samples.size() && tape.samples[sampled].entry < static_cast<Index>(k); ++sampled) {
@@ -131,7 +143,13 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   for (std::size_t k = 0; k < tape.entries.size(); ++k) {
     const Tape::Entry& entry = tape.entries[k];
     if (entry.h == 0.0) {
-      a0 = alpha0 = accelerate(entry.point, q, v);
+      const MatrixXd now = accelerate(entry.point, q, v);
+      if (method.remembers) {
+        a0 = alpha0 = now;
+      } else {
+        const Saltation& leap = tape.leaps[leaps++];
+        leap.leap(leap.tears == 0.0 ? Eigen::RowVectorXd(v.row(leap.of)) : holding(entry.point, leap.of, now), v);
+      }
       finish(k + 1, first[k + 1]);
       continue;
     }
@@ -146,17 +164,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       state.topRows(4 * n) << q, v, a0, alpha0;
       state.bottomRows(held.rows()) = held;
       const Index e = place_before(tape, index);
-      const Slopes& at = slopes(e);
-      for (Index c = 0; c < count_rubs; ++c) {
-        const Index i = from.rates[static_cast<std::size_t>(c)];
-        if (from.sense[c] != 0.0) continue;
-        state.row(4 * n + c) =
-            at.M_needed.row(i) * a0 + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
-        for (Index p = 0; p < np; ++p) {
-          const Balance& by_one = by_p[static_cast<std::size_t>(p)];
-          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i) - (held.size() > 0 ? held(i, p) : 0.0);
-        }
-      }
+      for (Index c = 0; c < count_rubs; ++c)
+        if (from.sense[c] == 0.0) state.row(4 * n + c) = holding(e, from.rates[static_cast<std::size_t>(c)], a0);
       MatrixXd end = switches.slopes(from, held.size() > 0) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
       for (Index i = 0; i < n; ++i)
@@ -169,6 +178,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       finish(k + 1, first[k + 1]);
       continue;
     }
+    for (Index i = 0; !method.remembers && i < n; ++i)
+      if (places.fixed(entry.point, i)) v.row(i).setZero();
     step.factor(static_cast<Index>(k), false);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
@@ -277,6 +288,15 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     }
     accelerate(e, by, to_q, to_v);
   };
+  /// What the force that holds a rate at a place means, without that of the acceleration that is given back.
+  const auto hold = [&](Index e, Index i, double force) -> VectorXd {
+    const Slopes& at = slopes(e);
+    v += force * (at.C_needed - at.C_applied).row(i).transpose();
+    q += force * (at.K_needed - at.K_applied).row(i).transpose();
+    out.needed(e, i) += force;
+    out.applied(e, i) -= force;
+    return force * at.M_needed.row(i).transpose();
+  };
   const std::vector<std::size_t> first = rows_of_entries(tape);
   /// Samples behind entry k - 1, or later ones, that come behind a place.
   const auto sample = [&](std::size_t k, Index behind) {
@@ -297,9 +317,18 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     sample(k, -1);
     return last;
   };
-  for (std::size_t k = tape.entries.size(); k-- > 0;) {
+  for (std::size_t k = tape.entries.size(), leaps = tape.leaps.size(); k-- > 0;) {
     const Tape::Entry& entry = tape.entries[k];
     std::size_t last = finish(k + 1);
+    if (entry.h == 0.0 && !method.remembers) {
+      const Saltation& leap = tape.leaps[--leaps];
+      const double by_gap = leap.back(v);
+      if (leap.tears == 0.0)
+        v[leap.of] += by_gap;
+      else
+        accelerate(entry.point, hold(entry.point, leap.of, by_gap), q, v);
+      continue;
+    }
     if (entry.h == 0.0) {
       a0 += alpha0;
       accelerate(entry.point, a0, q, v);
@@ -328,18 +357,10 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 = state.segment(2 * n, n);
       alpha0 = state.segment(3 * n, n);
       const Index e = place_before(tape, index);
-      const Slopes& at = slopes(e);
       x.setZero(n);
-      for (std::size_t c = 0; c < from.rates.size(); ++c) {
-        const double f = state[4 * n + static_cast<Index>(c)];
-        const Index i = from.rates[c];
-        if (from.sense[static_cast<Index>(c)] != 0.0) continue;
-        x += f * at.M_needed.row(i).transpose();
-        v += f * (at.C_needed - at.C_applied).row(i).transpose();
-        q += f * (at.K_needed - at.K_applied).row(i).transpose();
-        out.needed(e, i) += f;
-        out.applied(e, i) -= f;
-      }
+      for (std::size_t c = 0; c < from.rates.size(); ++c)
+        if (const auto row = static_cast<Index>(c); from.sense[row] == 0.0)
+          x += hold(e, from.rates[c], state[4 * n + row]);
       delay();
       a0 += x;
       continue;
@@ -387,6 +408,8 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
       alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
     }
+    for (Index i = 0; !method.remembers && i < n; ++i)
+      if (places.fixed(entry.point, i)) v[i] = 0.0;
     delay();
   }
   finish(0);

@@ -7,15 +7,15 @@
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
-#include "lanes/ball.hpp"
-#include "lanes/methods.hpp"
-#include "lanes/single.hpp"
+#include "setup/single.hpp"
+#include "space/ball.hpp"
+#include "step/methods.hpp"
 
 namespace flexarm {
 
 namespace {
 
-/// An arm's workspace as the methods see it (lanes/methods.hpp).
+/// An arm's workspace as the methods see it (step/methods.hpp).
 struct Engine {
   using Scalar = double;
   using Mask = bool;
@@ -171,8 +171,8 @@ struct OneStep::Run {
     if (now == rubbing) return;
     std::swap(now, rubbing);
     Contacts<Engine>& c = *contacts;
-    Room room(c.coulomb);
-    c.lay_out(room, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
+    Arena arena(c.coulomb);
+    c.lay_out(arena, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
     int k = 0;
     for (const Rub& r : rubs) {
       if (k == c.count || c.at[k] != r.rate) continue;
@@ -189,11 +189,11 @@ struct OneStep::RunOf final : Run {
 
   RunOf(const Arm& arm, const ImplicitOptions& o) : Run(arm, flexarm::rubs(arm)) {
     const lanes::MethodOptions told{o.spectral_radius, o.rtol, o.max_iterations};
-    Room most;
+    Arena most;
     method.lay_out(most, arm.nq(), arm.nv(), nullptr, static_cast<int>(rubs.size()), told);
     numbers.resize(most.bytes() / sizeof(double));
-    Room room(numbers.data());
-    method.lay_out(room, arm.nq(), arm.nv(), nullptr, 0, told);
+    Arena arena(numbers.data());
+    method.lay_out(arena, arm.nq(), arm.nv(), nullptr, 0, told);
     contacts = &method.friction();
     work = &method.work;
     q0 = method.q0;
@@ -361,10 +361,11 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
       q += h * of.v_by_a(i, j) * dq.col(j);
     }
     if (given) given(of.c[i]);
-    forward_dynamics(*arm_, ws, q, v, tau);
+    accelerate(ws, q, v, tau, friction_, true);
     a.col(i) = ws.a;
     run_->engine.rates(q.data(), v.data(), dq.col(i).data());
     tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
+    contacts(v, false, tape_->last_contacts());
   }
   q = q1;
   v = v1;
@@ -394,7 +395,8 @@ std::vector<double> OneStep::way() const {
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
   const Contacts<Engine>& c = *run_->contacts;
   for (int k = 0; k < c.count; ++k) {
-    const double rate = v[c.at[k]], way = c.over[k] > 0.5 ? c.way[k] : instant ? c.sign(rate) : c.sense[k];
+    const double now = instant ? c.sign(v[c.at[k]]) : 0.0;
+    const double way = c.over[k] > 0.5 ? c.way[k] : now != 0.0 ? now : c.sense[k];
     out[c.at[k]] = c.held[k] > 0.5 ? Tape::held : way > 0.0 ? Tape::ahead : way < 0.0 ? Tape::back : Tape::free;
   }
 }

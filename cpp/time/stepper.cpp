@@ -1,6 +1,8 @@
 #include "stepper.hpp"
 
 #include <algorithm>
+#include <limits>
+#include <optional>
 #include <sstream>
 #include <utility>
 
@@ -10,17 +12,18 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
-constexpr double kCrawl = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
-constexpr double kInBetween = 1e-4;  // the same, at its samples
-constexpr double kStill = 1e-10;     // speed (rad/s, m/s) below which a joint with dry friction may stick
-constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it, at first
-constexpr int kPlaces = 8;           // of an interpolated step, at which switches are looked for
-constexpr double kOneTime = 1e-9;    // parts of a step that are no time
-constexpr int kSearch = 40;          // halvings of the time in which a switch is
-constexpr int kAims = 4;             // steps that try to end where a joint comes to rest
-constexpr double kFewSteps = 3.0;    // that resolve no swing, of a method that knows the ends of its steps alone
-constexpr std::size_t kMany = 100;   // so many switches within a step are no motion
+constexpr double kResolved = 1e-6;    // parts of a motion's velocity that a step may miss
+constexpr double kCrawl = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kInBetween = 1e-4;   // the same, at its samples
+constexpr double kStill = 1e-10;      // speed (rad/s, m/s) below which a joint with dry friction may stick
+constexpr double kSlack = 1e-9;       // parts of its stiction by which a joint may be held beyond it, at first
+constexpr int kPlaces = 8;            // of an interpolated step, at which switches are looked for
+constexpr double kOneTime = 1e-9;     // parts of a step that are no time
+constexpr int kSearch = 40;           // halvings of the time in which a switch is
+constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
+constexpr int kAims = 4;              // steps that try to end where a joint comes to rest
+constexpr double kFewSteps = 3.0;     // that resolve no swing, of a method that knows the ends of its steps alone
+constexpr std::size_t kMany = 100;    // so many switches within a step are no motion
 
 /// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
 /// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
@@ -206,40 +209,87 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
     (found ? high : low) = middle;
   }
   share = high;
+  forced_ = high == 0.0;
   const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
   was_ = way;
-  for (int aim = 0; aim < kAims && share > kOneTime && share < 1.0 - kOneTime; ++aim) {
+  const auto rewind = [&] {
     s.q = q0_;
     s.v = v0_;
     s.drive(from);
+    if (tape_) tape_->take_back();
+  };
+  // Gets faster where it should come to rest: the step that found this was too long for the motion.
+  const auto unseen = [&] { return inside && level < kSplits && way * s.ws.a[switched_->of.rate] > 0.0; };
+  for (int aim = 0;; ++aim) {
+    rewind();
+    if (share <= kOneTime) {
+      share = 0.0;
+      const bool slid = high > 0.0 && way != Tape::held;
+      return slid && s.accelerate(true) == Status::ok && unseen() ? Status::not_converged : Status::ok;
+    }
     if (const Status status = jump(); status != Status::ok) return status;
     if (way != was_) {  // the step began at the switch
       share = 0.0;
-      break;
+      return Status::ok;
     }
-    if (const Status status = try_step(from, share * h, std::nan(""), level); status != Status::ok) return status;
-    if (way == Tape::held || std::abs(s.v[switched_->of.rate]) <= kStill || aim + 1 == kAims) return Status::ok;
+    if (share >= 1.0 - kOneTime) share = 1.0;
+    const double stop = share == 1.0 ? last : std::nan("");
+    if (const Status status = try_step(from, share * h, stop, level); status != Status::ok) return status;
+    if (way == Tape::held) return Status::ok;
     if (const Status status = s.accelerate(true); status != Status::ok) return status;
-    const double late = s.v[switched_->of.rate] / (s.ws.a[switched_->of.rate] * h);
-    if (!(std::abs(late) < 0.1 * share)) return Status::ok;
+    if (unseen()) {
+      rewind();
+      return Status::not_converged;
+    }
+    const double speed = s.v[switched_->of.rate], late = speed / (s.ws.a[switched_->of.rate] * h);
+    if (share == 1.0 || std::abs(speed) <= kStill || aim + 1 == kAims || !(std::abs(late) < 0.1 * share))
+      return Status::ok;
     share -= late;
   }
-  const bool whole = share > 0.5;
-  share = whole ? 1.0 : 0.0;
-  s.q = whole ? q1_ : q0_;
-  s.v = whole ? v1_ : v0_;
-  s.drive(whole ? end : from);
-  return Status::ok;
+}
+
+/// Of the switch that has ended a step; in the tape its place, and a leap.
+Saltation Stepper::saltation(const Contact& now) {
+  const int i = now.of.rate;
+  s.drive(reached);
+  if (s.accelerate(true) != Status::ok) s.ws.a.setZero();  // the next step says why
+  const Eigen::VectorXd q = s.q, v = s.v, a = s.ws.a;
+  tape_->entries.push_back({0.0, 1.0, tape_->add(reached, q, v, a)});
+  signed char* contacts = tape_->last_contacts();
+  std::copy(ways_.begin(), ways_.end(), contacts);
+  if (was_ != Tape::held) return Saltation::at_rest(i, a);
+  const auto force = [&](double t, const Eigen::VectorXd& at, const Eigen::VectorXd& rates) {
+    s.q = at;
+    s.v = rates;
+    s.drive(t);
+    s.accelerate(true);
+    return s.friction[i];
+  };
+  const double d = std::min(kDifference * step, 0.25 * (reached - now_.from));
+  const Saltation out =
+      Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, std::max(d, 0.01 * kDifference * step), force);
+  s.q = q;
+  s.v = v;
+  contacts[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;
+  return out;
 }
 
 Status Stepper::settle() {
   Contact& now = *switched_;
+  const signed char& way = ways_[static_cast<std::size_t>(now.of.rate)];
   switched_ = nullptr;
+  std::optional<Saltation> leap;
+  if (tape_ && way == was_ && s.arm.nq() == s.arm.nv()) leap = saltation(now);
   for (const Contact& c : contacts_)
     if (&c == &now || std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
   const double slack = now.slack;
   const Status status = jump();
+  if (leap) {
+    if (way == was_) leap->gap_rate = std::numeric_limits<double>::infinity();
+    leap->end(s.ws.a);
+    tape_->leaps.push_back(*std::move(leap));
+  }
   last_switches_.push_back(reached);
   if (last_switches_.size() > kMany) {
     last_switches_.erase(last_switches_.begin());
@@ -249,7 +299,7 @@ Status Stepper::settle() {
     }
   }
   now.slack = kSlack;
-  if (ways_[static_cast<std::size_t>(now.of.rate)] == was_) {
+  if (way == was_) {
     now.slack = 10.0 * slack;  // it was seen a little early
     return status;
   }

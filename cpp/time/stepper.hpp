@@ -104,6 +104,7 @@ class Stepper {
   Status end_at_switch(double from, double h, double last, int level, double& share);
   /// Begins anew behind a switch.
   Status settle();
+  Saltation saltation(const Contact& now);
   Status look_at_contacts(Status status);
   Contact* broken();
   Status try_step(double from, double h, double last, int level);
@@ -122,6 +123,7 @@ class Stepper {
   std::vector<signed char> ways_;  // of all rates, what they do until the next switch (Tape::Contact)
   Contact* switched_ = nullptr;    // in the step that has been taken
   signed char was_ = Tape::free;   // what that one did before
+  bool forced_ = false;            // it did not last at the step's very beginning
   Contact* restless_ = nullptr;    // what switches without end
   Eigen::VectorXd q0_, v0_;        // where the step began
   Eigen::VectorXd q1_, v1_;        // where it ended, before it was looked into

@@ -2,8 +2,8 @@
 // its rates.
 #pragma once
 
-#include "lanes/ball.hpp"
 #include "places.hpp"
+#include "space/ball.hpp"
 #include "turning.hpp"
 
 namespace flexarm {

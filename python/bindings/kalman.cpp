@@ -14,13 +14,9 @@ using Row = std::tuple<Eigen::VectorXd, Eigen::VectorXd, double, double,
 /// kind, rate, start, deviation, drift
 using Unknown = std::tuple<int, int, double, double, double>;
 
-/// KalmanFilter::State
-using State = std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd,
-                         Eigen::VectorXd, Eigen::VectorXd, Eigen::MatrixXd, double, double, int>;
-
 std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, const std::vector<Row>& rows,
                                           const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
-                                          double spectral_radius, double friction_speed) {
+                                          double friction_speed) {
   std::vector<KalmanSensor> sensors;
   for (const auto& [by_q, by_v, offset, noise, place, along, F, before, after] : rows) {
     sensors.push_back({by_q, by_v, offset, noise, {}, along, F, before, after});
@@ -30,7 +26,6 @@ std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, cons
   for (const auto& [kind, rate, start, deviation, drift] : unknowns)
     parameters.push_back({static_cast<KalmanParameter::Kind>(kind), rate, start, deviation, drift});
   KalmanOptions options;
-  options.spectral_radius = spectral_radius;
   options.friction_speed = friction_speed;
   return std::make_unique<KalmanFilter>(of.problem, step, sensors, parameters, force_noise, options);
 }
@@ -91,7 +86,7 @@ py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links) 
 void bind_kalman(py::module_& m) {
   py::class_<KalmanFilter>(m, "KalmanFilter")
       .def(py::init(&make_kalman), py::arg("problem"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
-           py::arg("force_noise"), py::arg("spectral_radius"), py::arg("friction_speed"), py::keep_alive<1, 2>())
+           py::arg("force_noise"), py::arg("friction_speed"), py::keep_alive<1, 2>())
       .def("start", &KalmanFilter::start, py::arg("q"), py::arg("v"), py::arg("q_deviation"), py::arg("v_deviation"),
            py::arg("t"))
       .def(
@@ -110,19 +105,9 @@ void bind_kalman(py::module_& m) {
             return py::make_tuple(p, covariance);
           },
           py::arg("link"), py::arg("x"))
-      .def("transition", [](KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
-      .def("state",
-           [](const KalmanFilter& f) {
-             const KalmanFilter::State s = f.state();
-             return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.inertia,
-                                   s.root, s.t, s.nis, s.used);
-           })
-      .def(
-          "resume",
-          [](KalmanFilter& f, const State& s) {
-            f.resume(std::apply([](const auto&... x) { return KalmanFilter::State{x...}; }, s));
-          },
-          py::arg("state"))
+      .def("transition", [](const KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
+      .def("state", &KalmanFilter::state)
+      .def("resume", &KalmanFilter::resume, py::arg("state"))
       .def_property_readonly("t", &KalmanFilter::t)
       .def_property_readonly("q", [](const KalmanFilter& f) { return Eigen::VectorXd(f.q()); })
       .def_property_readonly("v", [](const KalmanFilter& f) { return Eigen::VectorXd(f.v()); })

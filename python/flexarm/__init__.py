@@ -32,7 +32,8 @@ Analysis
     economize, Plan                     the cheapest model within a tolerance
 One run
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
-    simulate, Result, Watch             an arm over time; its trajectory; whether it stays where its model is good
+    simulate, Result                    an arm over time; its trajectory
+    check, Finding, Watch               what could be better, of an arm or a scene; result.check(): of a run, its limits
     Ida Implicit Gauss RK4, Simulation  integrators, with their options; an arm step by step, its states restored
     Sensitivities                       what result.sensitivities gives: exact derivatives; see result.gradient, too
     SimulationError                     the run could not go on; as SimulationInterrupted (Ctrl-C) it holds the result
@@ -53,9 +54,8 @@ Many runs
     Failure                             a run that could not go on; Ctrl-C: BatchInterrupted, SweepInterrupted
 Warnings
     ModelWarning, StateWarning          a number that is probably a mistake; a state that does not last
-    RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
-    LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
-    SlowWarning, StepWarning            very many steps; steps too long, for "rk4" or for dry friction
+    RangeWarning, LoopWarning           a run beyond the range of its model; a control loop that grows
+    StepWarning, SlowWarning            steps that miss a part of the motion; so many that the run will hardly end
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
     MoveWarning InversionWarning MPCWarning RobotWarning    limits that are passed; no answer in time; what is left out
 
@@ -86,12 +86,17 @@ from .acting.voltage import Voltage as Voltage
 from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
 from .analysis.design import lqg as lqg, lqr as lqr
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
-from .analysis.loops import LoopWarning as LoopWarning
+from .analysis.findings import (
+    Finding as Finding,
+    LoopWarning as LoopWarning,
+    RangeWarning as RangeWarning,
+    SlowWarning as SlowWarning,
+    StepWarning as StepWarning,
+)
 from .analysis.damping import Decay as Decay, fit_decay as fit_decay
 from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
 from .analysis.resonant_design import irc as irc, ppf as ppf
 from .analysis.placement import PatchPlacement as PatchPlacement, placement as placement
-from .analysis.validity import RangeWarning as RangeWarning
 from .arm import Arm as Arm
 from .batch.result import BatchResult as BatchResult
 from .batch.gradient import (
@@ -164,8 +169,6 @@ from .parts.taper import Taper as Taper
 from .robots.chain import Flexible as Flexible
 from .robots.tree import RobotWarning as RobotWarning
 from .run.integrators import RK4 as RK4, Gauss as Gauss, Ida as Ida, Implicit as Implicit
-from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
-from .run.pulses import PulseWarning as PulseWarning
 from .run.result import Result as Result
 from .run.sensitivity import Sensitivities as Sensitivities
 from .run.simulation import (
@@ -174,7 +177,8 @@ from .run.simulation import (
     simulate as simulate,
 )
 from .run.stepping import Simulation as Simulation
-from .run.watch import Watch as Watch, WatchWarning as WatchWarning
+from .run.watch import Watch as Watch
+from .scene.check import check as check
 from .scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
 from .scene.scene import Scene as Scene, load as load
 from .sensing.lowpass import LowPass as LowPass
@@ -194,6 +198,14 @@ from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
 from .validate.validate import validate as validate
 from .validate.validation import Validation as Validation
 from .view.view import View as View
+
+
+_RENAMED = {"PulseWarning": "StepWarning", "WatchWarning": "RangeWarning"}
+
+
+def __getattr__(name: str) -> object:
+    more = f"; it is {_RENAMED[name]} now" if name in _RENAMED else ""
+    raise AttributeError(f"module 'flexarm' has no attribute '{name}'{more}")
 
 
 def __dir__() -> list[str]:

@@ -10,17 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._check import Array, array, choice, finite, outside
+from ._check import Array, array, choice, finite
 from .acting.load import Load, at_time
 from .acting.voltage import voltage_forces
 from .analysis import damping, describe, linear
 from .analysis import equilibrium as balance
 from .analysis import modes as modal
-from .analysis.doubts import doubts
 from .analysis.validity import range_warning, worst_range
 from .parts.chain import Chain
-from .parts.link import Link
-from .parts.part import ModelWarning
 from .parts.tables import ArmFile, read_file
 from .robots import export as robot_files
 from .view import view
@@ -43,35 +40,18 @@ class Arm(Chain):
         links: from the base to the tip, numbered from 0; -1 is the last one, the default.
         gravity: world axes (m/s^2).
 
-    Warns:
-        ModelWarning: numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
-            g mm², a short thick beam without shear.
+    `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
+    g mm², a short thick beam without shear; and beams with too few shape functions for their payload.
     """
-
-    def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        self._build(links, gravity)
-        self._warned = False
-        self._warn()
-
-    def _warn(self) -> None:
-        """Issues ModelWarning for numbers that are probably mistakes, once: when the arm is made, or, from a scene
-        file, at its first use."""
-        if not self._warned:
-            self._warned = True
-            for text in doubts(self):
-                warnings.warn(text, ModelWarning, stacklevel=outside())
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
-        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}. A ModelWarning about it
-        comes at the arm's first simulation, linearisation, modes or equilibrium."""
+        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}."""
         return Arm._read(read_file(ArmFile, d))
 
     @classmethod
     def _read(cls, file: ArmFile) -> Arm:
-        arm = cls._made(file.link, file.gravity)
-        arm._warned = False
-        return arm
+        return cls(file.link, file.gravity)
 
     def __str__(self) -> str:
         return self.describe()
@@ -80,7 +60,6 @@ class Arm(Chain):
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
         frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
         ratios with all joints locked at zero, without gravity."""
-        self._warn()
         return describe.describe(self)
 
     def show(
@@ -107,7 +86,6 @@ class Arm(Chain):
             ValueError: bad shapes or values. ImportError: without flexarm[view], unless open=False.
         """
         q = self.zero if q is None else self._single(q=q)[0]
-        self._warn()
         at_time(self, loads, t)
         made = view.show(self, q, magnify, loads or (), float(array("t", t, ())))
         if open and not view.in_notebook():
@@ -256,7 +234,6 @@ class Arm(Chain):
             ValueError: bad arguments, or no steady state at this speed with all beams in range.
         """
         q = None if q is None else self._single(q=q)[0]
-        self._warn()
         return modal.modes(self, q, speed, lock, at_time(self, loads, t))
 
     def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
@@ -297,13 +274,13 @@ class Arm(Chain):
         """
         q = None if q is None else self._single(q=q)[0]
         links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
-        return Arm._made(links, self.gravity)
+        return Arm(links, self.gravity)
 
     def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
         """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
         of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
         frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
-        return Arm._made(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
+        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
 
@@ -342,7 +319,6 @@ class Arm(Chain):
             zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
             tau = zero + voltage_forces(self, voltages)
         q = None if q is None else self._single(q=q)[0]
-        self._warn()
         found = balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
         if (beyond := worst_range(self, np.zeros(1), found[None])) is not None:
             warnings.warn(range_warning(self, beyond, "equilibrium: ", still=True), stacklevel=2)
@@ -372,7 +348,6 @@ class Arm(Chain):
             StateWarning: the equilibrium of the beams is unstable: they buckle.
             RangeWarning: a beam is bent further than its order is good for.
         """
-        self._warn()
         volts = np.zeros(self.nv) if voltages is None else voltage_forces(self, voltages)
         found = balance.trim(self, q, at_time(self, loads, t), volts)
         if (beyond := worst_range(self, np.zeros(1), found.q[None])) is not None:
@@ -456,5 +431,4 @@ class Arm(Chain):
                 moment only.
         """
         q = self._single(q=q)[0]
-        self._warn()
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, whole
 from .acting.control import force_columns, measured_rows
-from .analysis.validity import SILENT
+from .analysis.findings import RangeWarning, RunWarning
 from .arm import Arm
-from .batch.rollout import rollout
+from .batch.rollout import rolled, tell
 from .run.variation import Setup, Variation
 from .tasks import TASKS, State, Task
 from .view.stage import greatest_strain
@@ -224,16 +224,18 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
             observation = self._observation()
         return observation, reward, terminated, truncated, info
 
+    def _tell(self, warning: RunWarning) -> None:
+        """Passes a warning on; that of a beam beyond its range only once."""
+        if not (self._told and isinstance(warning, RangeWarning)):
+            tell(warning)
+        self._told |= isinstance(warning, RangeWarning)
+
     def _advance(self, u: Array) -> _Bools:
         """Advances one control period; returns the environments that failed, whose state is unchanged."""
         n, arms = self.task.substeps, self._arms if self.task.randomize else self.task.arm
         force = ((u * self._torque) @ self._columns)[:, None, :]
-        silent = SILENT.set(self._told)  # warn once of a beam beyond its range
-        try:
-            out = rollout(arms, self._q, self._v, force, step=self.task.step, nstep=n, every=n, workers=self.workers)
-        finally:
-            SILENT.reset(silent)
-        self._told |= "out_of_range" in out.stats
+        step, workers = self.task.step, self.workers
+        out = rolled(self._tell, arms, self._q, self._v, force, step=step, nstep=n, every=n, workers=workers)
         fine = np.asarray(out.status == 0)
         self._q[fine], self._v[fine] = out.q[fine, -1], out.v[fine, -1]
         self._count += 1

@@ -17,8 +17,6 @@ import pytest
 from arms import STEEL, G, close, floating_arm, paper_link, pendulum
 from flexarm.acting.sampled import Sampled
 
-pytestmark = pytest.mark.filterwarnings("ignore:link.0..beam.modes:flexarm.ModelWarning")
-
 
 def two_links(tip: float = 0.05) -> fa.Arm:
     beam = fa.Beam(0.4, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, damping_ratio=0.01)
@@ -592,12 +590,13 @@ def test_a_file_knows_its_batch(tmp_path):
         {"tau": np.ones((1, 6))}, {"v0": np.ones((2, 6))}, {"loads": [fa.Load(force=force)]}, {"outputs": ["q"]},
         {"integrator": "gauss"}, {"step": 5e-4}, {"rtol": 1e-9}, {"parameters": {"q0.0": [0.0, 0.0]}},
     ]  # fmt: skip
-    fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **base)
-    again = fa.simulate_batch(two_links(), [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, "drive": {0: ramp(1.0)}})
+    file = {"out": tmp_path / "x.h5", "name": "ramp"}
+    fa.simulate_batch(arm, [0, 1e-3, 2e-3], **file, **base)
+    again = fa.simulate_batch(two_links(), [0, 1e-3, 2e-3], **file, **{**base, "drive": {0: ramp(1.0)}})
     assert again.stats["resumed"] == 2
     for other in others:
         with pytest.raises(ValueError, match="holds another batch"):
-            fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, **other})
+            fa.simulate_batch(arm, [0, 1e-3, 2e-3], **file, **{**base, **other})
 
 
 @pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
@@ -615,9 +614,10 @@ def test_a_file_remembers_failures(tmp_path):
 KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
-import os, signal, flexarm.store.hdf5 as file
+import os, signal
+from flexarm.store.scenarios import ScenarioFile
 from batch.test_batch import *
-put, count = file.Laid.put, 0
+put, count = ScenarioFile._put, 0
 def dying(self, name, indices, block):
     global count
     count += 1
@@ -625,7 +625,7 @@ def dying(self, name, indices, block):
         put(self, name, indices, np.full_like(block, 7))  # half written, and wrong
         os.kill(os.getpid(), signal.SIGKILL)
     put(self, name, indices, block)
-file.Laid.put = dying
+ScenarioFile._put = dying
 fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 """
 
@@ -633,13 +633,13 @@ fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 def test_killed_in_mid_write_it_goes_on(tmp_path):
     path = tmp_path / "sweep.h5"
-    script = KILLED.format(tests=str(Path(__file__).parents[1]), path=str(path), after=32)
+    script = KILLED.format(tests=str(Path(__file__).parents[1]), path=str(path), after=30)
     killed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     left = fa.BatchResult.load(path)
     assert np.isnan(left.q[12:]).all() and np.isfinite(left.q[:12]).all() and (left.status[12:] == 4).all()
     run = fa.simulate_batch(two_links(), TIMES, out=path, **SWEEP)
-    assert run.stats["resumed"] == 12  # three chunks of four; the fourth was being written
+    assert run.stats["resumed"] == 12  # 7 arrays: blank, of three chunks of four, then two of the fourth
     np.testing.assert_array_equal(run.q, fa.simulate_batch(two_links(), TIMES, **SWEEP).q)
 
 
@@ -691,8 +691,8 @@ def test_a_terminal_event_ends_a_scenario_as_it_ends_a_simulation(tmp_path, inte
     assert [r.status for r in alone] == [0, 1, 1]
     runs = fa.simulate_batch(arm, t, v0=v0, **options)
     runs.save(tmp_path / "a.npz")
-    stored = fa.simulate_batch(arm, t, v0=v0, out=tmp_path / "a.h5", **options)
-    again = fa.simulate_batch(arm, t, v0=v0, out=tmp_path / "a.h5", **options)
+    stored = fa.simulate_batch(arm, t, v0=v0, out=tmp_path / "a.h5", name="A", **options)
+    again = fa.simulate_batch(arm, t, v0=v0, out=tmp_path / "a.h5", name="A", **options)
     assert again.stats["resumed"] == 3
     files = [fa.BatchResult.load(tmp_path / name) for name in ("a.npz", "a.h5")]
     for found in (runs, stored, again, *files):
@@ -706,9 +706,8 @@ def test_a_terminal_event_ends_a_scenario_as_it_ends_a_simulation(tmp_path, inte
 
 def test_events_of_a_file_that_are_too_many_fail_aloud(tmp_path):
     arm = pendulum()
-    runs = fa.simulate_batch(
-        arm, [0, 5], v0=[np.full(arm.nv, 0.1)] * 2, events=lambda t, q, v: v[0], step=0.01, out=tmp_path / "a.h5"
-    )
+    file = {"out": tmp_path / "a.h5", "name": "A"}
+    runs = fa.simulate_batch(arm, [0, 5], v0=[np.full(arm.nv, 0.1)] * 2, events=lambda t, q, v: v[0], step=0.01, **file)
     assert runs.status.tolist() == [5, 5] and "more than 2 times" in runs.failures[1].reason
 
 

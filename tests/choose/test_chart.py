@@ -91,7 +91,6 @@ def test_the_truth_agrees_with_another_integrator(chart: fa.Chart) -> None:
     assert off(chart, other) < 1e-7
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
 def test_errors_are_those_of_the_runs(chart: fa.Chart) -> None:
     for row in [r for r in chart.rows if r.status == "ok"][::7]:
         assert row.error == pytest.approx(off(chart, chart.scene_of(row).run()), rel=1e-5, abs=1e-13)
@@ -102,7 +101,6 @@ PAYLOAD = fa.RigidBody(0.1, inertia=(1e-4,) * 3)
 
 
 @pytest.mark.parametrize("links", [1, 2])
-@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
 def test_the_truth_is_true_and_errors_are_right_with_a_payload(links: int) -> None:
     """Modes of a free beam converge slowly under a body on the tip or another link: the basis is varied."""
     beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2})
@@ -151,7 +149,6 @@ def test_best_on_known_points(chart: fa.Chart) -> None:
     assert [(r.time, r.error) for r in chosen] == [(0.5, 9), (1, 5), (3, 0.9), (9, 1e-9)]
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
 def test_recommendations_keep_their_tolerance(chart: fa.Chart) -> None:
     times = []
     for tol in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):

@@ -387,12 +387,15 @@ def test_watch_names_link_and_time(plans: dict[str, fa.Plan]) -> None:
     plan = plan_of(plans, "slow")
     plan.run()  # in range: silent
     faster = replace(plan.scene, drive={0: fa.Motion.spin_up(4.0, 1.0)})
-    with pytest.warns(fa.WatchWarning) as said:
-        fa.simulate(faster.arm, faster.t, drive=faster.drive, watch=plan.watch)
-    w = said[0].message
-    assert w.link == 0 and 0.0 < w.time < 1.0 and w.value > w.limit and "link 0" in str(w)
+    run = faster.run()
+    left = [x for x in run.check(plan.watch) if "beyond its limit" in x.what]
+    assert left[0].where == "link 0" and left[0].value > left[0].limit
+    assert 0.0 < float(re.search(r"from t = (\S+) s", str(left[0]))[1]) < 1.0
+    with pytest.warns(fa.RangeWarning, match="beyond its limit") as said:
+        replace(plan, scene=faster).run()
+    assert said[0].message.finding == left[0] and said[0].filename == __file__
     with pytest.raises(ValueError, match="watch = 3"):
-        fa.simulate(faster.arm, faster.t, watch=3)  # type: ignore[arg-type]
+        run.check(3)  # type: ignore[arg-type]
 
 
 def test_usual_watch_sees_too_few_modes_and_too_much_speed() -> None:
@@ -400,11 +403,9 @@ def test_usual_watch_sees_too_few_modes_and_too_much_speed() -> None:
     few = scenes.paper(1.0, 1.0, 1.0, {"bending_y": 2}, order=2).arm
     q0 = np.array([0.0, 0.0, 0.01])
     hold = {0: fa.Motion([0, 1], [0, 0])}
-    with pytest.warns(fa.WatchWarning, match="highest mode"):
-        fa.simulate(few, t, q0, drive=hold, watch=True)
+    assert "highest mode" in str(fa.simulate(few, t, q0, drive=hold).check())
     simple = scenes.paper(1.0, 1.0, 1.0, order=0).arm
-    with pytest.warns(fa.WatchWarning, match="first frequency"):
-        fa.simulate(simple, t, drive={0: fa.Motion([0, 0.3], [0, 4.0])}, watch=True)
+    assert "first frequency" in str(fa.simulate(simple, t, drive={0: fa.Motion([0, 0.3], [0, 4.0])}).check())
 
 
 def test_adapt_goes_on_with_the_richer_arm(plans: dict[str, fa.Plan]) -> None:

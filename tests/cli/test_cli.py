@@ -118,6 +118,20 @@ def test_a_rigid_arm_can_be_run(tmp_path: Path, capsys: pytest.CaptureFixture[st
 # -- modes ---------------------------------------------------------------------------------------------------
 
 
+def test_check_prints_what_run_counts(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(scene)]) == 0 and capsys.readouterr().out == "nothing to remark\n"
+    scene.write_text(PENDULUM.replace("density = 7850", "density = 7850e3").replace("mass = 0.1", "mass = 30"))
+    assert main(["check", str(scene)]) == 0
+    out, err = capsys.readouterr()
+    found = out.splitlines()
+    assert err == "" and len(found) == len(answer(capsys, "check", str(scene))) > 0
+    assert "link[0].beam.material.density: 7.85e+06 kg/m^3: no solid is so dense; what is its unit?" in found
+    assert main(["run", str(scene), "-o", str(tmp_path / "out")]) == 0
+    said = f"{len(found)} remark{'s' * (len(found) > 1)}: flexarm check {scene}"
+    assert capsys.readouterr().out.splitlines()[-1] == said
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["remarks"] == found
+
+
 def test_modes_of_the_shipped_scene(capsys: pytest.CaptureFixture[str]) -> None:
     told = answer(capsys, "modes", "ist")
     assert told["lock"] == [0]  # prescribed by the scene

@@ -10,7 +10,7 @@ import pytest
 from arms import STEEL, paper_link
 from scipy.spatial.transform import Rotation
 
-pytestmark = [pytest.mark.filterwarnings(f"ignore::flexarm.{name}") for name in ("ModelWarning", "RangeWarning")]
+pytestmark = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
 GRAVITY = (0.0, 0.0, -9.81)
 
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 STEEL = fa.Material(7850, 209e9, 0.3)
-QUIET = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning", "ignore::flexarm.ModelWarning")
+QUIET = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
 
 
 def rigid_arm(**joint: Any) -> fa.Arm:

@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -79,9 +78,7 @@ def rows(runner: Path, file: Path) -> np.ndarray:
 def compare(runner: Path, scene: fa.Scene, folder: Path) -> None:
     """That C++ runs the compiled scene as Python runs the scene, to the last bit."""
     scene.compile(folder / "scene.json")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.ModelWarning)
-        want = scene.run()
+    want = scene.run()
     got = rows(runner, folder / "scene.json")
     np.testing.assert_array_equal(got[:, 0], want.t)
     np.testing.assert_array_equal(got[:, 1 : 1 + scene.arm.nq], want.q)

@@ -165,7 +165,8 @@ def test_a_controller_with_memory() -> None:
     assert np.abs(found.q[0] - expected).max() < 3e-8 * np.abs(expected).max()
 
 
-def sticking(**given: float) -> fa.Result:
+def sticking(*by: Any, **given: float) -> fa.Result:
+    """By "implicit", or an integrator and what else it is given."""
     at = {"mass": 0.1, "coulomb": 0.15, "stiction": 0.2, "scale": 1.0, "damping": 0.01, "start": 0.0, **given}
     beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, "clamped-free", damping_ratio=0.01)
     joint = fa.Revolute("z", damping=at["damping"], coulomb=at["coulomb"], stiction=at["stiction"])
@@ -173,7 +174,8 @@ def sticking(**given: float) -> fa.Result:
     arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam, tip)])
     t = np.linspace(0, 1.0, 101)
     torque = fa.Torque(t, at["scale"] * 0.5 * np.sin(4 * np.pi * t))
-    return fa.simulate(arm, t, [at["start"], 0, 0], drive={0: torque}, integrator="implicit", step=1e-3, rtol=1e-13)
+    name, options = by or ("implicit", {"step": 1e-3, "rtol": 1e-13})
+    return fa.simulate(arm, t, [at["start"], 0, 0], drive={0: torque}, integrator=name, **options)
 
 
 def test_through_sticking_and_sliding() -> None:
@@ -195,6 +197,66 @@ def test_through_sticking_and_sliding() -> None:
             assert np.abs(getattr(found, rows)[k] - expected).max() <= 3e-6 * np.abs(expected).max(), (name, rows)
         parts = [(w * getattr(found, rows)[k]).sum() for rows, w in weights.items()]
         assert abs(gradient[path] - sum(parts)) < 5e-8 * max(np.abs(parts)), path
+
+
+def test_steps_that_end_at_switches_have_the_derivatives_of_ida() -> None:
+    """By differences of IDA's runs, and by its own tangents. The first switch tears the joint loose from its start, and
+    the samples of the torque act until switches whose times they move."""
+    paths = ["link.0.tip.mass", "link.0.joint.coulomb", "link.0.joint.stiction", "drive.0.scale", "q0.0", "v0.0"]
+    exact = "ida", {"rtol": 1e-10, "atol": 1e-13}
+    ida = sticking(*exact)
+    tangents = ida.sensitivities(paths)
+    less, more = (sticking(*exact, stiction=0.2 + x) for x in (-1e-5, 1e-5))
+    by_stiction = (more.q - less.q) / 2e-5
+    rng = np.random.default_rng(3)
+    weights = {name: rng.normal(size=getattr(ida, name).shape) for name in ("q", "v", "a", "tau")}
+    for by in (("gauss", {"step": 2e-3}), ("rk4", {"step": 2e-4})):
+        run = sticking(*by)
+        assert run.stats["switches"] == ida.stats["switches"] >= 6
+        found = run.sensitivities(paths)
+        assert np.abs(found.q[2] - by_stiction).max() < 1e-5 * np.abs(by_stiction).max()
+        gradient = run.gradient(weights, [*paths, "drive.0.samples", "v0"])
+        for k, path in enumerate(paths):
+            for rows in ("q", "v"):
+                expected, mine = (getattr(x, rows)[k][1:] for x in (tangents, found))
+                assert np.abs(mine - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-9, (by, path)
+            parts = [(w * getattr(found, rows)[k]).sum() for rows, w in weights.items()]
+            assert abs(gradient[path] - sum(parts)) <= 1e-9 * max(*np.abs(parts), 1.0), path
+        scaled = gradient["drive.0.samples"] @ (0.5 * np.sin(4 * np.pi * run.t))
+        assert scaled == pytest.approx(gradient["drive.0.scale"], rel=1e-9)
+
+
+def turning(at: float, by: str = "gauss") -> fa.Result:
+    """Two joints under friction, a law that samples and tears loose, and an event."""
+    links = []
+    for c in (0.1, at):
+        hub = fa.RigidBody(0.3, com=(0.03, 0, 0), inertia=(1e-3, 1e-3, 2e-3), end=(0.3, 0, 0))
+        links.append(fa.Link(fa.Revolute("z", coulomb=c, stiction=1.3 * c), hub))
+    arm = fa.Arm(links, gravity=(0, -9.81, 0))
+    law = fa.LinearController.pid(3.0, 0.0, 0.2, 0, rate=100, reference=0.3)
+
+    def passes(t: float, q: Any, v: Any) -> float:
+        return float(q[1] - v[0])
+
+    step = {"step": 1e-3} if by != "ida" else {"rtol": 1e-10, "atol": 1e-13}
+    t = np.linspace(0, 0.6, 31)
+    return fa.simulate(arm, t, [-1.2, -0.2], control=law, events=passes, integrator=by, **step)
+
+
+@pytest.mark.parametrize("by", ["gauss", "rk4"])
+def test_switches_between_samples_and_events(by: str) -> None:
+    run = turning(0.15, by)
+    assert run.stats["switches"] >= 4 and len(run.t_events[0])
+    found = run.sensitivities(["link.1.joint.coulomb", "link.1.joint.stiction"])
+    less, more = (turning(0.15 + x, "ida") for x in (-1e-6, 1e-6))
+    expected = (more.q - less.q) / 2e-6
+    both = found.q[0] + 1.3 * found.q[1]
+    assert np.abs(both - expected).max() < 1e-4 * np.abs(expected).max()
+    times = (more.t_events[0] - less.t_events[0]) / 2e-6
+    assert found.t_events[0][0] + 1.3 * found.t_events[0][1] == pytest.approx(times, rel=1e-4, abs=1e-6)
+    number = {"q": np.ones(run.q.shape), "t_events": [np.ones(len(run.t_events[0]))]}
+    gradient = run.gradient(number, ["link.1.joint.coulomb"])["link.1.joint.coulomb"]
+    assert gradient == pytest.approx(found.q[0].sum() + found.t_events[0][0].sum(), rel=1e-9)
 
 
 def test_what_is_read_of_a_run() -> None:
@@ -231,7 +293,8 @@ def one_joint(joint: fa.Joint) -> fa.Arm:
         ({}, ["link.0.hub.mass", "link.0.hub.mass"], "different"),
         ({}, ["drive.7.samples"], "drive.*7"),
         ({"arm": one_joint(fa.Spherical()), "tau": [0.1, 0, 0]}, ["tau.7"], "tau.7"),
-        ({"arm": one_joint(fa.Revolute("z", coulomb=0.1)), "integrator": "rk4"}, ["link.0.hub.mass"], "friction"),
+        ({"arm": fa.Arm([one_joint(fa.Spherical()).links[0], one_joint(fa.Revolute("z", coulomb=0.1)).links[0]]),
+          "integrator": "rk4"}, ["link.0.hub.mass"], "friction"),
         ({"control": fa.LinearController.pid(1.0, 0.0, 0.1, 0, rate=100)}, ["control.0.rate"], "control.0.rate"),
     ],
 )

@@ -396,7 +396,7 @@ def test_a_loop_that_its_filter_makes_unstable_is_named() -> None:
         slow = law(fa.Tachometer(0, filter=low_pass))
         with pytest.warns(fa.LoopWarning, match="the loop of .* of 'link 0 revolute'.* is unstable") as w:
             fa.simulate(hinge(), t, [0.01], control=slow, integrator="implicit", step=h)
-        assert w[0].message.growth == pytest.approx(growth, rel=1e-5)
+        assert w[0].message.finding.value == pytest.approx(growth, rel=1e-5)
 
 
 # -- scenes, batches, what is said -------------------------------------------------------------------------------------

@@ -235,7 +235,7 @@ def test_a_failing_scenario_is_named_and_spoils_no_other():
 
 
 def test_beams_bent_too_far_are_told_once():
-    with pytest.warns(fa.RangeWarning, match="scenario 0: .*; so do 1 others") as told:
+    with pytest.warns(fa.RangeWarning, match=r"scenario 0 \(and 1 others\): link 0") as told:
         found = sweep(scene(), Sweep([Vary("grid", {STIFF: [20e9, 30e9, 900e9]})], outputs=["tip_deflection"]))
     assert len(told) == 1 and [i for i, *_ in found.beyond] == [0, 1]
 
@@ -300,7 +300,7 @@ t.sweep(t.scene(), t.plan(), out=sys.argv[1], batch=1, progress=stop)
     dead = subprocess.run([sys.executable, "-c", code, str(tmp_path), here], timeout=60, check=False)
     assert dead.returncode == -signal.SIGKILL
     with h5py.File(tmp_path / "sweep.h5", "r+") as f:  # as if killed in the middle of writing
-        f["done"][5], f["columns/strain"][5], f["status"][5] = 2, 7.0, 0
+        f["columns/strain"][5], f["status"][5] = 7.0, 0
     rest = sweep(scene(), plan(), out=tmp_path)
     assert rest.stats["computed"] == 3 and np.array_equal(rest["strain"], sweep(scene(), plan())["strain"])
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,12 +18,12 @@ from ..parts.chain import Chain
 from ..parts.joints import Axes
 from ..parts.link import Link
 from ..parts.sections import SectionMatrix
+from .findings import Finding
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance
 _OFF = 1e-3  # of a beam's length
 _LOAD = "the load there"
 _LOOKS = 5  # at a load, in a run
-_MOST = 16  # ways of holding an arm that are kept
 _OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
@@ -50,7 +50,6 @@ class _Stiffened:
     under: str = "what it carries"
 
 
-_KNOWN: WeakKeyDictionary[_core.Arm, dict[Any, list[_Stiffened]]] = WeakKeyDictionary()  # every run asks
 #: of each strain: what it moves of the end, of x y z and the rotations about them; the second's sign by the first; and
 #: the section's integral
 _MOVES = {
@@ -78,7 +77,7 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     mass = sum(link.mass for link in arm.links[k:])
     own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    rest = arm._made([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
+    rest = type(arm)([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
@@ -150,37 +149,6 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
             yield _Stiffened(k, strain, share, 1.0, False, reach[0], start, _LOAD)
 
 
-def _all_stiffened(
-    arm: Chain, drive: Any, control: Any, tau: Any, pulls: dict[int, tuple[float, float]]
-) -> list[_Stiffened]:
-    """Of an arm's beams, but for those with patches and those that are curved. None where what they carry is beyond
-    rounding."""
-    last = len(arm.links) - 1
-    loaded = [
-        (k, link.beam, k < last or bool(link.tip is not None and link.tip.mass))
-        for k, link in enumerate(arm.links)
-        if link.beam is not None and link.beam.ne and link.beam.mass and not (link.beam.patches or link.beam.curvature)
-    ]
-    loaded = [x for x in loaded if x[2] or x[0] in pulls]
-    if not loaded:
-        return []
-    known, held = _KNOWN.setdefault(arm._core, {}), _held_rates(arm, drive, control, tau)
-    key = held, tuple(pulls.items())
-    if key not in known:
-        if len(known) == _MOST:
-            known.clear()
-        try:
-            known[key] = [
-                found
-                for k, beam, carries in loaded
-                for A in (_carried(arm, k, beam, held) if carries else np.zeros((6, 6)),)
-                for found in _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
-            ]
-        except ValueError:
-            known[key] = []
-    return known[key]
-
-
 def _late(s: _Stiffened, away: float, rate: float, time: float) -> float:
     """Displacement (m) that is wrong of one up to `away` (m), at rates up to `rate` (m/s): at once, and because half
     as much is wrong of the frequency, at which it gets out of phase."""
@@ -195,20 +163,33 @@ def coarse(
     tau: Any = None,
     loads: Any = None,
     run: tuple[Array, Array, Array] | None = None,
-) -> list[str]:
+) -> Iterator[Finding]:
     """Beams whose shape functions are too few for what they carry, or of the wrong basis.
 
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
-    0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A sentence each
+    0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A finding each
     where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
     or what is left out under a load on the end, is more than `_OFF` of the beam's length. A strain that stays
     zero while the arm moves is right.
     """
-    said = []
     pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
-    for s in _all_stiffened(arm, drive, control, tau, pulls):
-        beam = arm.links[s.link].beam
-        assert beam is not None
+    with suppress(ValueError):  # what they carry is beyond rounding
+        for s in _stiff(arm, _held_rates(arm, drive, control, tau), pulls):
+            yield from _found(arm, s, run)
+
+
+def _stiff(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
+    """Of an arm's beams, but for those with patches and those that are curved."""
+    for k, link in enumerate(arm.links):
+        beam, carries = link.beam, k + 1 < len(arm.links) or bool(link.tip is not None and link.tip.mass)
+        plain = beam is not None and beam.ne and beam.mass and not (beam.patches or beam.curvature)
+        if beam is not None and plain and (carries or k in pulls):
+            A = _carried(arm, k, beam, held) if carries else np.zeros((6, 6))
+            yield from _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
+
+
+def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:
+    if (beam := arm.links[s.link].beam) is not None:
         n, off, still = len(s.carried), 0.0, False
         if run is not None and len(run[1]):
             t, q, v = run
@@ -216,12 +197,10 @@ def coarse(
             away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
             still = not (away or rate) and bool(np.any(v))
             off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
-        if (s.heavy and s.share > _MISSING[s.strain] and not still) or off > _OFF:
+        limit = _MISSING[s.strain]
+        if (s.heavy and s.share > limit and not still) or off > _OFF:
             wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
             few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
             better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"
-            said.append(
-                f"link[{s.link}].beam.modes: {n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end "
-                f"gives way under {s.under}{wrong}; take {better}"
-            )
-    return said
+            what = f"{n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end gives way under {s.under}"
+            yield Finding(f"link[{s.link}].beam.modes", what + wrong, 100 * s.share, 100 * limit, "%", f"take {better}")

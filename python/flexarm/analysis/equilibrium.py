@@ -144,7 +144,7 @@ class _Balance:
     @cached_property
     def unloaded(self) -> Chain:
         """The same arm without gravity."""
-        return self.arm._made(self.arm.links)
+        return type(self.arm)(self.arm.links)
 
     def has_potential(self, K: Array) -> bool:
         """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""

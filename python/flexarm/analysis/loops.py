@@ -13,6 +13,7 @@ import numpy as np
 from .._check import Array
 from ..acting.load import at_time
 from ..parts.chain import Chain
+from .findings import Finding, LoopWarning
 from .hybrid import Hybrid
 from .laws import HeldLaw, held_law, running_laws
 from .plant import Plant
@@ -20,25 +21,6 @@ from .plant import Plant
 _MOST = 400  # states of a linear model that is looked at
 _LEAST = 0.001  # share of its gains at which a loop is tried
 _GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
-
-
-class LoopWarning(UserWarning):
-    """A control loop is unstable where the run begins, and the run has grown.
-
-    Attributes:
-        control: index of the controller. growth: of its fastest growing motion (1/s), for small deviations.
-    """
-
-    def __init__(self, message: str, control: int, growth: float) -> None:
-        super().__init__(message)
-        self.control, self.growth = control, growth
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.control, self.growth)
-
-    def of(self, whom: str) -> LoopWarning:
-        """The same, said of one of many."""
-        return LoopWarning(f"{whom}: {self}", self.control, self.growth)
 
 
 class _Growths(NamedTuple):
@@ -185,12 +167,14 @@ def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
         return None
     how, names = _remedy(growth, of), " and ".join(_controller(loop, k) for k in named)
     chosen = [x for x in loop.held if x.control in named]
+
+    def warning(what: str, remedy: str) -> LoopWarning:
+        found = Finding(f"control[{named[0]}]", what, float(poles[0].real), of.grown, "1/s", remedy)
+        return LoopWarning(found, control=named[0])
+
     if not chosen:
-        return LoopWarning(
-            f"the loop of {names} feeds energy in: about the start its fastest pole is {_text(complex(poles[0]))} "
-            f"1/s; {how}",
-            named[0], float(poles[0].real),
-        )  # fmt: skip
+        pole = _text(complex(poles[0]))
+        return warning(f"the loop of {names} feeds energy in: about the start its fastest pole is {pole} 1/s", how)
     often = _oftener(loop, named, of.quiet)
     if often:
         how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
@@ -198,11 +182,8 @@ def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
     whole = float(np.max(first.delay)) + max((tap.delay for tap in first.taps), default=0.0)
     late = f" with a delay of {whole:g} s" if whole else ""
     assert z is not None
-    return LoopWarning(
-        f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable: about the start its "
-        f"fastest pole is z = {_text(complex(z[0]))}; {how}",
-        first.control, float(poles[0].real),
-    )  # fmt: skip
+    what = f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable"
+    return warning(f"{what}: about the start its fastest pole is z = {_text(complex(z[0]))}", how)
 
 
 def _oftener(loop: Hybrid, named: Sequence[int], quiet: float) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextvars import ContextVar
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,6 +12,7 @@ import flexarm._core as _core
 from .._check import Array
 from ..parts.beam import Beam
 from ..parts.chain import Chain
+from .findings import Finding, RangeWarning
 
 #: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of
 #: where "exact" has it: the least over static loads and, but for order 1, the first swing of spin-ups, rounded; see
@@ -27,30 +26,7 @@ TRUNCATION = 1e-6
 _RESOLVED = 1.0
 
 
-class RangeWarning(UserWarning):
-    """A beam bent further than its order is good for (see `LIMITS`), or, at order "exact", than its Gauss points
-    resolve (see `TRUNCATION`); or one whose axis is shorter than nothing, so that it is turned inside out.
-
-    Attributes:
-        link: the link of that beam (the worst, if there are several).
-        time: of the first output row past the limit (s).
-        rotation: largest rotation of its sections against its base in the run (rad); where it is turned inside out the
-            least 1 + eps, which is not above 0.
-        limit: that its order is good for (rad); at order "exact", that its Gauss points are always enough for; 0 where
-            it is turned inside out.
-    """
-
-    def __init__(self, message: str, link: int, time: float, rotation: float, limit: float) -> None:
-        super().__init__(message)
-        self.link, self.time, self.rotation, self.limit = link, time, rotation, limit
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.link, self.time, self.rotation, self.limit)
-
-
-_KNOWN: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
-_STRETCHES: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()
-_QUIET: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()
+_QUIET: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
 
 
 def _places(beam: Beam) -> Array:
@@ -60,10 +36,8 @@ def _places(beam: Beam) -> Array:
 
 def _stretches(beam: Beam) -> tuple[Array, Array]:
     """The strain eps of the axis at `_places`, by a unit of each elastic coordinate, (nx, ne); its largest, (ne,)."""
-    if beam._core not in _STRETCHES:
-        eps = np.array([beam._core.strains(x)[5] for x in _places(beam)])
-        _STRETCHES[beam._core] = eps, np.abs(eps).max(axis=0)
-    return _STRETCHES[beam._core]
+    eps = np.array([beam._core.strains(x)[5] for x in _places(beam)])
+    return eps, np.abs(eps).max(axis=0)
 
 
 def _inside_out(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
@@ -89,22 +63,18 @@ def _inside_out(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 def turned_inside_out(arm: Chain, q: Array) -> str:
     """Says which beam is so at one q (nq,), and where; "" if none is."""
     found = _inside_out(arm, np.zeros(1), q[None])
-    return "" if found is None else _shortened(arm, *found)
+    return "" if found is None else f"{arm.names[int(found[0])]}: {_shortened(*found)}"
 
 
-def _shortened(arm: Chain, link: float, _: float, stretch: float, x: float) -> str:
-    name = arm.names[int(link)]
-    return f"{name}: its beam is turned inside out at x = {x:.4g} m: 1 + eps of its axis is {stretch:.3g}"
+def _shortened(_: float, __: float, stretch: float, x: float) -> str:
+    return f"its beam is turned inside out at x = {x:.4g} m: 1 + eps of its axis is {stretch:.3g}"
 
 
 def _turns(beam: Beam) -> tuple[Array, Array]:
     """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X, (3 nx, ne); and of
     each coordinate the largest rotation of a section, (ne,)."""
-    if beam._core not in _KNOWN:
-        turns = beam._core.turns(_places(beam)[1:])
-        sizes = np.linalg.norm(turns.reshape(-1, 3, turns.shape[1]), axis=1).max(axis=0)
-        _KNOWN[beam._core] = turns, sizes
-    return _KNOWN[beam._core]
+    turns = beam._core.turns(_places(beam)[1:])
+    return turns, np.linalg.norm(turns.reshape(-1, 3, turns.shape[1]), axis=1).max(axis=0)
 
 
 def rotation(beam: Beam, qe: Array) -> Array:
@@ -122,23 +92,24 @@ def rotation(beam: Beam, qe: Array) -> Array:
 def _quiet(arm: Chain, q: Array) -> bool:
     """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
     are within what is good for them."""
-    if arm._core not in _QUIET:
+    if (known := _QUIET.get(arm._core)) is None:
         rows, limits = [], []
         for k, link in enumerate(arm.links):
             beam = link.beam
             if beam is None or not beam.ne:
                 continue
             most = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
-            known = [(_turns(beam)[1], -1.0 if beam.order == "exact" and beam.gauss_points is not None else most)]
-            known += [(_stretches(beam)[1], np.nextafter(1.0, 0.0))] if "extension" in beam.counts else []
-            for sizes, limit in known:
+            bounds = [(_turns(beam)[1], -1.0 if beam.order == "exact" and beam.gauss_points is not None else most)]
+            bounds += [(_stretches(beam)[1], np.nextafter(1.0, 0.0))] if "extension" in beam.counts else []
+            for sizes, limit in bounds:
                 row, first = np.zeros(arm.nq), arm._core.first_q(k) + link.joint.nq
                 row[first : first + beam.ne] = sizes
                 rows.append(row)
                 limits.append(limit)
-        _QUIET[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
-    by_q, bounds = _QUIET[arm._core]
-    return bool((by_q @ np.abs(q).max(axis=0, initial=0.0) <= bounds).all())
+        known = _QUIET[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
+    if not len(q):
+        return True
+    return bool(np.logical_and.reduce(known[0].dot(np.maximum.reduce(np.abs(q))) <= known[1]))  # all(), max(): slower
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
@@ -158,10 +129,6 @@ def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
         wrong = beam._core.truncation(qe)
         return k, float(t[np.argmax(~(wrong <= TRUNCATION))]), float(angle.max()), float(wrong.max())
     return None
-
-
-#: set where who calls `simulate` tells of these warnings himself
-SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
 
 
 def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
@@ -192,36 +159,27 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
     """Words what `worst_range` found. `name` begins the message; `still`: it is about one state, without times."""
     found = link, time, rotation, others = tuple(map(float, found))
-    since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
-    if still:
-        since = passes = ""
-    if rotation <= 0.0:
-        text = f"{name}{_shortened(arm, *found)}" + f", {since.strip()}" * (not still)
-        remedy = "no real beam bears this; take less load or a stiffer beam"
-        return RangeWarning(f"{text}; {remedy}", int(link), time, rotation, 0.0)
-    beam, name = arm.links[int(link)].beam, name + arm.names[int(link)]
+    since, beam = "" if still else f"from t = {time:.6g} s ", arm.links[int(link)].beam
     assert beam is not None
-    if beam.order == "exact":
+    where, unit = name + arm.names[int(link)], "rad"
+    limit = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
+    if rotation <= 0.0:
+        what = f"{_shortened(*found)}{', ' * (not still)}{since.strip()}"
+        remedy, limit, unit = "no real beam bears this; take less load or a stiffer beam", 0.0, ""
+    elif beam.order == "exact":
         points = beam._core.gauss_points
-        return RangeWarning(
-            f'{name}: order "exact" has {points} Gauss points along this beam, too few for how it is '
-            f"bent: {since}its sections are off by more than {TRUNCATION:g} of its length, by up to "
-            f"{others:.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
-            int(link), time, rotation, _RESOLVED,
-        )  # fmt: skip
-    order, limit = beam.order, LIMITS[int(beam.order)]
-    more = f", and {int(others)} more" if others else ""
-    enough = [str(n) for n in (2, 3) if n > int(order) and LIMITS[n] >= rotation]
-    better = " or ".join([", ".join(enough), '"exact"'] if enough else ['"exact"'])
-    return RangeWarning(
-        f"{name}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
-        f"wrong by 2 % of its length; this one {passes}turns them by up "
-        f"to {rotation:.3g} rad; take order = {better}",
-        int(link), time, rotation, limit,
-    )  # fmt: skip
-
-
-def out_of_range(arm: Chain, t: Array, q: Array) -> RangeWarning | None:
-    """The warning that a trajectory t (nt,), q (nt, nq) deserves, or None."""
-    found = worst_range(arm, t, q)
-    return None if found is None else range_warning(arm, found)
+        what = (
+            f'order "exact" has {points} Gauss points along this beam, too few for how it is bent: {since}its sections '
+            f"are off by more than {TRUNCATION:g} of its length, by up to {others:.2g}"
+        )
+        remedy = f"take gauss_points = {min(2 * points, 400)}, or fewer shapes"
+    else:
+        where += f", and {int(others)} more" if others else ""
+        passes = "" if still else f"passes that at t = {time:.6g} s and "
+        what = (
+            f"at order {beam.order} a beam that turns its sections by {limit:g} rad has its tip wrong by 2 % of its "
+            f"length; this one {passes}turns them by up to {rotation:.3g} rad"
+        )
+        enough = [str(n) for n in (2, 3) if n > int(beam.order) and LIMITS[n] >= rotation]
+        remedy = "take order = " + " or ".join([", ".join(enough), '"exact"'] if enough else ['"exact"'])
+    return RangeWarning(Finding(where, what, rotation, limit, unit, remedy), link=int(link), time=time)

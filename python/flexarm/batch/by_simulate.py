@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from flexarm._core import Feedback, Sampler
 
-from .._check import Array
+from .._check import Array, outside
 from .._threads import each
 from ..acting.control import Controller, Run, padded
-from ..analysis.validity import SILENT, worst_range
+from ..analysis.findings import RangeWarning
+from ..analysis.validity import worst_range
 from ..parts.chain import Chain
-from ..run.simulation import SimulationError, SimulationInterrupted, simulate
+from ..run.simulation import SimulationError, SimulationInterrupted, simulated
 from ..run.variation import Setup
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
@@ -60,7 +62,7 @@ def run_simulations(
     for name in job.outputs:
         blocks[name][:] = np.nan
     failures: list[Failure] = []
-    steps = np.zeros(len(indices), np.int64)
+    steps, told = np.zeros(len(indices), np.int64), set[type]()
 
     def one(k: int) -> None:
         def look(now: float) -> None:
@@ -68,9 +70,12 @@ def run_simulations(
             if stop.is_set():
                 raise KeyboardInterrupt
 
-        SILENT.set(True)  # of this thread
         setup = setups[k % len(setups)]
         result, status, failure = _one(job, setup, int(indices[k]), look)
+        for warning in result._wrong:  # those of ranges are in `beyond`
+            if not isinstance(warning, RangeWarning) and type(warning) not in told:
+                told.add(type(warning))
+                warnings.warn(warning.of(f"scenario {indices[k]}"), stacklevel=outside())
         if status != NOT_DONE:
             beyond[k] = worst_range(setup.arm, result.t, result.q) or np.nan
         for name in job.outputs:
@@ -112,7 +117,7 @@ def _one(job: Job, setup: Setup, i: int, look: Callable[[float], None]) -> tuple
     elif job.tau is not None:
         options["tau"] = job.tau[i % len(job.tau), 0]
     try:
-        result = simulate(
+        result = simulated(
             setup.arm, job.t, **start, drive=setup.drive, loads=setup.loads, control=control,
             integrator=job.integrator, step=job.step, progress=look, **options,
         )  # fmt: skip

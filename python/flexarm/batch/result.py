@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -129,11 +128,10 @@ class BatchResult:
             kept |= batch_events.kept(self.events)
         kept |= {"status": self.status, "reached": self.reached, "reason": reason}
         told = {**about(self.variation), **({} if self.keeps_loads else {"loads": 1})}
-        fixed = {"t": self.t, **{f"parameters/{k}": v for k, v in self.variation.values.items()}}
         if file.suffix.lower() in (".h5", ".hdf5"):
-            write_file(file, kept, {"about": json.dumps(told), **fixed})
+            write_file(file, self.t, self.variation, kept, told)
         else:
-            arrays = {**kept, **fixed}
+            arrays = {**kept, "t": self.t, **{f"parameters/{k}": v for k, v in self.variation.values.items()}}
             arrays["about"] = np.array(sealed(told, arrays))
             write_whole(file, lambda out: np.savez_compressed(out, **arrays), "batch")
 

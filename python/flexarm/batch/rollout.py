@@ -19,10 +19,11 @@ from ..acting.following import smooth
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
-from ..analysis.validity import SILENT, range_warning, worst_range
+from ..analysis.findings import LoopWarning, RunWarning, StepWarning
+from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from ..run.integrators import INTEGRATORS, Integrator
-from ..run.pace import beyond_explicit
+from ..run.steps import beyond_explicit
 from ..run.variation import Setup
 from .arguments import (
     check_balls,
@@ -109,7 +110,6 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
     for k, other in enumerate(arms):
         if other is not arms[0] and (other.coordinates != arms[0].coordinates or other.nq != arms[0].nq):
             raise ValueError(f"arm[{k}]: must have the same coordinates as arm[0]: {', '.join(arms[0].coordinates)}")
-    arms[0]._warn()
     return arms
 
 
@@ -153,24 +153,23 @@ def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
     return found
 
 
-def warn_of_steps(
+def steps_too_long(
     integrator: str, arm: Arm, step: float | None, span: float, q: Array, held: Sequence[int],
     rows: tuple[Array, Array, Array] | None,
-) -> None:  # fmt: skip
-    """StepWarning where an explicit integrator took steps above its limit; arguments as of `beyond_explicit`, with rows
-    of nan that were not reached."""
-    if INTEGRATORS[integrator].explicit and step is not None:
-        if rows is not None:
-            there = np.isfinite(rows[1]).all(axis=1) & np.isfinite(rows[2]).all(axis=1)
-            rows = rows[0][there], rows[1][there], rows[2][there]
-        blown = beyond_explicit(arm, step, span, q, held, rows)
-        if blown is not None:
-            warnings.warn(blown, stacklevel=outside())
+) -> StepWarning | None:  # fmt: skip
+    """The warning of an explicit integrator that took steps above its limit; arguments as of `beyond_explicit`, with
+    rows of nan that were not reached."""
+    if not INTEGRATORS[integrator].explicit or step is None:
+        return None
+    if rows is not None:
+        there = np.isfinite(rows[1]).all(axis=1) & np.isfinite(rows[2]).all(axis=1)
+        rows = rows[0][there], rows[1][there], rows[2][there]
+    return beyond_explicit(arm, step, span, q, held, rows)
 
 
 def grown_loop(
     scenario: _Scenario, prescribed: Sequence[int], times: Array, v: Array, status: NDArray[np.int32]
-) -> tuple[int, loops.LoopWarning] | None:
+) -> tuple[int, LoopWarning] | None:
     """The first scenario that was done, but that a loop of continuous control has made grow; arguments as above."""
     looks = 0
     for k in np.flatnonzero(status == 0).tolist():
@@ -276,10 +275,23 @@ def rollout(
         RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
             that did not fail; `stats["out_of_range"]` tells how many.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
-        PulseWarning: a callable has a pulse between two steps that no step has seen.
-        StepWarning: steps of "rk4" above the limit of the first arm.
+        StepWarning: steps of "rk4" above the limit of the first arm; a callable has a pulse between two steps that no
+            step has seen.
     """
-    # Long for its docstring.
+    return rolled(tell, **locals())
+
+
+def tell(warning: RunWarning) -> None:
+    warnings.warn(warning, stacklevel=outside())
+
+
+def rolled(
+    tell: Callable[[RunWarning], None], arm: Any, q0: Any, v0: Any = None, tau: Any = None, *, step: Any = None,
+    nstep: Any = None, integrator: str | Integrator = "implicit", every: int = 1, drive: Any = None, loads: Any = None,
+    control: Any = None, events: Any = None, workers: Any = None, rtol: Any = None, spectral_radius: Any = None,
+    lanes: bool = True, out: Any = None, progress: Any = False,
+) -> Rollout:  # fmt: skip
+    """As `rollout`, but its warnings are told to `tell`."""
     arms = _check_arms(arm)
     one = arms[0]
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
@@ -336,10 +348,11 @@ def rollout(
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
     grown = grown_loop(scenario, prescribed, times, result.v, result.status) if control is not None else None
     if grown is not None:
-        warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=outside())
-    elif beyond.size and not SILENT.get():
+        tell(grown[1].of(f"scenario {grown[0]}"))
+    elif beyond.size:
         i = int(beyond[0])
-        warnings.warn(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "), stacklevel=outside())
+        tell(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "))
     first = t, result.q[0], result.v[0]
-    warn_of_steps(chosen.name, one, length, float(times[-1]), q[0], prescribed, first)
+    if blown := steps_too_long(chosen.name, one, length, float(times[-1]), q[0], prescribed, first):
+        tell(blown)
     return result

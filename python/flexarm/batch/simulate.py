@@ -11,24 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, whole
+from .._check import Array, array, choice, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage, split_drives
-from ..analysis.coarse import coarse
-from ..analysis.loops import LoopWarning, unstable
+from ..analysis.findings import LoopWarning
+from ..analysis.loops import unstable
 from ..analysis.validity import range_warning
 from ..arm import Arm
-from ..parts.part import ModelWarning
 from ..run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
 from ..run.start import check_one_start, start
 from ..run.variation import Setup, Variation
 from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
-from .rollout import NOT_DONE, BatchInterrupted, warn_of_steps
+from .rollout import NOT_DONE, BatchInterrupted, steps_too_long
 from .runner import Runner
 from .storage import File, Memory
 
@@ -128,7 +127,7 @@ def simulate_batch(
     progress: Any = False,
     out: str | Path | Mapping[str, Array] | None = None,
     resume: bool = True,
-    fingerprint: str | None = None,
+    name: str | None = None,
     executor: Any = None,
     batch: int | None = None,
     **options: Any,
@@ -160,9 +159,8 @@ def simulate_batch(
             done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
-        fingerprint: a name of yours for what functions read that such a file cannot know them by: what changes when it
-            is used (random generators, objects with a memory), what is compiled, what has no source. Change it when
-            they change.
+        name: for a file, where functions or classes of yours take part: a name for all of them, such as "law 2", and
+            another one when you change them. Their code is not compared; numbers in closures and attributes are.
         executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
@@ -181,17 +179,11 @@ def simulate_batch(
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of `arm`.
-        ModelWarning: a beam of `arm` with too few shape functions for what it carries.
     """
-    if isinstance(arm, Arm):
-        arm._warn()
     job, count = make_job(
         arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
         every=every, integrator=integrator, **options,
     )  # fmt: skip
-    if isinstance(arm, Arm):
-        for text in coarse(arm, drive, control):
-            warnings.warn(text, ModelWarning, stacklevel=2)
     workers = default_workers(1 if workers is None and executor is not None else workers)
     if not out:
         what = f"outputs: {count} scenarios of {job.rows} rows"
@@ -201,7 +193,7 @@ def simulate_batch(
     runner = Runner(job, count, engine, workers, batch, executor)
     storage: File | Memory
     if isinstance(out, (str, Path)):
-        storage = File(job, count, Path(out), resume, fingerprint)
+        storage = File(job, count, Path(out), resume, name)
     else:
         storage = Memory(job, count, out)
     with progress_bar(progress, "simulating") as bar:
@@ -225,10 +217,11 @@ def simulate_batch(
 
 
 def warn_of_first(job: Job, held: Mapping[str, Any]) -> None:
-    """See `warn_of_steps`, of the first scenario's arm, and its rows if they are held."""
+    """StepWarning of the first scenario's arm, and its rows if they are held."""
     s, q0, prescribed = _start(job, 0)
     rows = (job.kept_times, held["q"][0], held["v"][0]) if {"q", "v"} <= held.keys() else None
-    warn_of_steps(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed, rows)
+    if found := steps_too_long(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed, rows):
+        warnings.warn(found, stacklevel=outside())
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:

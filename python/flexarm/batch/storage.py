@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 import flexarm._core as _core
 
 from .._check import Array
+from ..run.outputs import titles
 from ..run.variation import Variation
 from ..store.files import unsealed, zipped
 from ..store.fingerprint import marks
@@ -26,7 +26,7 @@ REASON_BYTES = 500  # of a failure's reason
 
 
 def job_marks(job: Job, name: str | None) -> dict[str, str]:
-    """Of everything that a batch's results follow from; `name` is the user's, for what cannot be looked into."""
+    """Hashes of everything that a batch's results follow from; `name` is the user's, for functions and classes."""
     s = job.variation.setup
     parts: dict[str, Any] = {"arm": s.arm, "parameters": job.variation.values}
     parts |= {f"drive {key}": law for key, law in s.drive.items()}
@@ -40,6 +40,11 @@ def about(variation: Variation) -> dict[str, Any]:
     """What a saved batch says of itself, beside its arrays."""
     setup = variation.setup
     return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": len(setup.loads)}
+
+
+def _once(t: Array, variation: Variation) -> dict[str, tuple[Any, Any]]:
+    """The arrays that all scenarios have in common, with their titles."""
+    return {"t": (t, [("t", "s")]), **{f"parameters/{k}": (x, ()) for k, x in variation.values.items()}}
 
 
 def in_bytes(reason: str) -> bytes:
@@ -63,29 +68,29 @@ def read(path: Path, verify: bool) -> dict[str, Any]:
         held["about"] = unsealed(str(held.pop("about")), held)
         done = held["status"] != NOT_DONE
     else:
-        fixed, arrays, done = read_scenarios(path, verify)
-        held = {**fixed, **arrays, **{k: np.array(arrays[k]) for k in ("status", "reached", "reason")}}
-        held["about"] = json.loads(held["about"])
+        words, fixed, arrays, done = read_scenarios(path, verify=verify)
+        held = {**fixed, **arrays, **{k: np.array(arrays[k]) for k in ("status", "reached", "reason")}, "about": words}
     if "events" in held:
         held["events"] = batch_events.unpacked(held, done)
     values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
     return {**held, "parameters": values}
 
 
-def write_file(path: Path, arrays: Mapping[str, NDArray[Any]], fixed: Mapping[str, Any]) -> None:
+def write_file(path: Path, t: Array, variation: Variation, arrays: Mapping[str, NDArray[Any]], told: Any) -> None:
     """A finished file as `File` makes it, of arrays with a row for each scenario, which no batch takes up again."""
-    blank = {"f": np.nan, "i": 0, "S": ""}
-    columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind]) for k, x in arrays.items()}
+    blank, names = {"f": np.nan, "i": 0, "S": ""}, titles(variation.setup.arm)
+    columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind], names.get(k, ())) for k, x in arrays.items()}
     columns["status"] = columns["status"]._replace(blank=NOT_DONE)
-    count, saved = len(arrays["status"]), {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
-    file = ScenarioFile(path, count, columns, fixed, saved, False, "batch", "path =", "give another name")
+    marks = {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
+    file = ScenarioFile(path, len(arrays["status"]), columns, _once(t, variation), {**told, "marks": marks}, False,
+                        "batch", "path =", "give another name")  # fmt: skip
     try:
         done = np.flatnonzero(arrays["status"] != NOT_DONE)
         for first in range(0, len(done), 1024):  # pieces, so that little of it is in memory at once
             part = done[first : first + 1024]
             file.write(part, {k: x[part] for k, x in arrays.items()})
     finally:
-        file.close()
+        file.abandon()
 
 
 class Memory:
@@ -136,7 +141,8 @@ class File:
     written.
 
     Args:
-        name: see `marks`. what, where, otherwise: see `ScenarioFile`.
+        name: see `marks`. more: names and units of the columns of a summary.
+        what, where, otherwise: see `ScenarioFile`.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
@@ -145,16 +151,18 @@ class File:
     def __init__(
         self, job: Job, count: int, path: Path, resume: bool, name: str | None, what: str = "batch",
         where: str = "out =", otherwise: str = "give another name, or resume=False to write over it",
+        more: Mapping[str, Sequence[tuple[str, str]]] | None = None,
     ) -> None:  # fmt: skip
-        columns = {k: Column(shape, "<f8", np.nan) for k, shape in job.kept().items()}
-        columns |= {"status": Column((), "<i4", NOT_DONE), "reached": Column((), "<f8", float(job.t[0]))}
-        columns |= {"reason": Column((), f"S{REASON_BYTES}", ""), "out_of_range": Column((4,), "<f8", np.nan)}
+        names = {**titles(job.variation.setup.arm), **(more or {})}
+        columns = {k: Column(shape, "<f8", np.nan, names.get(k, ())) for k, shape in job.kept().items()}
         self._events = batch_events.columns(*job.event_sizes()) if job.keeps_events else {}
-        fixed = {"about": json.dumps(about(job.variation)), "t": job.kept_times}
-        fixed |= {f"parameters/{k}": x for k, x in job.variation.values.items()}
+        columns |= {"reason": Column((), f"S{REASON_BYTES}", ""), "out_of_range": Column((4,), "<f8", np.nan)}
+        columns |= {**self._events, "reached": Column((), "<f8", float(job.t[0]), [("reached", "s")])}
+        columns |= {"status": Column((), "<i4", NOT_DONE)}
+        told = {**about(job.variation), "marks": job_marks(job, name)}
         self._job = job
         self._file = ScenarioFile(
-            path, count, {**columns, **self._events}, fixed, job_marks(job, name), resume, what, where, otherwise
+            path, count, columns, _once(job.kept_times, job.variation), told, resume, what, where, otherwise
         )
         self.damaged = self._file.damaged
 
@@ -189,14 +197,14 @@ class File:
 
     def abandon(self) -> None:
         """Closes the file after an error."""
-        self._file.close()
+        self._file.abandon()
 
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
         """Closes the file; what it holds, the large arrays mapped from it, not read; and what failed."""
-        self._file.tidy()
-        held = {k: np.array(self._file.array(k)) for k in ("status", "reached", "reason", "out_of_range")}
-        held |= {k: self._file.array(k) for k in self._job.kept()}
-        if self._events:
-            held["events"] = batch_events.unpacked({k: self._file.array(k) for k in self._events}, self._file.done())
         self._file.close()
+        arrays = self._file.arrays
+        held = {k: np.array(arrays[k]) for k in ("status", "reached", "reason", "out_of_range")}
+        held |= {k: arrays[k] for k in self._job.kept()}
+        if self._events:
+            held["events"] = batch_events.unpacked(arrays, self._file.done())
         return held, failures_in(held)

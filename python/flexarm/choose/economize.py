@@ -45,7 +45,7 @@ class Plan:
         error: largest distance of the lean run from the check's, in the unit of `tol`.
         time: wall time of the lean run (s). seconds, runs: wall time and simulations used for deciding.
         choices: every choice; see Choice.
-        watch: monitors for `simulate(..., watch=plan.watch)`: the range of the lean run, and half as much beyond.
+        watch: limits for `result.check(plan.watch)`: the range of the lean run, and half as much beyond.
     """
 
     given: Scene
@@ -143,7 +143,7 @@ class Plan:
             t: other output times (s), say a longer run. None: the scene's.
 
         Warns:
-            WatchWarning: the run left the range that the model was chosen for, and adapt is False.
+            RangeWarning: the run left the range that the model was chosen for, and adapt is False.
         """
         scene = self.scene if t is None else replace(self.scene, t=np.asarray(t, dtype=float))
         if not adapt:

@@ -327,7 +327,7 @@ class Models:
                     for feature in left:
                         made[key] = feature.leave_out(made[key])
                 links.append(made[key])
-            self._arms[model] = Arm._made(links, self.scene.arm.gravity)
+            self._arms[model] = Arm(links, self.scene.arm.gravity)
         return self._arms[model]
 
     def _in_pieces(self, model: Model) -> Pieces:

@@ -90,7 +90,7 @@ class Pieces:
             first.append(len(links))
             starts.append([0.0, *places.get(k, ())])
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
-        return cls(whole, Arm._made(links, whole.gravity), first, starts)
+        return cls(whole, Arm(links, whole.gravity), first, starts)
 
     @property
     def parts(self) -> list[list[tuple[int, float]]]:
@@ -234,7 +234,7 @@ def _modal(parts: Sequence[Beam], ratio: float) -> Array:
     """Damping matrix of the clamped beam of these parts, with this ratio in each mode."""
     from scipy.linalg import block_diag, eigh  # slow to import
 
-    clamped = Arm._made([Link(Fixed(), None, part) for part in parts])
+    clamped = Arm([Link(Fixed(), None, part) for part in parts])
     M = clamped.mass_matrix(clamped.zero)
     squares, shapes = eigh(block_diag(*(part._core.stiffness for part in parts)), M)
     return np.asarray((M @ shapes) * (2 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ (M @ shapes).T)

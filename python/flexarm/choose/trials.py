@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..analysis.validity import RangeWarning
+from ..analysis.findings import RangeWarning
 from ..run.result import Result
-from ..run.simulation import SimulationError, simulate
+from ..run.simulation import SimulationError, simulated
 from ..scene.scene import Scene
 from .coordinates import carried_q, carried_v, some_rows
 from .integrators import OVER_OUTPUTS
@@ -47,21 +46,18 @@ class Budget:
 
 
 def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Result, float, str]:
-    """Runs a scene: returns the result, its time (s), and the messages of RangeWarning. (ModelWarning is ignored: the
-    distance from richer models replaces it.) The time is the lesser of the simulation's wall time and the processor
-    time of this thread, which other processes do not lengthen.
+    """Runs a scene: returns the result, its time (s), and the messages of RangeWarning. The time is the lesser of the
+    wall time and the processor time of this thread, which other processes do not lengthen.
 
     Args:
         look: called at times during the run; may raise OutOfTime.
     """
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        used = time.thread_time()
-        given = {**scene.given(), **scene.options}
-        result = simulate(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
-        used = time.thread_time() - used
+    used = time.thread_time()
+    given = {**scene.given(), **scene.options}
+    result = simulated(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
+    used = time.thread_time() - used
     spent = max(1e-6, min(float(result.stats["wall_time"]), used))  # 0 where nothing is integrated
-    return result, spent, "; ".join(str(w.message) for w in said if issubclass(w.category, RangeWarning))
+    return result, spent, "; ".join(str(w) for w in result._wrong if isinstance(w, RangeWarning))
 
 
 @dataclass(eq=False)

@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run`, `view`, `modes`, `chart`, `economize`, `place`, `compile`, `batch`,
+"""The command line: `flexarm demo`, `run`, `check`, `view`, `modes`, `chart`, `economize`, `place`, `compile`, `batch`,
 `identify`, `validate`, `examples`, `completion`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
@@ -19,12 +19,14 @@ from typing import NoReturn
 from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
-from . import batch, chart, cmake, completion, demo, economize, examples, identify, modes, place, run, validate, view
+from . import batch, chart, check, completion, demo, economize, examples, identify, modes, place, run, validate, view
 from . import compile as compiling
+from .cmake import PrintCMakeDir
 
 COMMANDS = {
     "demo": demo,
     "run": run,
+    "check": check,
     "view": view,
     "modes": modes,
     "chart": chart,
@@ -65,7 +67,7 @@ def _parser() -> _Parser:
     )
     top.add_argument("--version", action="version", version=f"flexarm {__version__} {docs}".rstrip())
     folder = "print where CMake's find_package(flexarm) looks, for C++ users"
-    top.add_argument("--cmakedir", action=cmake.PrintCMakeDir, help=folder)
+    top.add_argument("--cmakedir", action=PrintCMakeDir, help=folder)
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
     for name, command in COMMANDS.items():
         summary = command.SUMMARY

@@ -12,6 +12,7 @@ from ..draw import style as plots
 from ..parts.labels import deflections, joint_coordinates, joint_rates
 from ..run.result import Result
 from ..run.simulation import SimulationError, SimulationInterrupted
+from ..scene.check import check_run
 from . import options
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
         "folder": str(folder),
         "files": [],
         "quantities": [],
+        "remarks": [] if failure else list(map(str, check_run(scene, result))),
     }
     title = f"{scene.name}: {summary['time_reached']:.6g} s simulated"
     shown = empty_table(title, "", "unit", "minimum", "maximum", "final")
@@ -104,6 +106,9 @@ def run(args: argparse.Namespace) -> int:
         s = result.stats
         print(f"{s['steps']} steps, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing")
         print(f"Picture, data and summary are in {folder}{os.sep}")
+    if summary["remarks"] and not args.json:
+        count, tip = len(summary["remarks"]), f" --tip {args.tip}" if args.tip else ""
+        print(f"{count} remark{'s' * (count > 1)}: flexarm check {args.scene}{tip}")
     if failure is not None:
         kept = f"the result up to there is in {folder}{os.sep}" if len(result.t) else "nothing to save"
         complain(f"{failure}; {kept}")

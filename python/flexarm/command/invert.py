@@ -107,7 +107,6 @@ def invert(
     begun = time.perf_counter()
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
-    arm._warn()
     choice("method", method, METHODS)
     if tolerance is not None and not 0 < number("tolerance", tolerance) < np.inf:
         raise ValueError(f"tolerance = {tolerance}: must be positive (m)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -101,15 +102,18 @@ class Move:
             after: how long it goes on (s); one period of the slowest mode if None.
             options: of `simulate`; "ida" with tight tolerances if none.
         """
+        return self._run(simulate, arm, after, options)
+
+    def _run(self, by: Callable[..., Result], arm: Arm | None, after: float | None, options: dict[str, Any]) -> Result:
         plant = self._plant if arm is None else self._other(arm)
         on = None if after is None else number("after", after)
         if on is not None and not 0.0 <= on < _HOLD:
             raise ValueError(f"after = {after}: must be from 0 to {_HOLD:g} s")
         end = plant.after(self.duration) if on is None else self.duration + np.linspace(0.0, on, 97)
         if not {"integrator", "rtol"} & set(options):
-            options |= plant.tolerances
+            options = {**options, **plant.tolerances}
         times = np.concatenate([self.t[:-1], end]) if end[-1] > end[0] else self.t
-        return simulate(plant.arm, times, q0=plant.q_start, drive=self.drive, **options)
+        return by(plant.arm, times, q0=plant.q_start, drive=self.drive, **options)
 
     def residual_of(self, arm: Arm) -> float:
         """How far the end of another arm with the same joints, such as with another payload, swings after this move

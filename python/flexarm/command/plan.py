@@ -14,11 +14,11 @@ from .._check import Array, array, choice, number
 from .._console import progress_bar
 from ..acting.drive import Motion
 from ..arm import Arm
-from ..run.simulation import simulate
+from ..run.simulation import simulated
 from .collocation import casadi, collocate
 from .move import LimitUse, Move, held, swing
 from .move_limits import Driven, Limits
-from .plant import Plant, quiet
+from .plant import Plant
 from .profile import Profile
 from .rigid import RigidMove, fastest
 from .route import Route, path_points
@@ -108,7 +108,6 @@ def plan_move(
         MoveWarning: the remaining vibration is above `residual`, a limit is passed, or IPOPT did not converge.
     """
     driven = Driven.of(arm)
-    arm._warn()
     choice("method", method, METHODS)
     if method == "collocation":
         casadi()
@@ -338,8 +337,7 @@ class _Plan:
             tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, (),
             0.0, 0.0, self._keyed(p.t, *p.joints()), self.rigid_drive, plant,
         )  # fmt: skip
-        with quiet():
-            tried = made.simulate()
+        tried = made._run(simulated, None, None, {})
         left = swing(plant, tried, p.duration)
         return replace(made, limits=self._uses(tried), residual=left, residual_unshaped=self.unshaped)
 
@@ -367,9 +365,8 @@ class _Plan:
     def _unshaped(self) -> float:
         """How far the end swings after the time-optimal rigid move (m)."""
         T = self.rigid.duration
-        with quiet():
-            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start,
-                           drive=self.rigid_drive, **self.plant.tolerances)  # fmt: skip
+        run = simulated(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start,
+                        drive=self.rigid_drive, **self.plant.tolerances)  # fmt: skip
         return swing(self.plant, run, T)
 
 

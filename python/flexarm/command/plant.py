@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,26 +10,15 @@ import numpy as np
 
 from .._check import Array
 from ..acting.drive import Motion
+from ..analysis.equilibrium import equilibrium
 from ..analysis.modes import small_motions
-from ..analysis.validity import RangeWarning
 from ..arm import Arm
-from ..parts.part import ModelWarning
-from ..run.pace import SlowWarning
 from ..run.result import Result
-from ..run.simulation import simulate
+from ..run.simulation import simulated
 from .move_limits import Driven
 
 _MODES = 12  # at most, that are steered
 _LOOK = 96  # times in a period of the slowest mode at which what is left is looked at
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Without warnings about the model and the pace: of runs that nobody asked for."""
-    with warnings.catch_warnings():
-        for kind in (RangeWarning, ModelWarning, SlowWarning):
-            warnings.simplefilter("ignore", kind)
-        yield
 
 
 @dataclass(frozen=True)
@@ -71,8 +57,7 @@ class Plant:
     def _rest(self, joints: Array) -> Array:
         q = self.arm.zero
         q[self.driven.at] = joints
-        with quiet():
-            return self.arm.equilibrium(q, lock=self.locked)
+        return equilibrium(self.arm, q, None, self.locked, ())
 
     def modes_at(self, q: Array) -> LockedModes:
         """At a state at rest (nq,)."""
@@ -114,9 +99,8 @@ class Plant:
 
     def run(self, t: Array, q: Array, v: Array, a: Array, out: Array, step: float) -> Result:
         """The arm with its joints moved so, by Gauss collocation, at the times `out`."""
-        with quiet():
-            return simulate(self.arm, out, q0=self._start(q[0]), drive=self.drive(t, q, v, a), integrator="gauss",
-                            step=step)  # fmt: skip
+        return simulated(self.arm, out, q0=self._start(q[0]), drive=self.drive(t, q, v, a), integrator="gauss",
+                         step=step)  # fmt: skip
 
     def _start(self, joints: Array) -> Array:
         q = self.q_start.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -13,13 +14,13 @@ import numpy as np
 
 from .._check import Array, named
 from .._console import csv_text
-from ..store.files import Refused, check_digest, digest, sealed, unsealed, write_whole, zipped
-from ..store.hdf5 import texts
+from ..store.files import Refused, check_digest, digest, label, sealed, texts, unsealed, write_whole, zipped
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_MAT_HEAD = 116  # bytes of text
 _NO_NUMBERS = ("char", "cell", "function_handle", "struct")  # classes of MATLAB
 _LINK = "is a link to elsewhere, which is not followed"
 _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
@@ -72,22 +73,16 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
             raise ValueError(f"columns: {name!r} is no name for HDF5, where 'a/b' is 'b' in the group 'a'")
         return name
 
-    def write(file: Any) -> None:
-        # a version whose own tables have checksums, and whose attributes may be long
-        with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
-            f.attrs["digest"] = digest(about, arrays)
-            if about is not None:
-                f["about"] = texts([json.dumps(about)])
-            for name, x in arrays.items():
-                packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
-                made = f.create_dataset(check(name), data=x, **packed)
-                titled = titles.get(name, ())
-                if x.ndim == 1 and titled:
-                    made.attrs["unit"] = texts([titled[0][1]])[0]
-                elif titled:
-                    made.attrs["columns"], made.attrs["units"] = (texts(part) for part in zip(*titled, strict=True))
-
-    write_whole(path, write, "path")
+    made = BytesIO()  # HDF5 cannot close a file on a full disk, and the process would crash
+    # a version whose own tables have checksums, and whose attributes may be long
+    with h5py.File(made, "w", libver=("v108", "v108"), track_order=True) as f:
+        f.attrs["digest"] = digest(about, arrays)
+        if about is not None:
+            f["about"] = texts([json.dumps(about)])
+        for name, x in arrays.items():
+            packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
+            label(f.create_dataset(check(name), data=x, **packed), titles.get(name, ()))
+    write_whole(path, lambda file: file.write(made.getbuffer()), "path")
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
@@ -114,10 +109,15 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
     names[:, 0], units[:, 0] = list(columns), [of for of, _ in columns.values()]
     variables = np.empty((len(held), 1), object)
     variables[:, 0] = list(held)
-    told = [list(held), list(columns), [of for of, _ in columns.values()]]
-    ours = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
-    whole = {"flexarm": ours, **held}  # first, so that a file that was cut off has it
-    write_whole(path, lambda f: savemat(f, whole, long_field_names=True, do_compression=True), "path")
+    whole, made = {"flexarm": {"variables": variables, "names": names, "units": units}, **held}, BytesIO()
+    savemat(made, whole, long_field_names=True, do_compression=True)
+    rest = made.getvalue()[_MAT_HEAD:]
+    write_whole(path, lambda f: f.write(_mat_head(rest) + rest), "path")
+
+
+def _mat_head(rest: bytes) -> bytes:
+    """The text that a file of MATLAB begins with, here with the SHA-256 of the rest."""
+    return f"MATLAB 5.0 MAT-file, flexarm, SHA-256 {hashlib.sha256(rest).hexdigest()}".ljust(_MAT_HEAD).encode()
 
 
 # -- in ----------------------------------------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
     import h5py
 
     with h5py.File(path, "r") as f:
-        if "sealed" in f.attrs:
+        if {"scenarios", "sealed"} & set(f.attrs):
             raise Refused(_OF_MANY)
         held = _held(f)[1] if "digest" in f.attrs else {}
         at = f
@@ -300,10 +300,13 @@ def read_mat(path: Path, key: str | None) -> Raw:
     """MATLAB's files, up to version 7 by SciPy, of 7.3 by h5py. For use in `readable`."""
     from scipy.io import loadmat
 
-    with path.open("rb") as f:
-        if f.read(520)[512:] == b"\x89HDF\r\n\x1a\n":
-            return read_hdf5(path, key, matlab=True)
-    held = {k: x for k, x in loadmat(path, struct_as_record=True).items() if not k.startswith("__")}
+    content = path.read_bytes()
+    if content[512:520] == b"\x89HDF\r\n\x1a\n":
+        return read_hdf5(path, key, matlab=True)
+    head, rest = content[:_MAT_HEAD], content[_MAT_HEAD:]
+    if (b"flexarm" in head or b"SHA-256" in head) and head != _mat_head(rest):  # SciPy may crash on a damaged file
+        raise Refused("is damaged: its checksum does not fit")
+    held = {k: x for k, x in loadmat(BytesIO(content), struct_as_record=True).items() if not k.startswith("__")}
     ours = held.pop("flexarm", None)
     if key is not None:
         if key not in held:
@@ -314,8 +317,6 @@ def read_mat(path: Path, key: str | None) -> Raw:
     titles: dict[str, Any] = {}
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
-        if "digest" in ours.dtype.names and key is None:
-            check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
     return _of_variables("", held, titles)
 

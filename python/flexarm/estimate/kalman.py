@@ -75,7 +75,6 @@ class KalmanFilter:
         q, v: the state at the start, (nq,) and (nv,); `arm.zero` and zero if None.
         q_std, v_std: their standard deviations, a number or (nv,); of a ball those of its rotation (rad).
         friction_speed: rate (rad/s; m/s) above which Coulomb friction is about constant.
-        spectral_radius: of the implicit step; see `simulate`.
 
     Raises:
         ValueError: naming the field and the value.
@@ -102,7 +101,6 @@ class KalmanFilter:
         control: Any = None,
         t: float = 0.0,
         friction_speed: float = 0.01,
-        spectral_radius: float = 1.0,
     ) -> None:
         if not isinstance(arm, Arm):
             raise ValueError(f"arm = {arm!r}: must be an Arm")
@@ -133,7 +131,7 @@ class KalmanFilter:
         if (noise < 0).any():
             raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
         noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
-        radius, speed = number("spectral_radius", spectral_radius), number("friction_speed", friction_speed)
+        speed = number("friction_speed", friction_speed)
         begin = number("t", t)
         self._known = begin, self.step, drive, loads, control
         self._acts = acts_from(arm, *self._known)
@@ -141,7 +139,7 @@ class KalmanFilter:
             raise ValueError("control: one of them samples; its forces are held: give them to `predict`, or to `run`")
         self._size = nq, nv = self._acts.both.nq, self._acts.both.nv  # with the states of controllers
         rows = [(padded(by_q, nv), padded(by_v, nv), *rest) for by_q, by_v, *rest in rows]
-        self._made = self.step, rows, parameters, padded(noise, nv), radius, speed
+        self._made = self.step, rows, parameters, padded(noise, nv), speed
         self._core: _core.KalmanFilter = self._make()
         self._start: list[Any] = [
             padded(arm._place("q", q), nq),

@@ -15,7 +15,6 @@ from .._check import Array, known_keys, number
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
 from ..batch.arguments import default_workers
-from ..batch.job import has_friction
 from ..data.compare import Comparison
 from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
 from ..run.sensitivity import RunStopped
@@ -66,7 +65,6 @@ class Task:
         unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
         _check_states(runs, unknown)
         options, auto = _options(scene, runs, integrator, step)
-        _check_friction(runs, unknown, options["integrator"])
         problem = Problem(runs, unknown, options, default_workers(workers))
         _finer(problem)
         return Task(scene, problem, told, inputs, outputs, auto)
@@ -278,18 +276,6 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
         options["step"] = min(run.data.step for run in runs)
     integrator_of(chosen, **{k: x for k, x in options.items() if k in OPTIONS})
     return options, auto
-
-
-def _check_friction(runs: list[Run], unknown: list[Sought], integrator: str) -> None:
-    """Raises ValueError for dry friction, present or unknown, if the integrator has no derivatives with it."""
-    asked = [x.path for x in unknown if {"coulomb", "stiction"} & set(x.path.split("."))]
-    if INTEGRATORS[integrator].rubs or not (asked or any(has_friction(run.setup.arm) for run in runs)):
-        return
-    step = min(run.data.step for run in runs)
-    raise ValueError(
-        f'integrator = "{integrator}": a fit through dry friction needs the derivatives of "implicit"; give identify '
-        f'integrator="implicit", step={step:.6g} (s, as the rows of the data), or no step: it is then chosen'
-    )
 
 
 def _finer(problem: Problem) -> None:

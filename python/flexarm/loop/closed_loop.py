@@ -389,7 +389,6 @@ def closed_loop(
     controls = [control] if isinstance(control, Controller) else control
     if not isinstance(controls, (list, tuple)) or not all(isinstance(c, Controller) for c in controls):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
-    arm._warn()
     q0 = arm._single(q=arm.zero if q is None else q)[0]
     v0 = np.zeros(arm.nv) if v is None else array("v", v, (arm.nv,))
     if v0[elastic_rates(arm)].any():

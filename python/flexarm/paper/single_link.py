@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._check import Array
-from ..analysis.validity import RangeWarning
+from ..analysis.findings import RangeWarning
 from ..arm import Arm
 from ..run.result import Result
 from ..scene.scene import Scene

@@ -51,7 +51,7 @@ class Beam(Part):
             or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
             clamped, with `basis_tip` on its end; each 1 at its largest deflection). Clamped-free modes suit a beam that
             carries nothing: they have no curvature at the end, where a payload or another link bends the beam. Three
-            or more Legendre polynomials represent this; a ModelWarning says if it matters.
+            or more Legendre polynomials represent this; `fa.check` says if it matters.
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
@@ -67,7 +67,7 @@ class Beam(Part):
             and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
         basis_tip: the body that the modes of the loaded basis carry on the beam's end; its mass, com along x and
             principal inertia are used. It changes only the basis; the load itself is the link's `tip`. None: the modes
-            carry nothing, even if the link has a tip (then a ModelWarning says so).
+            carry nothing, even if the link has a tip (then `fa.check` says so).
         patches: piezoelectric patches; see Patch. The loaded basis ignores them.
         curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
             strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples

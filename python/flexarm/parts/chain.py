@@ -18,7 +18,7 @@ from .link import Link
 from .part import as_table
 
 if TYPE_CHECKING:
-    from typing_extensions import Self
+    pass
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
@@ -52,17 +52,8 @@ class Chain:
     """
 
     links: tuple[Link, ...]
-    _warned: bool  #: whether ModelWarning has been said of it
 
-    @classmethod
-    def _made(cls, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Self:
-        """An arm made of another, whose user has been warned already."""
-        arm = cls.__new__(cls)
-        arm._build(links, gravity)
-        arm._warned = True
-        return arm
-
-    def _build(self, links: Sequence[Link], gravity: Sequence[float]) -> None:
+    def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(links)
@@ -88,7 +79,6 @@ class Chain:
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
         self.patch_matrix.flags.writeable = False
-        self._fast_modes: Any = ()  # once known, see pace.py
         self.patches: list[tuple[int, int]] = [
             (k, i) for k, link in enumerate(self.links) if link.beam for i in range(len(link.beam.patches))
         ]  #: (link, patch) of each of its columns
@@ -98,7 +88,7 @@ class Chain:
         return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
 
     def __reduce__(self) -> Any:
-        return type(self)._made, (self.links, self.gravity)
+        return type(self), (self.links, self.gravity)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and (self.links, self.gravity) == (other.links, other.gravity)

@@ -86,8 +86,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     left_out += [f"moments of inertia of '{name}', which no body in space has: they are raised" for name in raised]
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
     if fit and len(wanted):
-        links = _fitted(arm._made(links), of, wanted)
-    made = arm._made(links, arm.gravity)
+        links = _fitted(type(arm)(links), of, wanted)
+    made = type(arm)(links, arm.gravity)
     return Segmented(made, of, locked_frequencies(made, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
 
 
@@ -119,7 +119,7 @@ def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
     if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
         return np.zeros(0)
     locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
-    found = small_motions(arm._made(arm.links), None, None, locked).undamped()
+    found = small_motions(type(arm)(arm.links), None, None, locked).undamped()
     bends = [not any(f" {s} " in label for s in _OTHERS) for label in arm._core.coordinates]
     return np.asarray(found.frequencies[(found.frequencies > 0) & (found.participation[bends].sum(axis=0) > 0.5)])
 
@@ -224,7 +224,7 @@ def _rod(beam: Beam, a: float, b: float) -> Mass:
         return Mass()
     own = mass * np.repeat([1.0, (b - a) ** 2], 3)  # that the joint may move a rod that is thin
     afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    M = Chain._made([Link(afloat, beam=rod)]).mass_matrix(np.zeros(6)) - np.diag(own)
+    M = Chain([Link(afloat, beam=rod)]).mass_matrix(np.zeros(6)) - np.diag(own)
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
     r = np.array(com)
     return Mass(mass, com, M[3:, 3:] - mass * (r @ r * np.eye(3) - np.outer(r, r)))
@@ -245,5 +245,5 @@ def _retardation(beam: Beam, plain: Beam, strain: str) -> float:
     """The time that gives a strain's lowest mode of the clamped beam the beam's damping ratio."""
     if not beam.damping_ratio:
         return 0.0
-    alone = Chain._made([Link(Fixed(), beam=replace(plain, modes={strain: beam.modes[strain]}))])
+    alone = Chain([Link(Fixed(), beam=replace(plain, modes={strain: beam.modes[strain]}))])
     return 2 * beam.damping_ratio / float(modes(alone).frequencies[0])

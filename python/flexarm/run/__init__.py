@@ -1,1 +1,1 @@
-"""One run: integration in time, its result, and what watches it."""
+"""One run: integration in time, its result, and what is found in it."""

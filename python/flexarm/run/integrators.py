@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import flexarm._core as _core
 
 from .._check import choice, number, whole
-from .pace import Pace
 from .parameter import Parameter, core_parameters
 from .problem import Problem
+from .steps import Pace
 
 LINEAR_SOLVERS = ("auto", "dense", "chain")
 
@@ -33,7 +34,7 @@ class Integrator:
 
     name: ClassVar[str]
     fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
-    explicit: ClassVar[bool] = False  # whether these have a limit; see pace
+    explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
     rubs: ClassVar[bool] = False  # whether dry friction is in its equations
     in_batches: ClassVar[bool] = False  # whether the core's batches have it
@@ -84,7 +85,8 @@ class Ida(Integrator):
     def run(
         self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any
     ) -> dict[str, Any]:
-        pace = Pace(problem.arm, problem.times, lambda time: problem.unstable(time, False))
+        tell, grown = problem.tell, lambda time: problem.unstable(time, False)
+        pace = None if tell is None else Pace(problem.arm, problem.times, grown, tell)
         by = core_parameters(problem, parameters)
         return _core.simulate_ida(
             problem.core, problem.times, **self.options, slow=pace, alive=alive, parameters=by
@@ -185,6 +187,14 @@ def integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
     Raises:
         ValueError: an unknown name; an option that it does not have; a step that is missing.
     """
+    try:
+        return _integrator_of(integrator, **options)
+    except TypeError:  # options that are not hashable
+        return _integrator_of.__wrapped__(integrator, **options)
+
+
+@lru_cache(64, typed=True)
+def _integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
     given = {k: x for k, x in options.items() if x is not None}
     for name in given:
         if name == "method":

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .._check import Array, array, choice
+from ..analysis.findings import RunWarning
 from ..arm import Arm
 from ..data.compare import Comparison, compared
 from ..data.data import Data
@@ -28,6 +29,10 @@ class Rows(Protocol):
     a: Array
     tau: Array
     friction: Array | None
+    stats: dict[str, Any]
+    loads: Any
+    _source: Any
+    _wrong: list[RunWarning]
 
     def frame(self, link: int | str = ..., x: float | None = ...) -> tuple[Array, Array]: ...
     def tip_deflection(self, link: int | str = ...) -> Array: ...

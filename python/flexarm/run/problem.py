@@ -15,11 +15,12 @@ from .._check import Array, array, number, whole
 from ..acting.acts import Acts
 from ..acting.control import PD, Controller, StrainFeedback
 from ..analysis import loops
+from ..analysis.findings import LoopWarning, RunWarning
 from ..arm import Arm
 from ..parts.labels import joint_rates
-from .pulses import PulseWarning, missed
 from .result import Result
 from .start import start
+from .steps import missed
 
 _FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
@@ -30,7 +31,10 @@ class Problem(Acts):
 
     Attributes:
         controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
+        tell: told during the run what makes it very slow; None: nobody is.
     """
+
+    tell: Callable[[RunWarning], None] | None = None
 
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
                  events: Any, remembered: dict[int, _core.Remembered] | None = None) -> None:  # fmt: skip
@@ -68,7 +72,7 @@ class Problem(Acts):
         nq, nv = self.arm.nq, self.arm.nv
         return lambda t, q, v: event(t, q[:nq], v[:nv])
 
-    def unstable(self, time: float, failed: bool) -> loops.LoopWarning | None:
+    def unstable(self, time: float, failed: bool) -> LoopWarning | None:
         """The loop of control that has made the run grow in `time` (s), if one has."""
         if not self.controls:
             return None
@@ -108,7 +112,7 @@ class Problem(Acts):
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
         return found
 
-    def missed(self) -> Iterator[PulseWarning | None]:
+    def missed(self) -> Iterator[RunWarning | None]:
         """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
         if all(calls is None for calls in self.core.asked):
             return

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._check import Array, named
 from ..acting.load import Load
+from ..analysis.findings import Findings, RunWarning
 from ..arm import Arm
 from ..data.compare import Comparison
 from ..data.data import Data
@@ -19,6 +20,7 @@ from ..draw.trajectory import plot_panels
 from ..parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
+from . import watch as monitors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,6 +59,7 @@ class Result:
     status: int = 0
     friction: Array | None = None
     _source: Any = field(default=None, compare=False)
+    _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
@@ -172,7 +175,7 @@ class Result:
 
         Raises:
             ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
-                go through: dry friction with "gauss" and "rk4", or together with balls; laws in Python that remember;
+                go through: dry friction together with balls; laws in Python that remember;
                 sensors of controllers that read in steps; of a result that is not one of `simulate`.
         """
         return self._made().sensitivities(parameters)
@@ -205,6 +208,19 @@ class Result:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_source": None}
+
+    def check(self, watch: monitors.Watch | None = None) -> Findings:
+        """What could be better: a list of findings, which prints one on a line, the warnings of the run first. Then
+        numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
+        too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
+        which hardly move the arm. A result of a file does not know its drives and loads.
+
+        Args:
+            watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.
+        """
+        if watch is not None and not isinstance(watch, monitors.Watch):
+            raise ValueError(f"watch = {watch!r}: must be a Watch")
+        return monitors.check(self, watch)
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame of `to_data`: its index is t (s), `.attrs["units"]` has the units. It needs

@@ -143,9 +143,6 @@ class Source:
         run = self._problem()
         tape = _core.Tape()
         out = self.integrate(run, tape=tape)
-        if out["friction"] is not None and not self.integrator.rubs:
-            name = self.integrator.name
-            raise ValueError(f"integrator = '{name}': derivatives through dry friction need \"implicit\"")
         core = run.core
         tape.keep_sides(core)
         return run, run.result(_done(out)), tape, core

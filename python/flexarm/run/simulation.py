@@ -17,52 +17,46 @@ from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
-from ..analysis.coarse import coarse
-from ..analysis.validity import SILENT, out_of_range
+from ..analysis.findings import RunWarning
+from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
-from ..parts.part import ModelWarning
 from .integrators import Integrator, integrator_of
-from .pace import beyond_explicit, explicit_limit, halved, hasty, unbalanced
 from .parameter import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
+from .steps import beyond_explicit, explicit_limit, halved, hasty, unbalanced
 from .variation import Setup
-from .watch import Watch, beyond_motor, softened
+from .watch import softened
 
 _FIRST = 5  # steps of a run that its start may be to blame for
 
 
-class SimulationError(RuntimeError):
+class _Stopped(BaseException):
+    def __init__(self, message: str, time: float, result: Result) -> None:
+        super().__init__(message)
+        self.time, self.result = time, result
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.result)
+
+
+class SimulationError(_Stopped, RuntimeError):
     """A simulation that could not go on. `.time` is the time reached (s), `.result` what was computed up to there."""
 
-    def __init__(self, message: str, time: float, result: Result) -> None:
-        super().__init__(message)
-        self.time = time
-        self.result = result
 
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.time, self.result)
-
-
-class SimulationInterrupted(KeyboardInterrupt):
+class SimulationInterrupted(_Stopped, KeyboardInterrupt):
     """Ctrl-C during a simulation. `.time` is the time reached (s), `.result` what was computed up to there."""
-
-    def __init__(self, message: str, time: float, result: Result) -> None:
-        super().__init__(message)
-        self.time = time
-        self.result = result
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.time, self.result)
 
 
 def _integrate(
     run: Problem, integrator: Integrator, alive: Any, parameters: Sequence[Parameter] = (), tape: Any = None
 ) -> dict[str, Any]:
     """The core's run: of "ida" with derivatives by parameters, of others on a tape for them."""
-    with run.both.naming():
+    try:  # as `naming` does, which costs more than the rest of this
         out = integrator.run(run, alive, parameters, tape)
+    except ValueError as e:
+        raise ValueError(run.both.in_names(str(e))) from None
     if out["failure"]:
         out["failure"] = run.both.in_names(out["failure"])
     return out
@@ -74,7 +68,7 @@ def source(
 ) -> Source:  # fmt: skip
     """What a run is made of, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
-    chosen = integrator_of(integrator, **options)
+    chosen = integrator if isinstance(integrator, Integrator) and not options else integrator_of(integrator, **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
     q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=chosen, alive=alive)
@@ -88,14 +82,15 @@ def _held(run: Problem, result: Result) -> list[int]:
     return [*run.prescribed, *np.flatnonzero(~np.array(moved, bool)).tolist()]
 
 
-def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integrator) -> list[Warning]:
+def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integrator) -> list[RunWarning]:
     """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
     where that is known, because the step is not to blame then."""
     time = float(out["reached"])
     step = getattr(integrator, "step", 0.0)
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)
-    beyond, failed = out_of_range(run.arm, result.t, result.q), bool(out["failure"])
+    failed, far = bool(out["failure"]), worst_range(run.arm, result.t, result.q)
+    beyond = None if far is None else range_warning(run.arm, far)
     span = time - float(run.times[0])
     # a limit may hold a loop, but not in its model's range
     limits = failed or beyond is not None
@@ -107,8 +102,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
         )  # fmt: skip
         chatters = hasty(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
         often = halved(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
-        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters or often]
-        return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
+        return [x for x in (loop or beyond, blown or chatters or often, *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
@@ -138,7 +132,6 @@ def simulate(
     control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     integrator: str | Integrator = "ida",
-    watch: bool | Watch = False,
     progress: bool | Callable[[float], None] = False,
     **options: Any,
 ) -> Result:
@@ -170,8 +163,6 @@ def simulate(
             generalised-alpha, second order, for arms of any stiffness and real-time loops; `fa.Gauss(step)`, Gauss
             collocation, the most accurate for its cost on arms of up to some tens of coordinates; `fa.RK4(step)`. A
             name, "ida", "implicit", "gauss" or "rk4", stands for the object with its defaults.
-        watch: True: warns of energy in the highest modes, and of turning too fast for orders 0 and 1; or a Watch, such
-            as `economize(...).watch`, for quantities that leave the range that a model was chosen for.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
@@ -194,41 +185,52 @@ def simulate(
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
 
     Warns:
+        Of what makes the numbers wrong; `Result.check` lists it too, and what could be better.
         RangeWarning: a beam bent further than its order is good for, or turned inside out, at the output times.
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.
-        PulseWarning: a callable has a pulse between two steps that no step has seen.
-        SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
         StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
             dry friction that switches many times within a step (three of "rk4"); many steps of "gauss" that had to be
-            halved.
-        WatchWarning: a quantity of `watch` has left its range.
-        ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
+            halved; a callable with a pulse between two steps that no step has seen.
+        SlowWarning: "ida" takes more than 2e7 steps; it names the cause, if known, and the remedy, during the run.
     """
-    # Long for its docstring, which is the reference of every option.
+    run = simulated(
+        arm, t, q0, v0, tau=tau, drive=drive, loads=loads, control=control, events=events, integrator=integrator,
+        progress=progress, tell=_warn, **options,
+    )  # fmt: skip
+    for warning in run._wrong:
+        _warn(warning)
+    return run
+
+
+def _warn(warning: RunWarning) -> None:
+    warnings.warn(warning, stacklevel=outside())
+
+
+def simulated(
+    arm: Arm, t: ArrayLike, q0: Any = None, v0: ArrayLike | None = None, *, tau: ArrayLike | None = None,
+    drive: Mapping[Any, Motion | Torque | Voltage] | None = None, loads: Sequence[Load] | None = None,
+    control: Controller | Sequence[Controller] | None = None, events: Any = None, integrator: str | Integrator = "ida",
+    progress: bool | Callable[[float], None] = False, tell: Callable[[RunWarning], None] | None = None, **options: Any,
+) -> Result:  # fmt: skip
+    """As `simulate`, but without warnings, which are in the result's `_wrong`; `tell` is told during the run what makes
+    it very slow."""
+    if "watch" in options:
+        raise ValueError("watch: is asked for after the run, by result.check(watch)")
     chosen = integrator_of(integrator, **options)
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
-    if not isinstance(watch, (bool, Watch)):
-        raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
-    arm._warn()
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
-    begin, end = float(run.times[0]), float(run.times[-1])
-    with progress_bar(progress, "simulating", end - begin) as bar:
-
-        def show(now: float) -> None:
-            assert bar is not None
-            bar(now - begin, f"t = {now:.4g} of {end:.4g} s")
-
-        out = _integrate(run, chosen, bar if bar is None or callable(progress) else show)
+    run.tell = tell
+    if callable(progress) or not progress:
+        out = _integrate(run, chosen, progress or None)
+    else:
+        begin, end = float(run.times[0]), float(run.times[-1])
+        with progress_bar(progress, "simulating", end - begin) as bar:
+            show = bar and (lambda now: bar(now - begin, f"t = {now:.4g} of {end:.4g} s"))
+            out = _integrate(run, chosen, show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = source(setup, run.times, arm._posed(q0), v0, tau, integrator=chosen, events=events)
-    for warning in _judged(run, out, result, chosen):
-        warnings.warn(warning, stacklevel=outside())
-    if not SILENT.get():
-        for text in coarse(arm, drive, control, tau, loads, (result.t, result.q, result.v)):
-            warnings.warn(text, ModelWarning, stacklevel=outside())
-    if watch:
-        (Watch.usual(arm) if watch is True else watch).warn(result)
+    result._wrong = _judged(run, out, result, chosen)
     return result

@@ -228,7 +228,7 @@ class Variation:
         links = self._rebuilt("link", base.links, self._trees["link"], i)
         gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
         try:
-            return base if links is base.links and gravity is base.gravity else Arm._made(links, gravity)
+            return base if links is base.links and gravity is base.gravity else Arm(links, gravity)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 

@@ -1,79 +1,65 @@
-"""Monitors of a run: whether it stays in the range that its model was chosen for."""
+"""What is found in a run that is done: quantities that left their range, motors asked for too much, and what of its
+model is probably a mistake or too coarse."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
-from .._check import Array, outside
+from .._check import Array
+from ..acting.drive import Motion
 from ..acting.motor import torque_limits
-from ..analysis.validity import rotation
+from ..analysis.coarse import coarse
+from ..analysis.findings import Finding, Findings, RangeWarning
+from ..analysis.mistakes import mistakes
+from ..analysis.validity import range_warning, rotation, worst_range
 from ..arm import Arm
-from .result import Result
+from .outputs import Rows
+from .steps import short_steps
 
-#: What is watched, of every beam, and in which words.
+#: Of every beam: unit, words and remedy of a quantity.
+_RICHER = "take a richer model, or economize this scene again"
 KINDS = MappingProxyType(
     {
-        "rotation": "turns its sections against its base by {value:.3g} rad",
-        "strain": "has a curvature of {value:.3g} 1/m at its clamp",
-        "top": "has {value:.2g} of its elastic energy in the highest mode of a strain",
-        "spin": "turns at {value:.3g} of the arm's first frequency",
+        "rotation": ("rad", "turns its sections against its base by {:.3g} rad", _RICHER),
+        "strain": ("1/m", "has a curvature of {:.3g} 1/m at its clamp", _RICHER),
+        "top": ("", "has {:.2g} of its elastic energy in the highest mode of a strain", "take more modes"),
+        "spin": ("", "turns at {:.3g} of the arm's first frequency", "take order = 2"),
     }
 )
 _DEFAULTS = {"top": 0.01, "spin": 0.5}  # of a beam with modes to spare; where order 1 has lost a tenth of its frequency
 
 
-class WatchWarning(UserWarning):
-    """A run has left the range that its model was chosen for.
-
-    Attributes:
-        what: "rotation" (rad), "strain" (1/m), "top" (share of the energy), "spin" (over the first frequency), or
-            "torque" (N m, N) that a prescribed motion takes beyond the `torque_limit` of its joint.
-        link: the link.
-        time: of the first output row past the limit (s).
-        value, limit: the largest in the run, and what it should have stayed below.
-    """
-
-    def __init__(self, message: str, what: str, link: int, time: float, value: float, limit: float) -> None:
-        super().__init__(message)
-        self.what, self.link, self.time, self.value, self.limit = what, link, time, value, limit
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.what, self.link, self.time, self.value, self.limit)
-
-
-def beyond_motor(arm: Arm, result: Result, prescribed: Sequence[int]) -> WatchWarning | None:
+def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator[Finding]:
     """The prescribed motion that takes most beyond what the motor of its joint gives."""
     most = torque_limits(arm) if prescribed else np.zeros(0)
     over = [(float(np.abs(result.tau[:, i]).max(initial=0.0)) / most[i], i) for i in prescribed]
     share, i = max(over, default=(0.0, -1))
-    if not share > 1.0 + 1e-9:
-        return None
-    size = np.abs(result.tau[:, i])
-    k, first = int(size.argmax()), int((size > most[i]).argmax())
-    link = next(n for n, part in enumerate(arm.links) if part.joint.nv and i in arm.joint_rates(n))
-    return WatchWarning(
-        f"the motion of '{arm.coordinates[i]}' takes up to {size[k]:.4g} (N m, N), at t = {result.t[k]:.4g} s; its "
-        f"motor gives {most[i]:.4g} (torque_limit): move more slowly, or command the joint by a controller",
-        "torque", link, float(result.t[first]), float(size[k]), float(most[i]),
-    )  # fmt: skip
+    if share > 1.0 + 1e-9:
+        size = np.abs(result.tau[:, i])
+        k = int(size.argmax())
+        what = (
+            f"takes up to {size[k]:.4g} (N m, N), at t = {result.t[k]:.4g} s; its motor gives {most[i]:.4g} "
+            "(torque_limit)"
+        )
+        remedy = "move more slowly, or command the joint by a controller"
+        where = f"the motion of '{arm.coordinates[i]}'"
+        yield Finding(where, what, float(size[k]), float(most[i]), "N m, N", remedy)
 
 
 def first_frequency(arm: Arm) -> float:
     """The lowest (rad/s) with all joints locked, without gravity; nan if there is none."""
     try:
         locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        return float(arm._made(arm.links).modes(lock=locked).frequencies[0])
+        return float(type(arm)(arm.links).modes(lock=locked).frequencies[0])
     except (ValueError, IndexError):
         return np.nan
 
 
-def softened(arm: Arm, result: Result) -> str:
+def softened(arm: Arm, result: Rows) -> str:
     """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
     it returns "", also of a run that failed before its first row."""
     for k, link in enumerate(arm.links):
@@ -89,7 +75,7 @@ def softened(arm: Arm, result: Result) -> str:
     return ""
 
 
-def readings(arm: Arm, result: Result, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
+def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
     """Each monitor along a run, (nt,), by (what, link). It costs some microseconds a row and beam.
 
     Args:
@@ -122,11 +108,11 @@ def readings(arm: Arm, result: Result, frequency: float = np.nan) -> dict[tuple[
 
 @dataclass(frozen=True)
 class Watch:
-    """What `simulate(..., watch=...)` looks at, at the output times.
+    """What `Result.check(watch)` looks at, at the output times.
 
     Attributes:
-        limits: by (what, link), such as ("rotation", 0), the largest value that is still in range; `WatchWarning` says
-            what there is.
+        limits: by (what, link), such as ("rotation", 0), the largest value that is still in range: "rotation" (rad),
+            "strain" (1/m), "top" (share of the energy in the highest modes), "spin" (over the first frequency).
         frequency: the arm's first one with joints locked (rad/s).
     """
 
@@ -140,13 +126,14 @@ class Watch:
         limits = {}
         for k, link in enumerate(arm.links):
             if link.beam is not None and link.beam.ne:
-                limits["top", k] = _DEFAULTS["top"]
+                if link.beam.basis != "legendre":  # whose polynomials are no modes
+                    limits["top", k] = _DEFAULTS["top"]
                 if link.beam.order in (0, 1):
                     limits["spin", k] = _DEFAULTS["spin"]
         return Watch(limits, first_frequency(arm))
 
     @staticmethod
-    def around(result: Result, margin: float = 1.5) -> Watch:
+    def around(result: Rows, margin: float = 1.5) -> Watch:
         """Limits `margin` times what a run has reached; below a hundredth of a radian, of a first frequency and of the
         energy, and where the run is but at rest, nothing is said."""
         w = first_frequency(result.arm)
@@ -156,27 +143,36 @@ class Watch:
             limits[what, k] = max(least, margin * float(values.max(initial=0.0)))
         return Watch({key: x for key, x in limits.items() if x > 0.0}, w)
 
-    def look(self, result: Result) -> WatchWarning | None:
-        """The warning that a run deserves, of what it has left first; or None."""
-        found: list[tuple[float, str, int, float, float]] = []
+    def left(self, result: Rows) -> list[RangeWarning]:
+        """What has left its range, in the order of time."""
+        found = []
         limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
         for (what, k), values in readings(result.arm, result, self.frequency).items():
             limit = limits.get((what, k), np.inf)
             past = np.flatnonzero(~(values <= limit))
             if past.size:
-                found.append((float(result.t[past[0]]), what, k, float(values.max()), limit))
-        if not found:
-            return None
-        time, what, k, value, limit = min(found)
-        others = f", and {len(found) - 1} more" if len(found) > 1 else ""
-        said, name = KINDS[what].format(value=value), result.arm.names[k]
-        return WatchWarning(
-            f"{name}{others}: {said}, beyond the {limit:.3g} that its model was chosen for, from t = {time:.6g} s "
-            "on; take a richer model, or economize this scene again",
-            what, k, time, value, limit,
-        )  # fmt: skip
+                value, time = float(values.max()), float(result.t[past[0]])
+                unit, said, remedy = KINDS[what]
+                what = f"{said.format(value)}, beyond its limit of {limit:.3g}, from t = {time:.6g} s on"
+                finding = Finding(result.arm.names[k], what, value, limit, unit, remedy)
+                found.append(RangeWarning(finding, link=k, time=time))
+        return sorted(found, key=lambda x: x.time)
 
-    def warn(self, result: Result) -> None:
-        warning = self.look(result)
-        if warning is not None:
-            warnings.warn(warning, stacklevel=outside())
+
+def check(result: Rows, watch: Watch | None) -> Findings:
+    """See Result.check."""
+    arm, source, wrong = result.arm, result._source, [x.finding for x in result._wrong]
+    rows = result.t, result.q, result.v
+    drive, control, tau = ({}, (), None) if source is None else (source.setup.drive, source.setup.control, source.tau)
+    if not len(result.q) or not all(np.isfinite(x).all() for x in rows):  # a run that failed, or kept no states
+        return Findings([*wrong, *mistakes(arm), *coarse(arm, drive, control, tau)])
+    if not any(isinstance(x, RangeWarning) for x in result._wrong) and (beyond := worst_range(arm, *rows[:2])):
+        wrong.append(range_warning(arm, beyond).finding)
+    left = (watch or Watch.usual(arm)).left(result)
+    found = [*wrong, *mistakes(arm), *coarse(arm, drive, control, tau, result.loads, rows), *(x.finding for x in left)]
+    if source is not None:
+        moved = [arm.joint_rate(key) for key, law in drive.items() if isinstance(law, Motion)]
+        found += _beyond_motor(arm, result, moved)
+        if not source.integrator.fixed:
+            found += short_steps(arm, int(result.stats["steps"]), float(np.ptp(result.t)))
+    return Findings(found)

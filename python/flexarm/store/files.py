@@ -7,8 +7,9 @@ import json
 import os
 import re
 import shutil
+import threading
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ _WORDS = {
 def explained(error: OSError) -> str:
     """What the system says, in words; of HDF5's errors too, which bury its number in their text."""
     found = re.search(r"errno = (\d+)", str(error))
-    number = int(found[1]) if found else error.errno
+    number = int(found[1]) if found else errno.EAGAIN if "already open" in str(error) else error.errno
     return _WORDS.get(number or 0, error.strerror or str(error))
 
 
@@ -69,22 +70,38 @@ def check_space(where: str, path: Path, need: int) -> None:
         )
 
 
-def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") -> None:
-    """A file that appears whole or not at all, where a link leads if the path is one. ValueError where it cannot be
-    written."""
+def check_unused(where: str, path: Path) -> None:
+    """ValueError where another process, or another thread of this one, has the lock of HDF5 on a file."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    with named(where, path), path.open("r+b") as raw:
+        try:
+            fcntl.flock(raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:
+            pass  # a disk that knows no locks
+
+
+def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file", sync: bool = True) -> None:
+    """A file that appears whole or not at all, where a link leads if the path is one; with `sync` also after a power
+    failure. ValueError where it cannot be written."""
     target, shown = path, repr(str(path))
     if path.is_symlink():
         target = Path(os.path.realpath(path))
         if target.is_symlink():
             raise ValueError(f"{where} {shown}: is a link to itself; remove it, or give another name")
         shown += f", a link to {str(target)!r}"
-    temporary = target.with_name(target.name + ".new")
+    temporary = target.with_name(f"{target.name}.{os.getpid()}-{threading.get_ident()}.new")
     with named(where, shown):
         try:
             with temporary.open("wb") as f:
                 write(f)
                 f.flush()
-                os.fsync(f.fileno())
+                if sync:
+                    os.fsync(f.fileno())
             os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -95,6 +112,23 @@ def zipped(path: Path) -> dict[str, Any]:
     """All of an .npz; each is checked by its checksum. For use in `readable`."""
     with path.open("rb") as f, np.load(f, allow_pickle=False) as z:
         return {k.removesuffix(".npy"): z[k] for k in z.zip.namelist()}
+
+
+def texts(words: Sequence[str]) -> Any:
+    """Texts for HDF5, of fixed length. Those of variable length lie in a heap without checksums, and where that is
+    damaged, the library may read on for ever."""
+    import h5py
+
+    raw = [word.encode() for word in words]
+    return np.array(raw, h5py.string_dtype("utf-8", max(map(len, [*raw, b" "]))))
+
+
+def label(dataset: Any, titles: Sequence[tuple[str, str]]) -> None:
+    """Gives a data set of HDF5 its unit, or the names and units of its columns, as attributes."""
+    if titles and dataset.ndim == 1:
+        dataset.attrs["unit"] = texts([titles[0][1]])[0]
+    elif titles:
+        dataset.attrs["columns"], dataset.attrs["units"] = (texts(part) for part in zip(*titles, strict=True))
 
 
 def digest(about: Any, arrays: Mapping[str, Any]) -> int:

@@ -1,112 +1,130 @@
-"""The file of many scenarios (HDF5): written bit by bit, taken up again where it was left.
+"""The file of many scenarios (HDF5): written bit by bit, and continued where it was left.
 
-Its arrays have a row for each scenario, and lie there whole from the beginning, so that later nothing of the file's
-structure changes, whenever the process is killed. "done" (B,) is 0 of scenarios that are not done, whose rows are
-blank; 2 while their rows go out, 1 after them; "checksum" (B,) is of all that the file holds of a scenario. What all
-have in common, and the marks of what the file is of, is written once, under a checksum of its own.
+Each array has a row for each scenario and lies in one piece of the file, full of blanks, from the beginning. Later only
+rows are written, in place: the structure of the file never changes, whenever the process is killed. "checksum" (B,),
+which is written last, is the CRC-32 of all that the file holds of a scenario, and 0 until it is done. The data that all
+scenarios have in common are written once; the attribute "digest" is their checksum.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .files import Refused, readable
+from .files import Refused, check_digest, check_space, check_unused, digest, label, named, readable, texts, write_whole
 from .fingerprint import difference
-from .hdf5 import Laid, Place, check_seal, checksums, dataset, lay_out, place, sealed_names
 
-_DONE, _BEGUN = 1, 2
-_SMALL = 256  # bytes of a row that is blanked in any case
+_BLOCK = 1 << 22  # bytes that are blanked at once
+_ROOM = 1 << 18  # bytes for the tables of HDF5
 
 
 class Column(NamedTuple):
-    """An array of such a file: shape of a scenario's row, type, and what stands there until it is done."""
+    """An array of such a file: shape of a scenario's row, type, its content until the scenario is done, and names and
+    units of its last axis."""
 
     shape: tuple[int, ...]
     kind: str
     blank: Any
+    titles: Sequence[tuple[str, str]] = ()
+
+    def blanks(self, count: int) -> Any:
+        """So many rows that are not done."""
+        return np.full((count, *self.shape), self.blank, self.kind)
 
 
-_OURS = {"checksum": Column((), "<u4", 0), "done": Column((), "|u1", 0)}
+_CHECKSUM = {"checksum": Column((), "<u4", 0)}
 
 
-def _damaged(arrays: Mapping[str, Any]) -> NDArray[np.int64]:
-    """Scenarios whose checksums, or marks of whether they are done, do not fit."""
-    marks, sums = np.asarray(arrays["done"]), np.asarray(arrays["checksum"])
-    done, odd = marks == _DONE, (marks > _BEGUN) | ((marks == 0) & (sums != 0))
-    held = {k: x for k, x in arrays.items() if k not in _OURS}
-    wrong = np.zeros(len(done), bool)
-    for first in range(0, len(done), 4096):  # pieces, so that little of it is in memory at once
-        part = slice(first, first + 4096)
-        if done[part].any():
-            wrong[part] = checksums({k: x[part] for k, x in held.items()}) != sums[part]
-    return np.flatnonzero(done & wrong | odd)
-
-
-def _written(array: Any, rows: NDArray[np.int64], blank: Any) -> NDArray[np.bool_]:
-    """Which of these rows of an array (n, ...) are not blank."""
-    out = np.zeros(len(array), bool)
-    for i in rows:
-        row = np.asarray(array[i])
-        out[i] = not (np.isnan(row) if blank != blank else row == np.asarray(blank, row.dtype)).all()
+def _checksums(arrays: Mapping[str, Any], only: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
+    """The checksum of each row of these arrays (n, ...) together, which is never 0; or of some rows alone."""
+    held = [np.ascontiguousarray(arrays[k]) for k in sorted(arrays)]
+    out = np.zeros(len(held[0]), np.uint32)
+    for i in range(len(out)) if only is None else np.flatnonzero(only):
+        found = 0
+        for x in held:
+            found = zlib.crc32(x[i : i + 1].data, found)
+        out[i] = found or 1
     return out
 
 
-def _complaint(indices: NDArray[np.int64]) -> Refused:
-    shown = ", ".join(str(i) for i in indices[:10]) + (f" and {len(indices) - 10} more" if len(indices) > 10 else "")
-    return Refused(
-        f"the data of scenario {shown} are damaged: their checksums do not fit. The call that wrote them (with out=) "
-        "computes them again; verify=False takes them as they are"
-    )
+def _unlike(arrays: Mapping[str, Any], columns: Mapping[str, Column], verify: bool = True) -> tuple[Any, Any, Any]:
+    """The rows that are not done; the indices of those among them that are not blank, as after a kill; and the indices
+    of rows that are done and do not have their checksum, which are not looked for without `verify`."""
+    marks, data = np.array(arrays["checksum"]), {k: x for k, x in arrays.items() if k not in _CHECKSUM}
+    left = marks == 0
+    blank = _checksums({k: columns[k].blanks(1) for k in data})[0]
+    unlike = _checksums(data, None if verify else left) != np.where(left, blank, marks)
+    return left, np.flatnonzero(left & unlike), np.flatnonzero(~left & unlike if verify else left & ~left)
 
 
-def _open(path: Path, verify: bool, advice: str = "") -> tuple[dict[str, Any], dict[str, Column], dict[str, Place]]:
-    """What is written once; the arrays, and where they lie."""
+def _mapped(f: Any, path: Path) -> dict[str, Any]:
+    """All data sets that lie in one piece of this file, by name, mapped from it. Links, external and virtual storage,
+    and filters, which may load a library, are not followed."""
+    import h5py
+
+    size, out = os.path.getsize(path), dict[str, Any]()
+
+    def visit(name: str, x: Any) -> None:
+        if isinstance(x, h5py.Dataset) and x.dtype.kind in "fiuS":
+            offset, count = x.id.get_offset(), int(np.prod(x.shape, dtype=object))
+            if not count:
+                out[name] = np.empty(x.shape, x.dtype)
+            elif offset is not None and offset + count * x.dtype.itemsize <= size:
+                out[name] = np.memmap(path, x.dtype, "r", offset, x.shape)
+
+    f.visititems(visit)
+    return out
+
+
+def _open(path: Path, advice: str = "") -> tuple[dict[str, Any], dict[str, Any], dict[str, Column], dict[str, Any]]:
+    """The file's "about", the arrays that are written once, its columns, and their arrays, mapped from the file."""
     import h5py
 
     with h5py.File(path, "r") as f:
-        if not {"arrays", "fingerprint"} <= f.keys():
-            raise Refused(f"is not a file of a batch or a sweep, or one of an older flexarm{advice}")
-        if verify:
-            check_seal(f)
-        columns = {k: Column(*x) for k, x in json.loads(dataset(f, "arrays")[()]).items()}
-        fixed = {k: dataset(f, k)[()] for k in sealed_names(f)}
-        return fixed, columns, {k: place(f, k, path, x.kind, 1 + len(x.shape)) for k, x in columns.items()}
+        held, told = _mapped(f, path), f.attrs.get("digest")
+        about = {k: json.loads(held[k].tobytes()) for k in ("fingerprint", "about") if k in held}
+    version = next((x["flexarm"] for x in about.values() if "flexarm" in x), None)
+    if told is None or "columns" not in about.get("about", {}):
+        older = f", or one of flexarm {version}, which wrote other files" if version else ""
+        raise Refused(f"is not a file of a batch or a sweep{older}{advice}")
+    words, columns = about["about"], {k: Column(*x) for k, x in about["about"]["columns"].items()}
+    fixed = {k: x for k, x in held.items() if k not in columns and k != "about"}
+    check_digest(told, words, fixed)
+    for k, x in columns.items():
+        if k not in held:
+            raise Refused(f"{k!r} is missing, or does not lie in one piece of this file{advice}")
+        if (held[k].shape, held[k].dtype) != ((words["count"], *x.shape), np.dtype(x.kind)):
+            raise Refused(f"{k!r} is {held[k].dtype} {held[k].shape}, and not as it was written{advice}")
+    return words, {k: np.array(x) for k, x in fixed.items()}, columns, {k: held[k] for k in columns}
 
 
-def read_scenarios(path: Path, verify: bool) -> tuple[dict[str, Any], dict[str, Any], NDArray[np.bool_]]:
-    """What is written once, by name; all arrays, mapped from the file, not read into memory; and which scenarios are
-    done. For use in `readable`."""
-    fixed, columns, places = _open(path, verify)
-    arrays = {k: x.of(path) for k, x in places.items()}
-    wrong = _damaged(arrays) if verify else np.empty(0, int)
+def read_scenarios(
+    path: Path, rows: slice = slice(None), verify: bool = True
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], NDArray[np.bool_]]:
+    """The file's "about"; the arrays that are written once, by name; these rows of all others, mapped from the file,
+    not read into memory; and which of them are done. For use in `readable`."""
+    about, fixed, columns, arrays = _open(path)
+    left, torn, wrong = _unlike({k: x[rows] for k, x in arrays.items()}, columns, verify)
     if wrong.size:
-        raise _complaint(wrong)
-    done, marks = np.array(arrays.pop("done")), np.array(arrays.pop("checksum"))
-    left = done != _DONE
-    torn = left & ((done != 0) | (marks != 0))  # half written, and not to be shown
-    for k in arrays:
-        again = left if arrays[k][:1].nbytes <= _SMALL else torn
-        if verify:
-            again = again | _written(arrays[k], np.flatnonzero(left & ~again), columns[k].blank)
-        if again.any():
-            arrays[k] = places[k].of(path, "c")
-            arrays[k][again] = columns[k].blank
-    return fixed, arrays, ~left
-
-
-def read_scenario(path: Path, i: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is written once, and the rows of one scenario, whose checksum fits. For use in `readable`."""
-    fixed, _, places = _open(path, True)
-    rows = {k: np.array(x.of(path)[i : i + 1]) for k, x in places.items()}
-    if _damaged(rows).size:
-        raise _complaint(np.array([i]))
-    return fixed, {k: x[0] for k, x in rows.items()}
+        shown = ", ".join(str(i) for i in wrong[:10] + (rows.start or 0))
+        raise Refused(
+            f"the data of scenario {shown}{f' and {wrong.size - 10} more' * (wrong.size > 10)} are damaged: their "
+            "checksums do not fit. The call that wrote them (with out=) computes them again; verify=False takes them "
+            "as they are"
+        )
+    if torn.size:  # half written, and not to be shown
+        arrays = {k: np.memmap(path, x.dtype, "c", x.offset, x.shape) if x.size else x for k, x in arrays.items()}
+    found = {k: x[rows] for k, x in arrays.items() if k not in _CHECKSUM}
+    for k in found if torn.size else ():
+        found[k][torn] = columns[k].blank
+    return about, fixed, found, ~left
 
 
 class ScenarioFile:
@@ -115,80 +133,125 @@ class ScenarioFile:
 
     Args:
         path: the file. It is laid out anew where it does not exist, or `resume` is false.
-        count: of the scenarios. columns: their arrays, by name.
-        fixed: what is written once, by name: arrays, and texts.
-        marks: of all that the numbers follow from, as `marks` makes them.
+        count: of the scenarios. columns: their arrays, by name, which are written in this order.
+        fixed: arrays that are written once, by name, with their titles.
+        about: what the file says of itself, for JSON; "marks" are of all that the numbers follow from.
         what: "batch", or what else the file is of. where: what the user calls the path. otherwise: what the user can do
             instead.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
+        arrays: all columns, mapped from the file, to be read.
     """
 
     def __init__(
-        self, path: Path, count: int, columns: Mapping[str, Column], fixed: Mapping[str, Any], marks: Mapping[str, str],
-        resume: bool, what: str, where: str, otherwise: str,
+        self, path: Path, count: int, columns: Mapping[str, Column], fixed: Mapping[str, tuple[Any, Any]],
+        about: Mapping[str, Any], resume: bool, what: str, where: str, otherwise: str,
     ) -> None:  # fmt: skip
-        self._columns, self.damaged = {**columns, **_OURS}, 0
+        self.damaged, self._path, self._where = 0, path, where
+        self._columns, self._begun = {**columns, **_CHECKSUM}, np.empty(0, np.int64)
         found = path.exists()
-        if found and not resume:
-            Laid(where, path, {}).close()  # nobody writes over what another process is writing
+        if found:
+            check_unused(where, path)
         if not (found and resume):
-            words = {"fingerprint": json.dumps(marks), "arrays": json.dumps(self._columns)}
-            large = {k: ((count, *x.shape), x.kind, x.blank) for k, x in self._columns.items()}
-            lay_out(where, path, {**words, **fixed}, large)
+            if path.is_symlink():
+                path.unlink()
+            self._lay_out(count, fixed, about)
         with readable(where, path, f"a file of a {what} ({otherwise})"):
-            fixed, _, places = _open(path, True, f"; {otherwise}")
-            theirs = json.loads(fixed["fingerprint"])
-            if theirs != marks:
-                raise Refused(f"holds another {what}, {difference(theirs, marks)}; {otherwise}")
-            mine = {k: ((count, *x.shape), np.dtype(x.kind)) for k, x in self._columns.items()}
-            if {k: (x.shape, x.kind) for k, x in places.items()} != mine:
-                raise Refused(f"its arrays are damaged; {otherwise}")
-        self._file = Laid(where, path, places)
+            seen = os.stat(path)
+            theirs, _, _, self.arrays = _open(path, f"; {otherwise}")
+            if theirs["marks"] != about["marks"]:
+                raise Refused(f"holds another {what}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
+        self._open_rows(path)
+        if not os.path.samestat(seen, os.fstat(self._file.id.get_vfd_handle())):
+            self.abandon()
+            raise ValueError(f"{where} {str(path)!r}: another process put another file in its place")
         if found and resume:
-            try:
-                self._forget_what_is_torn()
-            except BaseException:
-                self.close()
-                raise
+            _, torn, wrong = _unlike(self.arrays, self._columns)
+            self.damaged, self._begun = len(wrong), np.union1d(torn, wrong)
+            self._tidy()
 
-    def _forget_what_is_torn(self) -> None:
-        """Scenarios that were half written, or are damaged, are as if they had never run."""
-        wrong, done = _damaged({k: self.array(k) for k in self._columns}), self.array("done")
-        self.damaged = len(wrong)
-        self._reset(np.union1d(np.flatnonzero((done != _DONE) & (done != 0)), wrong))
+    def _lay_out(self, count: int, fixed: Mapping[str, tuple[Any, Any]], about: Mapping[str, Any]) -> None:
+        """Makes the file, which appears when it is whole and all its room on the disk is taken."""
+        import h5py
 
-    def _reset(self, again: NDArray[np.int64]) -> None:
+        words = {**about, "count": count, "columns": {k: x[:3] for k, x in self._columns.items()}}
+        text, arrays = json.dumps(words), {k: np.ascontiguousarray(x) for k, (x, _) in fixed.items()}
+        room = _ROOM + 2 * (len(text) + sum(x.nbytes for x in arrays.values()))
+        need = sum(count * x.blanks(1).nbytes for x in self._columns.values())
+        check_space(self._where, self._path, need + room)
+        make, place = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5p.create(h5py.h5p.LINK_CREATE)
+        make.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+        make.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+        place.set_create_intermediate_group(True)
+
+        def write(raw: Any) -> None:
+            raw.write(bytes(room))  # what the system refuses, it refuses here: HDF5 cannot close a file on a full disk
+            raw.flush()
+            raw.truncate(room + need)
+            # a version whose own tables have checksums, and that needs no clearing after a kill
+            with h5py.File(raw.name, "w", libver=("v108", "v108")) as f:
+                f.attrs["digest"], f.attrs["scenarios"] = digest(json.loads(text), arrays), count
+                f["about"] = texts([text])[0]
+                for name, x in arrays.items():
+                    f[name] = x
+                    label(f[name], fixed[name][1])
+                for name, column in self._columns.items():
+                    kind, space = np.dtype(column.kind), h5py.h5s.create_simple((count, *column.shape))
+                    h5py.h5d.create(f.id, name.encode(), h5py.h5t.py_create(kind), space, make, place)
+                    label(f[name], column.titles)
+            self._open_rows(Path(raw.name))
+            with self._file:
+                self._blank(np.arange(count))
+
+        write_whole(self._path, write, self._where, sync=False)  # after a power failure the checksums tell
+
+    def _open_rows(self, path: Path) -> None:
+        """Opens the file to be filled. The library keeps no numbers back: a full disk is noticed at once."""
+        import h5py
+
+        ways = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+        ways.set_sieve_buf_size(0)
+        with named(self._where, self._path):
+            self._file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, ways))
+            self._rows = {k: self._file[k] for k in self._columns}
+
+    def _put(self, name: str, indices: NDArray[np.int64], rows: Any) -> None:
+        """Writes rows of an array, where indices increase."""
+        if len(indices):
+            first, last = int(indices[0]), int(indices[-1])
+            with named(self._where, self._path):
+                self._rows[name][slice(first, last + 1) if last - first + 1 == len(indices) else indices] = rows
+
+    def _blank(self, indices: NDArray[np.int64]) -> None:
         """Makes scenarios as they were before they ran."""
-        self._file.put("done", again, np.full(len(again), _BEGUN))
-        for k, x in self._columns.items():
-            if k != "done":
-                for i in again:
-                    self._file.put(k, np.array([i]), np.full((1, *x.shape), x.blank, x.kind))
-        self._file.put("done", again, np.zeros(len(again)))
+        for name, x in {**_CHECKSUM, **self._columns}.items():  # the checksum first
+            block = x.blanks(min(len(indices), max(1, _BLOCK // max(1, x.blanks(1).nbytes))))
+            for first in range(0, len(indices), max(1, len(block))):
+                part = indices[first : first + len(block)]
+                self._put(name, part, block[: len(part)])
 
-    def array(self, name: str) -> Any:
-        """Mapped from the file, to be read."""
-        return self._file.array(name)
+    def _tidy(self) -> None:
+        self._blank(self._begun)
+        self._begun = self._begun[:0]
 
     def done(self) -> NDArray[np.bool_]:
         """Whether each scenario is."""
-        return np.asarray(self.array("done") == _DONE)
+        return np.asarray(self.arrays["checksum"] != 0)
 
     def write(self, indices: NDArray[np.int64], rows: Mapping[str, Any]) -> None:
         """The rows of scenarios that are done, of every array. The indices must increase."""
-        rows = {k: np.ascontiguousarray(rows[k], x.kind) for k, x in self._columns.items() if k not in _OURS}
-        self._file.put("done", indices, np.full(len(indices), _BEGUN))
-        for name, block in rows.items():
-            self._file.put(name, indices, block)
-        self._file.put("checksum", indices, checksums(rows))
-        self._file.put("done", indices, np.full(len(indices), _DONE))
-
-    def tidy(self) -> None:
-        """After Ctrl-C: what was being written is as if it had never run."""
-        self._reset(np.flatnonzero(self.array("done") == _BEGUN))
+        rows = {k: np.ascontiguousarray(rows[k], x.kind) for k, x in self._columns.items() if k not in _CHECKSUM}
+        self._begun = indices
+        for name, block in {**rows, "checksum": _checksums(rows)}.items():
+            self._put(name, indices, block)
+        self._begun = indices[:0]
 
     def close(self) -> None:
-        """Closes the file. The arrays stay mapped."""
+        """Closes the file, whose arrays stay mapped. Scenarios whose writing was interrupted by Ctrl-C become blank."""
+        self._tidy()
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Closes the file after an error."""
         self._file.close()

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array
+from ..analysis.findings import RangeWarning
 from ..draw.style import DPI
 from ..draw.sweep import MISSING, plot_sweep
 from ..store.files import named, readable, write_whole
-from ..store.scenarios import read_scenario
+from ..store.scenarios import read_scenarios
 from .vary import Sweep
 
 if TYPE_CHECKING:
@@ -42,8 +43,7 @@ class SweepResult:
         units: of each column.
         done: (B,), whether that scenario was run.
         failures: (index, time reached (s), reason) of each that could not go on.
-        beyond: (index, text, link, time, rotation, limit) of each that bent a beam further than its
-            order is good for (RangeWarning).
+        beyond: (index, RangeWarning) of each that bent a beam further than its order is good for.
         stats: scenarios, computed (now, not resumed), redone (shares whose worker died), wall_time (s).
         folder: where it was written, or None.
     """
@@ -54,7 +54,7 @@ class SweepResult:
     units: dict[str, str]
     done: Any
     failures: list[tuple[int, float, str]] = field(default_factory=list)
-    beyond: list[tuple[Any, ...]] = field(default_factory=list)
+    beyond: list[tuple[int, RangeWarning]] = field(default_factory=list)
     stats: dict[str, Any] = field(default_factory=dict)
     folder: Path | None = None
 
@@ -82,8 +82,9 @@ class SweepResult:
             raise ValueError("trajectories = false: this sweep did not keep them")
         path = self.folder / FILE
         with readable("trajectories", path, "what a sweep writes"):
-            fixed, rows = read_scenario(path, range(len(self))[i])
-            return fixed["t"], rows["q"], rows["v"]
+            i = range(len(self))[i]
+            _, fixed, rows, _ = read_scenarios(path, slice(i, i + 1))
+            return fixed["t"], np.array(rows["q"][0]), np.array(rows["v"][0])
 
     def save(self, folder: str | Path) -> list[str]:
         """Writes sweep.csv and sweep.png there; their names."""

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from .._console import progress_bar
-from ..analysis.coarse import coarse
-from ..analysis.validity import RangeWarning, range_warning
+from ..analysis.findings import RangeWarning
+from ..analysis.validity import range_warning
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
 from ..batch.rollout import NOT_DONE
 from ..batch.runner import Runner
 from ..batch.simulate import make_job, warn_of_first
 from ..batch.storage import File, Memory
-from ..parts.part import ModelWarning
 from ..scene.scene import Scene, load
 from ..store.files import named
 from .quantities import RunSummary, check_quantities, quantity
@@ -35,7 +34,7 @@ def sweep(
     *,
     out: str | Path | None = None,
     resume: bool = True,
-    fingerprint: str | None = None,
+    name: str | None = None,
     workers: int | None = None,
     executor: Executor | Callable[[], Executor] | None = None,
     batch: int | None = None,
@@ -51,7 +50,7 @@ def sweep(
             is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and
             that of another version of flexarm.
         resume: False forgets what the folder holds.
-        fingerprint: as of `simulate_batch`, for functions that a folder cannot know a sweep by.
+        name: as of `simulate_batch`, for functions in the scene or in the plan's outputs, where there is a folder.
         workers: threads; None: one for each core. With an executor, threads in each of its workers (1 if None).
         executor: a concurrent.futures.Executor, or a callable that makes one: each of its workers takes shares of the
             sweep; those of workers that die are computed again. See docs/sweeps.md for processes, Dask and MPI.
@@ -70,14 +69,12 @@ def sweep(
     plan = plan if isinstance(plan, Sweep) else load_sweep(plan)
     if plan.trajectories and out is None:
         raise ValueError("trajectories = true: needs a folder to write them to, out=")
-    scene.arm._warn()
-    for text in coarse(scene.arm, scene.drive, scene.control):
-        warnings.warn(text, ModelWarning, stacklevel=2)
     job, count = _job(scene, plan)
     workers = default_workers(1 if workers is None and executor is not None else workers)
     runner = Runner(job, count, job.engine(), workers, batch, executor)
     folder = None if out is None else Path(out)
-    storage = Memory(job, count) if folder is None else _file(folder, job, count, resume, fingerprint)
+    units = dict(check_quantities(scene.arm, plan.outputs, plan.link))
+    storage = Memory(job, count) if folder is None else _file(folder, job, count, resume, name, units)
     with progress_bar(progress, "scenarios", count) as bar:
 
         def show(done: float) -> None:
@@ -85,7 +82,7 @@ def sweep(
                 bar(done, count if callable(progress) else f"{done} of {count}")
 
         held, failures, interrupted = runner.run(storage, show, within=False)
-    done, units = held["status"] != NOT_DONE, dict(check_quantities(scene.arm, plan.outputs, plan.link))
+    done = held["status"] != NOT_DONE
     result = SweepResult(
         plan, job.variation.values, {name: np.array(held[f"columns/{name}"]) for name in units}, units, done,
         [(f.index, f.time, f.reason) for f in failures], _beyond(job, held), folder=folder,
@@ -99,9 +96,9 @@ def sweep(
     if interrupted:
         raise SweepInterrupted(f"interrupted after {done.sum()} of {count} scenarios", result)
     if result.beyond:
-        i, text, *rest = result.beyond[0]
-        others = f"; so do {len(result.beyond) - 1} others" if len(result.beyond) > 1 else ""
-        warnings.warn(RangeWarning(f"scenario {i}: {text}{others}", *rest), stacklevel=2)
+        i, worst = result.beyond[0]
+        others = f" (and {len(result.beyond) - 1} others)" if len(result.beyond) > 1 else ""
+        warnings.warn(worst.of(f"scenario {i}{others}"), stacklevel=2)
     warn_of_first(job, held)
     return result
 
@@ -119,7 +116,7 @@ def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
     return replace(job, summary=summary), count
 
 
-def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None) -> File:
+def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None, units: dict[str, str]) -> File:
     """What the folder holds of this sweep."""
     otherwise = "take another folder, or start anew there with resume=False (--fresh)"
     with named("output folder", folder):
@@ -128,16 +125,16 @@ def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None) ->
             raise ValueError(
                 f"output folder {str(folder)!r}: holds another sweep, a sweep.csv without its {FILE}; {otherwise}"
             )
-    return File(job, count, folder / FILE, resume, name, "sweep", "output file", otherwise)
+    titles = {f"columns/{name}": [(name, unit)] for name, unit in units.items()}
+    return File(job, count, folder / FILE, resume, name, "sweep", "output file", otherwise, titles)
 
 
-def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[Any, ...]]:
+def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[int, RangeWarning]]:
     """Of each scenario that bent a beam too far, and did not fail: what `SweepResult.beyond` says."""
     found = []
     for i in np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]) & (held["status"] != FAILED)).tolist():
         arm, worst = job.variation.setup.arm, held["out_of_range"][i]
         if getattr(arm.links[int(worst[0])].beam, "order", None) == "exact":  # whose message tells of its points
             arm = job.variation.scenario(i).arm
-        too_far = range_warning(arm, worst)
-        found.append((i, str(too_far), too_far.link, too_far.time, too_far.rotation, too_far.limit))
+        found.append((i, range_warning(arm, worst)))
     return found

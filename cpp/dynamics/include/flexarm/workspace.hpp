@@ -76,7 +76,7 @@ class Workspace {
   void place(const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   Held<lanes::SingleFrames> frames;  ///< its frames, in space
   Eigen::VectorXd total;             ///< forces with those of feedback
-  Eigen::VectorXd feedback_numbers;  ///< of the laws and of factor_shifted, see lanes/feedback.hpp
+  Eigen::VectorXd feedback_numbers;  ///< of the laws and of factor_shifted, see step/feedback.hpp
 
  private:
   int nq_;

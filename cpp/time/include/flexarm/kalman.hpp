@@ -1,4 +1,4 @@
-// An extended Kalman filter on the implicit step: states, payload and joint friction from encoders and strain gauges.
+// An extended Kalman filter on an implicit step: states, payload and joint friction from encoders and strain gauges.
 // After construction nothing is allocated, locked or thrown.
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace flexarm {
 
-class KalmanModel;
+class PredictiveStep;
 
 /// One number that is measured, by_q being by the coordinates of rates (of balls zero): y = by_q . q + by_v . v +
 /// offset + along . place + noise. The gain of an instrument multiplies by_q, by_v, offset and along; what it reads at
@@ -56,14 +56,13 @@ struct KalmanParameter {
 };
 
 struct KalmanOptions {
-  double spectral_radius = 1.0;  ///< of ImplicitOptions
   /// Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s), that of the arm's joints as well: what sticks
   /// creeps.
   double friction_speed = 1e-2;
-  int max_iterations = 20;
 };
 
-/// The extended Kalman filter (Jazwinski 1970) with the implicit step as its model and that step's exact derivatives.
+/// The extended Kalman filter (Jazwinski 1970) whose model is an implicit step with its exact derivatives: two stages,
+/// of order 2, L-stable (Alexander 1977), as those of Mpc's predictions.
 /// The covariance is kept as a square root, P = L L^T: readings, one number after the other, by Potter's update (1963),
 /// steps by an orthogonal triangularisation (Schmidt 1970), so that P is positive semidefinite whatever the rounding.
 ///
@@ -71,8 +70,7 @@ struct KalmanOptions {
 /// of their errors are in a step, as forces (the Gaussian filter of second order; Jazwinski 1970, Sec. 9.3).
 ///
 /// State x = [q; v; parameters; filters of sensors], errors of q being displacements: of balls rotation vectors in the
-/// axes that turn (the multiplicative filter: Lefferts, Markley, Shuster 1982). A step begins anew, as in
-/// StepDerivatives, with the given forces held over it; of equal parameters it is that of ImplicitStep after `start`. A
+/// axes that turn (the multiplicative filter: Lefferts, Markley, Shuster 1982). Given forces are held over a step. A
 /// payload acts by its inertia and weight. What acts in the problem beside these forces is known: motions, forces and
 /// loads at their times, continuous laws at the estimate. Sampled ones are not asked.
 class KalmanFilter {
@@ -115,22 +113,16 @@ class KalmanFilter {
   int used() const { return used_; }
   /// The place of a slice (m, world axes), and its covariance (m^2).
   void place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance);
-  /// All that readings and steps have made of it.
-  struct State {
-    Eigen::VectorXd q, v, parameters, filters, innovations, innovation_deviations, inertia;
-    Eigen::MatrixXd root;
-    double t, nis;
-    int used;
-  };
-  State state() const;
-  /// Goes on from the state of a filter that was made of the same. Sizes are not checked.
-  void resume(const State& state);
+  /// All that readings and steps have made of it, in a row.
+  Eigen::VectorXd state() const;
+  /// Goes on from the state of a filter that was made of the same. Its size is not checked.
+  void resume(const Eigen::VectorXd& state);
   /// Derivatives of the last predicted state by the one before (states x states).
-  const Eigen::MatrixXd& transition();
+  const Eigen::MatrixXd& transition() const { return transition_; }
 
  private:
   double expected(std::size_t sensor);
-  void carry(Eigen::Index column, bool noise);
+  void linearise();
   void disturb();
   void triangularise();
   void add(double times);
@@ -145,10 +137,12 @@ class KalmanFilter {
   std::vector<Eigen::Index> first_;  ///< of each sensor's filter in its states
   Eigen::VectorXd force_noise_;
   double h_, t_ = 0.0;
-  std::unique_ptr<KalmanModel> model_;
-  Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, from_, row_, phi_, gain_, innovations_, innovation_deviations_;
-  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, u_, essential_, lowest_, bend_, mean_;
-  Eigen::MatrixXd L_, rows_, transition_, forces_, pushed_, back_, turned_;
+  std::unique_ptr<PredictiveStep> step_;  ///< its parameters are those here, and a force for each rate
+  Eigen::Index payload_ = -1;             ///< which state; -1: none
+  Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, from_, told_, row_, phi_, gain_, innovations_, innovation_deviations_;
+  Eigen::VectorXd u_, essential_, lowest_, bend_, mean_;
+  Eigen::MatrixXd L_, rows_, forces_, back_, turned_, A_, B_;
+  Eigen::MatrixXd transition_, pushes_;  ///< derivatives of the last predicted state by that before, and by forces
   Mat6X<double> J_;
   double nis_ = 0.0;
   int used_ = 0;

@@ -91,7 +91,7 @@ struct ImplicitEnd {
   double q_by_a0, v_by_a0, q_by_a, v_by_a;
 };
 
-/// A method of the kernel's table, which batches take as well (lanes/methods.hpp), on an arm's workspace.
+/// A method of the kernel's table, which batches take as well (step/methods.hpp), on an arm's workspace.
 class OneStep : public Step {
  public:
   /// What is to be known of a method.

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "flexarm/saltation.hpp"
+
 namespace flexarm {
 
 /// A method's step as its derivatives see it. The equations of motion hold at s stages, whose rates and coordinates are
@@ -27,10 +29,10 @@ struct Stages {
 /// The places of a run at which the equations of motion hold, and the order in which its steps met them.
 struct Tape {
   /// Of a rate at such a place: it is free; its motion is given, or dry friction holds it, so that its equation does
-  /// not count; or it slides (1 or -1).
-  enum Contact : signed char { back = -1, free = 0, ahead = 1, held = 2 };
+  /// not count; it is held still, but about to be torn loose (3 or -3); or it slides (1 or -1).
+  enum Contact : signed char { torn_back = -3, back = -1, free = 0, ahead = 1, held = 2, torn_ahead = 3 };
   struct Entry {
-    double h;            ///< length of the step (s); 0: the method begins anew here
+    double h;            ///< length of the step (s); 0: the method begins anew here, or there is a leap
     double lag;          ///< of alpha0 - a0, what is left of it at the beginning: 1 but where the step changes
     Eigen::Index point;  ///< its first place
   };
@@ -73,6 +75,7 @@ struct Tape {
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
+  std::vector<Saltation> leaps;  ///< between steps, of methods without switches within; the places are those before
   std::vector<Sample> samples;
   std::vector<Occurrence> occurrences;
   double now = 0.0;     ///< time at which the step begins that is being taken (s)
@@ -96,6 +99,16 @@ struct Tape {
     a.insert(a.end(), a_at.begin(), a_at.end());
     contact.resize(v.size(), free);
     return points() - 1;
+  }
+  /// Forgets the step that was added last.
+  void take_back() {
+    const auto left = static_cast<std::size_t>(entries.back().point), nq = q.size() / t.size(),
+               nv = v.size() / t.size();
+    entries.pop_back();
+    t.resize(left);
+    q.resize(left * nq);
+    for (auto* x : {&v, &a}) x->resize(left * nv);
+    contact.resize(left * nv);
   }
   /// Contacts of the place that was added last (nv).
   signed char* last_contacts() { return contact.data() + contact.size() - (v.size() / t.size()); }

@@ -1,0 +1,344 @@
+// A chain of nodes in motion: outward positions and velocities (Eq. 82-83), and inverse dynamics (Eq. 84-87); forward
+// dynamics goes on from there (elimination.hpp). Velocities of origins never occur: accelerations are absolute, and a
+// body's forces know only its angular velocity.
+#pragma once
+
+#include "arm/joints.hpp"
+#include "beam/loads.hpp"
+#include "wide/arena.hpp"
+
+namespace {
+
+/// All of one arm (or of one for each lane) in motion.
+template <class Sp, class P>
+struct Chain {
+  using Space = Sp;
+  using S = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  using Ang = typename Sp::Ang;
+  using Mask = typename Lanes<S>::Mask;
+
+  const Layout& layout;
+  const double* numbers;  ///< of all nodes, in order
+  State<Sp>* state;
+  P* scratch;
+  Mask lost;         ///< where the first pivot that was not positive was not a number, or infinite
+  S* wrench;         ///< of each load, six numbers [f; m]
+  Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
+  S* kept;           ///< numbers of a body, while others of the pack are found
+
+  Chain(const Layout& layout_, const double* numbers_, Arena& arena) : layout(layout_), numbers(numbers_) {
+    arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
+    arena.take(layout.nodes, state);
+    for (int i = 0; i < layout.nodes; ++i) {
+      Elastic<Sp> counted;
+      Elastic<Sp>& e = arena.counts() ? counted : state[i].elastic;
+      const int ne = layout.node[i].ne;
+      arena.take(ne, e.end.J);
+      arena.take(ne, e.M_er, e.W);
+      arena.take(ne * (ne + 1) / 2, e.M, e.L);
+      arena.take(ne, e.e);
+    }
+    arena.take(1, slice);
+    Slice<Sp> counted;
+    Slice<Sp>& s = arena.counts() ? counted : *slice;
+    arena.take(most_elastic(layout), s.J);
+    arena.take_zeros(6 * layout.loads, wrench);
+    arena.take(kept_numbers(layout), kept);
+  }
+  Chain(const Layout& layout_, const double* numbers_, Arena&& arena) : Chain(layout_, numbers_, arena) {}
+  /// Bytes, aligned for P.
+  static std::size_t memory_needed(const Layout& layout) {
+    Arena none;
+    Chain(layout, nullptr, none);
+    return none.bytes();
+  }
+  static int kept_numbers(const Layout& layout) {
+    const int ne = most_elastic(layout), each = 1 + 2 * (Sp::linear + Sp::angular) + (ne + 1) / 2;
+    return Lanes<S>::width > 1 ? static_cast<int>(sizeof(State<Sp>) / sizeof(S)) + ne * (each + 1) : 0;
+  }
+  static int most_elastic(const Layout& layout) {
+    int most = 0;
+    for (int i = 0; i < layout.nodes; ++i) most = layout.node[i].ne > most ? layout.node[i].ne : most;
+    return most;
+  }
+  static int most_scratch(const Layout& layout) {
+    std::size_t most = hinge_scratch<S, P>(layout);
+    for (int i = 0; i < layout.nodes; ++i)
+      if (const std::size_t need = scratch_of(layout.node[i]); need > most) most = need;
+    return static_cast<int>(most);
+  }
+
+  /// Places, velocities, own inertias and bias forces of all nodes; or places and velocities alone. Without rates: of
+  /// an arm at rest, whose bias forces are not needed.
+  template <bool rates = true, bool forces = true>
+  void move(const S* q, const S* v) {
+    turn_hinges(layout, 0, layout.nodes, q, state, scratch);
+    Ang w = Sp::zero_angular();
+    typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
+    for (int i = 0; i < layout.nodes; ++i)
+      move_node<rates, forces>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
+            bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
+          });
+  }
+
+  /// One node, after its hinge was turned. w and attitude are those of the frame before it, and then of its end.
+  /// @param bend  makes the elastic body and its end slice, of (node, constants, gravity)
+  template <bool rates, bool forces, class Bend>
+  void move_node(int i, const S* q, const S* v, Ang& w, typename Sp::Rot& attitude, const Bend& bend) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    const double* p = numbers + node.numbers;
+    typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
+    if (!node.coincident) {
+      s.frame.r = Sp::read(p);
+      if (node.turned) seat = Sp::read_rotation(p);
+      if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
+    }
+    if (node.coincident) {
+      stay(w, s);
+    } else if (node.ball) {
+      move_ball(node, p, seat, q + node.q, rates ? v + node.v : none(), w, s);
+    } else {
+      move_joint<rates>(node, seat, q, v, w, s);
+    }
+    if constexpr (!rates) s.w = w;  // none
+    w = s.w;
+    if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.frame.R);
+    if (node.ne > 0) {
+      Elastic<Sp>& e = s.elastic;
+      bend(node, p, gravity_in(attitude));
+      // the next node moves with the end slice (Eq. 45, 46)
+      s.end_w = Sp::unrotate_angular(e.end.frame.R, s.w + e.end.rate.angular);
+      e.end.bias = convective(e.end, s.w) + e.end.bias;
+      w = s.end_w;
+      if (layout.attitudes) attitude = Sp::times(attitude, e.end.frame.R);
+      s.tip_force = Force<Sp>::zero();
+      if (forces && node.tip) {
+        const double* t = numbers + node.tip_body;
+        read_body<rates>(t, w, s.tip, s.tip_force);
+      }
+    } else if (forces && node.body) {
+      read_body<rates>(p, s.w, s.body, s.body_force);
+    }
+    if constexpr (rates && forces)
+      if (node.loads > 0)
+        subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
+                       scratch);
+  }
+  /// Rates of elastic coordinates that rest.
+  static const S* none() {
+    static const S zeros[kMostElastic]{};
+    return zeros;
+  }
+
+  /// Acceleration of a slice in a link that turns by w, beyond the link's and that of coordinates (Eq. 45, 46).
+  static Motion<Sp> convective(const Slice<Sp>& at, const Ang& w) {
+    return {Sp::cross(w, Sp::cross(w, at.frame.r) + number<S>(2.0) * at.rate.linear), Sp::cross(w, at.rate.angular)};
+  }
+
+  /// Gravity in the axes of a frame: the base accelerates against it.
+  Lin gravity_in(const typename Sp::Rot& attitude) const {
+    const double* p = numbers;
+    return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
+  }
+  /// The end slice of an elastic body, its inertia and its forces; or the slice alone.
+  template <bool forces>
+  void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
+    Elastic<Sp>& e = s.elastic;
+    const double* points = numbers + node.points;
+    if (node.body == Node::sampled_beam) return bend_sampled<forces>(node, constants, q, dq, s);
+    move_slice(node, numbers + node.end, q, dq, e.end);
+    if constexpr (!forces) return;
+    if (node.body == Node::cut)
+      bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_force, e);
+    else
+      bend(node, constants, points, q, dq, s.w, s.body, s.body_force, e, scratch);
+  }
+
+  /// Where few points are enough.
+  Mask is_small(const Node& node, const S* q) const {
+    if (!node.sampled.few) return Lanes<S>::everywhere(false);
+    const double* p = numbers + node.bounds;
+    S sum{};
+    for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
+    return sum < 1.0;  // NaN is not
+  }
+  /// With few points where these are enough. In lanes, each arm by itself: no bit depends on who shares the pack.
+  template <bool forces>
+  void bend_sampled(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
+    const Mask small = is_small(node, q);
+    const bool all = Lanes<S>::all(small), none = Lanes<S>::all(Lanes<S>::none_of(small));
+    for (int round = 0; round < 2; ++round) {
+      const bool few = round == 0;
+      if (few ? none : all) continue;
+      const Node& on = few ? *node.sampled.few : node;
+      const double* points = numbers + on.points;
+      sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
+      if constexpr (forces)
+        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
+      else
+        sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
+      if constexpr (Lanes<S>::width > 1)
+        if (!all && !none) few ? keep_body(node, s) : put_back(node, small, s);
+    }
+  }
+
+  /// visit(x, n) for the numbers that `bend_sampled` finds.
+  template <class Visit>
+  static void body_numbers(const Node& node, State<Sp>& s, const Visit& visit) {
+    const auto one = [&](auto& x) { visit(reinterpret_cast<S*>(&x), sizeof(x) / sizeof(S)); };
+    const auto list = [&](auto* x, int n) {
+      visit(reinterpret_cast<S*>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S));
+    };
+    Elastic<Sp>& e = s.elastic;
+    one(s.body);
+    one(s.body_force);
+    one(e.end.frame);
+    one(e.end.rate);
+    one(e.end.bias);
+    list(e.end.J, node.ne);
+    list(e.M_er, node.ne);
+    list(e.M, node.ne * (node.ne + 1) / 2);
+    list(e.e, node.ne);
+  }
+  void keep_body(const Node& node, State<Sp>& s) {
+    S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) *at++ = x[i];
+    });
+  }
+  void put_back(const Node& node, const Mask& where, State<Sp>& s) {
+    const S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) x[i] = Lanes<S>::select(where, *at++, x[i]);
+    });
+  }
+
+  /// Of other rates, after `bend_body` of this node's points: forces without the elastic ones and, of a sampled body,
+  /// how its end moves.
+  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Force<Sp>& F,
+                  Elastic<Sp>& e) {
+    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.sampled.few : node;
+    const double* points = numbers + on.points;
+    typename Sp::Rigid body;
+    if (node.body == Node::sampled_beam) {
+      sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
+      sampled::bend<true>(on, constants, points, q, dq, w, body, F, e, scratch);
+    } else {
+      bend<true>(node, constants, points, q, dq, w, body, F, e, scratch);
+    }
+  }
+
+  template <bool rates>
+  static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Force<Sp>& F) {
+    const S m = next<S>(p);
+    const Lin c = Sp::read(p);
+    const typename Sp::Sym J = Sp::read_symmetric(p);
+    body = {m, c, J};
+    if constexpr (!rates) return;
+    F = {Sp::cross(w, Sp::cross(w, c)), Sp::cross(w, Sp::apply(J, w))};
+  }
+
+  /// v^T M v (J), after `move`.
+  S twice_kinetic(const S* v) const {
+    Motion<Sp> u = Motion<Sp>::zero();  // velocity of the frame before, at its end
+    S sum{};
+    for (int i = 0; i < layout.nodes; ++i) {
+      const Node& node = layout.node[i];
+      const State<Sp>& s = state[i];
+      if (!node.coincident) u.linear = Sp::unrotate(s.frame.R, s.frame.shift(u).linear);
+      u.angular = s.w;
+      if (node.kind == Node::prismatic) Sp::component(u.linear, node.axis) += node.sign * v[node.v];
+      if (node.body) sum += dot(u, s.body * u);
+      if (node.passive) sum += s.reflected * v[node.v] * v[node.v];
+      if (node.ne == 0) continue;
+      const Elastic<Sp>& e = s.elastic;
+      const S* d = v + node.ve;
+      for (int k = 0; k < node.ne; ++k) {
+        S row = dot(u, e.M_er[k]);
+        for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
+        sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
+      }
+      u = {Sp::unrotate(e.end.frame.R, e.end.frame.shift(u).linear + e.end.rate.linear), s.end_w};
+      if (node.tip) sum += dot(u, s.tip * u);
+    }
+    return sum;
+  }
+
+  /// From a node's frame to the end of its beam, whose coordinates accelerate by xe (Eq. 45, 46).
+  template <bool biased, class V>
+  static auto to_end(const Node& node, const Elastic<Sp>& e, const V* xe, Motion<typename SpaceOf<Sp, V>::type> a) {
+    const auto frame = wide<V>(e.end.frame);
+    a = frame.shift(a);
+    if constexpr (biased) a += e.end.bias;
+    for (int k = 0; k < node.ne; ++k) a += xe[k] * wide<V>(e.end.J[k]);
+    return frame.turn(a);
+  }
+
+  /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
+  void accelerate(const Lin& base, const S* x) {
+    Motion<Sp> a{base, Sp::zero_angular()};
+    for (int i = 0; i < layout.nodes; ++i) accelerate_node(i, x, a);
+  }
+  /// a is that of the frame before, at its end, and then of this node's end.
+  void accelerate_node(int i, const S* x, Motion<Sp>& a) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    if (!node.coincident) a = s.frame.to_child(a) + s.bias;
+    if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
+    s.a = a;
+    if (node.ne == 0) return;
+    s.end_a = a = to_end<true>(node, s.elastic, x + node.ve, a);
+  }
+
+  /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
+  void forces(const Lin& base, const S* x, S* tau) {
+    accelerate(base, x);
+    Force<Sp> F = Force<Sp>::zero();
+    for (int i = layout.nodes; i-- > 0;) {
+      force_node(i, x, F, tau);
+      if (i > 0) F = to_parent(i, F);
+    }
+  }
+  /// F is carried by the node's end, and then goes through its joint, in its axes.
+  void force_node(int i, const S* x, Force<Sp>& F, S* tau) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    if (node.ne > 0) {
+      const Elastic<Sp>& e = s.elastic;
+      if (node.tip || node.loads > 0) F += s.tip_force;
+      if (node.tip) F += s.tip * s.end_a;
+      F = e.end.frame.turn_back(F);
+      const S* xe = x + node.ve;
+      for (int k = 0; k < node.ne; ++k) {
+        S sum = e.e[k] + dot(e.end.J[k], F) + dot(s.a, e.M_er[k]);
+        for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
+        tau[node.ve + k] = sum;
+      }
+      F = e.end.frame.shift_back(F);
+      for (int k = 0; k < node.ne; ++k) F += xe[k] * e.M_er[k];
+    }
+    if (node.body) F += s.body_force + s.body * s.a;
+    s.force = F;
+    if (node.kind == Node::fixed) return;
+    S own = freedom(node, F);
+    own *= node.sign;
+    if (node.passive) own += s.resistance + s.reflected * x[node.v];
+    tau[node.v] = own;
+  }
+  /// From a node's frame to the end of the frame before it.
+  Force<Sp> to_parent(int i, const Force<Sp>& F) const {
+    return layout.node[i].coincident ? F : state[i].frame.to_parent(F);
+  }
+  /// An inertia, of anything (composite) or articulated.
+  template <class M>
+  static M to_parent(const Node& node, const State<Sp>& s, const M& inertia) {
+    const bool hinge = node.kind == Node::revolute && !node.turned && !node.ball;
+    return Sp::shift(hinge ? Sp::rotate(node.axis, s.sine, s.cosine, inertia) : Sp::rotate(s.frame.R, inertia),
+                     s.frame.r);
+  }
+};
+
+}  // namespace

@@ -1,0 +1,243 @@
+// Forward dynamics of a chain after its `move`: inward articulated inertias and forces (Eq. 93-96), outward
+// accelerations (Eq. 92). And the two halves of it: factors of the mass matrix, and solutions by these.
+#pragma once
+
+#include "arm/chain.hpp"
+#include "door/kernels.hpp"
+
+namespace {
+
+using flexarm::lanes::Outcome;
+using flexarm::lanes::Shift;
+
+constexpr double kSingular = 1e-14;  // parts of an inertia below which a freedom's inertia is rounding
+
+/// Takes a pivot, which must be above the least.
+template <class C>
+inline void accept(C& chain, const typename C::S& d, const typename C::S& least, typename C::Mask& good) {
+  using S = typename C::S;
+  const typename C::Mask above = d > least;
+  if (!Lanes<S>::all(above)) chain.lost = chain.lost | (good & Lanes<S>::none_of(above | Lanes<S>::finite(d + least)));
+  good = good & above;
+}
+
+// --- Factors: articulated inertias. ---
+
+/// Eliminates the elastic coordinates of a node: the inertia M on its end, in link axes, becomes that of the whole link
+/// without these coordinates. M_ee = L D L^T goes into e.L (below the diagonal L, on it 1/D), W = L^-1 M_er into e.W.
+template <class C>
+inline void factor_beam(C& chain, const Node& node, State<typename C::Space>& s, typename C::Space::Inertia& M,
+                        const Shift& shift, typename C::Mask& good) {
+  using Sp = typename C::Space;
+  using S = typename C::S;
+  Elastic<Sp>& e = s.elastic;
+  const int ne = node.ne;
+  for (int k = 0; k < ne; ++k) {
+    const Force<Sp> F = M * e.end.J[k];
+    for (int j = 0; j <= k; ++j) e.L[packed(k, j)] = e.M[packed(k, j)] + dot(e.end.J[j], F);
+    e.W[k] = e.M_er[k] + e.end.frame.shift_back(F);
+  }
+  M = Sp::shift(M, e.end.frame.r);
+  Sp::add(M, s.body);
+  if (shift.stiffness != 0.0 || shift.damping != 0.0) {
+    const double* K = e.constants;
+    for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.L[k] += shift.stiffness * next<S>(K);
+    if (node.damped)
+      for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.L[k] += shift.damping * next<S>(K);
+  }
+  for (int k = 0; k < ne; ++k) {
+    S d = e.L[packed(k, k)];
+    for (int j = 0; j < k; ++j) {
+      S l = e.L[packed(k, j)];
+      for (int i = 0; i < j; ++i) l -= e.L[packed(k, i)] * e.L[packed(j, i)];
+      e.L[packed(k, j)] = l;  // L D still
+    }
+    Force<Sp> W = e.W[k];
+    for (int j = 0; j < k; ++j) {
+      const S ld = e.L[packed(k, j)], l = ld * e.L[packed(j, j)];
+      d -= l * ld;
+      e.L[packed(k, j)] = l;
+      W = W - l * e.W[j];
+    }
+    accept(chain, d, S{}, good);
+    e.L[packed(k, k)] = 1.0 / d;
+    e.W[k] = W;
+    Sp::take(M, e.L[packed(k, k)], W);
+  }
+}
+
+/// Eliminates the freedom of a joint: U = M H, M - U U^T / (H^T M H) (Eq. 93, 94).
+template <class C>
+inline void factor_joint(C& chain, const Node& node, State<typename C::Space>& s, typename C::Space::Inertia& M,
+                         const Shift& shift, typename C::Mask& good) {
+  using Sp = typename C::Space;
+  using S = typename C::S;
+  const bool about = node.kind == Node::revolute;
+  s.U = Sp::column(M, about, node.axis);
+  S d = freedom(node, s.U);
+  if (node.passive) d += s.reflected + shift.damping * s.slope_v + shift.stiffness * s.slope_q;
+  accept(chain, d, kSingular * Sp::trace(M, about), good);
+  s.over_d = 1.0 / d;
+  Sp::take(M, s.over_d, s.U);
+  if (!node.passive) Sp::clear(M, about, node.axis);  // M~ H = 0: not even rounding, of which much would be left
+}
+
+inline bool is_free(const Node& node) { return node.kind != Node::fixed && !node.given; }
+
+/// Factors M + shift of a chain after its `move`.
+/// @return where every pivot is positive; where not, `chain.lost` says why
+template <class C>
+inline typename C::Mask factor(C& chain, const Shift& shift) {
+  using Sp = typename C::Space;
+  using S = typename C::S;
+  typename C::Mask good = Lanes<S>::everywhere(true);
+  chain.lost = Lanes<S>::everywhere(false);
+  typename Sp::Inertia M = Sp::no_inertia();  // of all nodes behind, in the axes of this node's end, about its end
+  for (int i = chain.layout.nodes; i-- > 0;) {
+    const Node& node = chain.layout.node[i];
+    State<Sp>& s = chain.state[i];
+    if (node.ne > 0) {
+      if (node.tip) Sp::add(M, s.tip);
+      M = Sp::rotate(s.elastic.end.frame.R, M);
+      factor_beam(chain, node, s, M, shift, good);
+    } else if (node.body) {
+      Sp::add(M, s.body);
+    }
+    if (is_free(node)) factor_joint(chain, node, s, M, shift, good);
+    if (i > 0 && !node.coincident) M = C::to_parent(node, s, M);
+  }
+  return good;
+}
+
+// --- Forces and accelerations by these factors. V are scalars of the chain or, of one arm, packs of right-hand sides.
+// `biased`: with the forces and accelerations of the motion. ---
+
+/// Takes a force F on a node's end, in link axes, to the link's origin without the elastic coordinates, which keep in y
+/// the values that `outward` needs.
+template <bool biased, class Sp, class V>
+inline void apply_beam(const Node& node, const State<Sp>& s, Force<typename SpaceOf<Sp, V>::type>& F, const V* tau,
+                       V* y) {
+  const Elastic<Sp>& e = s.elastic;
+  const int ne = node.ne;
+  for (int k = 0; k < ne; ++k) {
+    V left = tau[k] - dot(wide<V>(e.end.J[k]), F);
+    if constexpr (biased) left -= e.e[k];
+    for (int j = 0; j < k; ++j) left -= e.L[packed(k, j)] * y[j];
+    y[k] = left;
+  }
+  F = wide<V>(e.end.frame).shift_back(F);
+  if constexpr (biased) F += s.body_force;
+  for (int k = 0; k < ne; ++k) {
+    y[k] *= e.L[packed(k, k)];
+    F += y[k] * wide<V>(e.W[k]);
+  }
+}
+
+/// F + U (tau - H^T F) / (H^T M H) of a joint (Eq. 95, 96). @return the factor of U
+template <bool biased, class Sp, class V>
+inline V apply_joint(const Node& node, const State<Sp>& s, Force<typename SpaceOf<Sp, V>::type>& F, const V& tau) {
+  const V applied = node.sign * tau;
+  V u = applied - freedom(node, F);
+  if constexpr (biased)
+    if (node.passive) u -= node.sign * s.resistance;
+  u *= s.over_d;
+  F += u * wide<V>(s.U);
+  if (!node.passive) freedom(node, F) = applied;
+  return u;
+}
+
+/// Outward (Eq. 92): accelerations, into x, which holds those that are given and, of the others, results of
+/// `apply_beam` and `apply_joint`.
+template <bool biased, class C, class V>
+inline void outward(C& chain, Motion<typename SpaceOf<typename C::Space, V>::type> a, V* x) {
+  for (int i = 0; i < chain.layout.nodes; ++i) {
+    const Node& node = chain.layout.node[i];
+    const auto& s = chain.state[i];
+    if (!node.coincident) a = wide<V>(s.frame).to_child(a);
+    if constexpr (biased) a += s.bias;
+    if (is_free(node)) x[node.v] = node.sign * (x[node.v] - s.over_d * dot(a, wide<V>(s.U)));
+    if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
+    if (node.ne == 0) continue;
+    const auto& e = s.elastic;
+    V* xe = x + node.ve;
+    for (int k = node.ne; k-- > 0;) {  // L^T x = y - D^-1 W A
+      V value = xe[k] - e.L[packed(k, k)] * dot(a, wide<V>(e.W[k]));
+      for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
+      xe[k] = value;
+    }
+    if (i + 1 < chain.layout.nodes) a = C::template to_end<biased>(node, e, xe, a);
+  }
+}
+
+/// x = (M + shift)^-1 r by the factors, zero where given.
+template <class C, class V>
+inline void solve(C& chain, const V* r, V* x) {
+  using Sp = typename C::Space;
+  using Vs = typename SpaceOf<Sp, V>::type;
+  Force<Vs> F = Force<Vs>::zero();
+  for (int i = chain.layout.nodes; i-- > 0;) {
+    const Node& node = chain.layout.node[i];
+    const State<Sp>& s = chain.state[i];
+    if (node.ne > 0) {
+      F = wide<V>(s.elastic.end.frame).turn_back(F);
+      apply_beam<false>(node, s, F, r + node.ve, x + node.ve);
+    }
+    if (node.given) x[node.v] = V{};
+    if (is_free(node)) x[node.v] = apply_joint<false>(node, s, F, r[node.v]);
+    if (i > 0 && !node.coincident) F = wide<V>(s.frame).to_parent(F);
+  }
+  outward<false>(chain, Motion<Vs>::zero(), x);
+}
+
+/// Forward dynamics of a chain after its `move`: inward articulated inertias M and forces F of all nodes behind, in the
+/// axes of a node's end, about its end; outward accelerations.
+/// @param tau  generalised forces
+/// @param x    accelerations, of which it holds those that are given
+/// @return where every pivot is positive; where not, `chain.lost` says why
+template <class C>
+inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typename C::S* tau, typename C::S* x) {
+  using Sp = typename C::Space;
+  using S = typename C::S;
+  typename C::Mask good = Lanes<S>::everywhere(true);
+  chain.lost = Lanes<S>::everywhere(false);
+  typename Sp::Inertia M = Sp::no_inertia();
+  Force<Sp> F = Force<Sp>::zero();
+  for (int i = chain.layout.nodes; i-- > 0;) {
+    const Node& node = chain.layout.node[i];
+    State<Sp>& s = chain.state[i];
+    if (node.ne > 0) {
+      const Slice<Sp>& end = s.elastic.end;
+      if (node.tip) Sp::add(M, s.tip);
+      if (node.tip || node.loads > 0) F += s.tip_force;
+      M = Sp::rotate(end.frame.R, M);
+      F = end.frame.turn_back(F) + M * end.bias;
+      factor_beam(chain, node, s, M, Shift{}, good);
+      apply_beam<true>(node, s, F, tau + node.ve, x + node.ve);
+    } else if (node.body) {
+      Sp::add(M, s.body);
+      F += s.body_force;
+    }
+    if (is_free(node)) {
+      factor_joint(chain, node, s, M, Shift{}, good);
+      x[node.v] = apply_joint<true>(node, s, F, tau[node.v]);
+    }
+    if (!node.coincident || node.given) {
+      Motion<Sp> bias = s.bias;
+      if (node.kind != Node::fixed && node.given) freedom(node, bias) += node.sign * x[node.v];  // it is known
+      F += M * bias;
+    }
+    if (i == 0 || node.coincident) continue;
+    M = C::to_parent(node, s, M);
+    F = s.frame.to_parent(F);
+  }
+  outward<true>(chain, Motion<Sp>{base, Sp::zero_angular()}, x);
+  return good;
+}
+
+/// The outcome for one arm.
+template <class C>
+inline Outcome outcome(const C& chain, bool good) {
+  return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
+}
+
+}  // namespace

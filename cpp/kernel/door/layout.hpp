@@ -1,0 +1,109 @@
+// An arm as the lane kernels know it: an unbranched list of nodes, each a frame that moves against the one
+// before it by at most one freedom, with a rigid or an elastic body. Plain data: the kernels are compiled once for each
+// instruction set and share no inline function with the rest of the library.
+#pragma once
+
+#include <cstddef>
+
+namespace flexarm {
+namespace lanes {
+
+constexpr int kMostElastic = 240;  ///< elastic coordinates of a beam: kMostModes of each strain
+
+/// One block q_i^T C q_j (or q_i^T C q_i / 2, C symmetric) of a row of a slice's motion; see slice.hpp.
+struct Block {
+  int row, i, ni, j, nj;
+};
+
+struct Node {
+  // the joint
+  enum Kind { fixed, revolute, prismatic };
+  Kind kind = fixed;
+  int axis = 0;         ///< 0 x, 1 y, 2 z; in the plane 2 for a hinge
+  double sign = 1.0;    ///< -1: the other way
+  int q = -1, v = -1;   ///< its coordinate and its rate
+  bool given = false;   ///< its motion is prescribed
+  bool turned = false;  ///< it sits turned on the frame before
+  /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
+  /// others coincide with the first one's.
+  bool ball = false, coincident = false;
+  bool passive = false, stops = false;
+
+  // the body: rigid, or a hub and a beam
+  enum Body { none, rigid, cut, quadratic_beam, sampled_beam };
+  Body body = none;
+  bool tip = false;            ///< the tip body of a beam
+  int ne = 0, qe = 0, ve = 0;  ///< elastic coordinates: how many, the first one, its rate
+  int stretching = 0;          ///< coordinates that stretch the beam's axis, the last ones
+  bool damped = false;         ///< the beam has damping
+  const int* about = nullptr;  ///< the axis about which each coordinate turns slices at first order
+  int passes = 0, rotary = 0;  ///< (groups of) points: of position, of rotation; of a sampled body, numbers of a
+                               ///< section's inertia: see Rows
+  struct {
+    int directed = 0;                     ///< coordinates that displace slices at first order,
+    const int* which = nullptr;           ///< their numbers,
+    const int* direction = nullptr;       ///< and 0, 1 or 2 for along x, y or z
+    int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
+    const Block* block = nullptr;
+    std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one point
+  } quadratic;
+  struct {
+    int half = 0;                         ///< of points that lie symmetrically about the middle, the first half,
+    int further = 0, further_passes = 0;  ///< and then other stations
+    int turning = 0;        ///< coordinates that are curvatures or twists, the first ones; the others shear or stretch
+    bool exact = false;     ///< or else of order 3
+    bool uniaxial = false;  ///< all sections turn about one axis
+    bool curved = false;    ///< at rest
+    bool points_have_mass = false;  ///< or else the other stations alone
+    const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
+    /// The same with fewer points, or null. These are enough where the sizes of the coordinates, times so many numbers,
+    /// sum up to less than 1.
+    const Node* few = nullptr;
+  } sampled;
+
+  // where its numbers begin: joint and body, the beam's end, its points, the tip body, the bounds of few points
+  std::size_t numbers = 0, end = 0, points = 0, tip_body = 0, bounds = 0;
+  int loads = 0;              ///< that act on it,
+  const int* load = nullptr;  ///< and which
+};
+
+/// A place on an arm: fixed to a node's frame or to the end of its beam (its numbers: where it sits there, and how it
+/// is turned), or a slice of the beam (its numbers: those of `slice_at`).
+struct Place {
+  enum On { frame, end, slice };
+  On on = frame;
+  int node = 0;
+};
+
+/// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
+/// it comes before these, and stands for all of them where the load has no moment; where there are no others, always.
+struct PlacedLoad {
+  Place place;
+  bool world = false;                 ///< axes of the world; else those of each slice
+  bool mean = false;                  ///< whether there is a mean slice
+  int slices = 0;                     ///< besides it; of one arm on packs, groups of them
+  std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
+};
+
+struct Layout {
+  bool planar = false;
+  bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
+  int nodes = 0, nq = 0, nv = 0;
+  const Node* node = nullptr;
+  int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,
+  double turning = 1.0;              ///< and the sign of a turn about the third
+  int loads = 0;
+  const PlacedLoad* load = nullptr;
+  const double* load_numbers = nullptr;
+};
+
+/// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.
+inline bool slices_in_groups(const Node& node) { return node.ne > 0 && node.body == Node::quadratic_beam; }
+
+/// Time, in the kernels' terms.
+struct Shift {
+  double damping = 0.0, stiffness = 0.0;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

@@ -1,0 +1,88 @@
+// An arm as the lane kernels know it: its nodes (layout.hpp) and their numbers.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "door/layout.hpp"
+#include "flexarm/load.hpp"
+#include "setup/numbers.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+class KernelArm {
+ public:
+  /// Made at the first asking, and kept with the arm.
+  static const KernelArm& of(const Arm& arm);
+  /// The same arm in space, though it may move in a plane alone.
+  static const KernelArm& in_space(const Arm& arm);
+  /// With loads on it; the arm that this one was made of.
+  KernelArm loaded(const Arm& arm, const std::vector<Load>& loads) const;
+  /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
+  KernelArm grouped(int width, const std::vector<bool>& given) const;
+  /// Whether the arms are of one structure.
+  bool like(const KernelArm& other) const { return structure_ == other.structure_; }
+  /// Arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
+  /// repeat it.
+  static KernelArm side_by_side(const std::vector<const KernelArm*>& arms, int width, const std::vector<bool>& given);
+
+  KernelArm(const KernelArm& other) : KernelArm() { *this = other; }
+  KernelArm& operator=(const KernelArm& other);
+
+  const Layout& layout() const { return layout_; }
+  const Numbers& numbers() const { return numbers_; }
+
+  /// A place and its numbers.
+  struct Spot {
+    Place place;
+    Numbers numbers;
+  };
+  const Spot& origin(std::size_t link) const { return seats_[link].origin_spot; }  ///< of the link's own frame
+  const Spot& end(std::size_t link) const { return seats_[link].end_spot; }        ///< where the next joint sits
+  Spot slice(const Arm& arm, std::size_t link, const SliceTable& table) const;
+
+ private:
+  friend struct ArmBuilder;
+  /// Lists of a node.
+  struct Lists {
+    std::vector<int> which, direction, about, loads;
+    std::vector<Block> blocks;
+    int points = 0, few_points = 0;                   ///< of a sampled body, and fewer of them,
+    std::shared_ptr<const Numbers> table, few_table;  ///< and integrals over them
+  };
+  /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
+  struct Seat {
+    int node = 0;
+    Placement origin;
+    Spot origin_spot, end_spot;
+  };
+  KernelArm() = default;
+  static KernelArm build(const Arm& arm, bool in_space);
+  Spot fixed(int node, Place::On on, const Placement& at) const;
+  PlacedLoad put_load(const Arm& arm, const Load& load);
+  /// Numbers of a load of `alone`, for packs of points.
+  void group_load(PlacedLoad& load, const KernelArm& alone, int width);
+  void point();
+  void prescribe(const std::vector<bool>& given);
+
+  Layout layout_;
+  std::vector<Node> nodes_;
+  std::vector<Lists> lists_;    ///< one for each node
+  std::vector<Node> few_;       ///< for each node the same with few points: without any, where it has no such
+  std::vector<int> structure_;  ///< equal in arms that lie side by side: of every node, from the builder
+  Numbers numbers_;
+  std::vector<Seat> seats_;  ///< one for each link
+  std::vector<PlacedLoad> loads_;
+  Numbers load_numbers_;
+};
+
+/// The numbers of a vector, and of a rotation, in the axes that the arm moves in.
+void put(const Layout& layout, const Eigen::Vector3d& r, Numbers& out);
+void put(const Layout& layout, const Eigen::Matrix3d& R, Numbers& out);
+/// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.
+void put_slice(const Layout& layout, const Node& node, const Eigen::Vector3d& rest, const SliceTable& table,
+               Numbers& out);
+
+}  // namespace lanes
+}  // namespace flexarm

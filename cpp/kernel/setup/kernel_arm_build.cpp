@@ -1,0 +1,242 @@
+// Set-up of joints and rigid bodies.
+#include "setup/kernel_arm_builder.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace flexarm {
+namespace lanes {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kAligned = 2.3e-16;  // of a unit vector's components: rounding, with which it is still along an axis
+
+/// The axis that a unit vector is along, or -1. Decided by its parts across: the part along shows no tilt below 1e-8.
+int aligned(const Vector3d& axis, double& sign) {
+  for (int k = 0; k < 3; ++k)
+    if (std::abs(axis[(k + 1) % 3]) < kAligned && std::abs(axis[(k + 2) % 3]) < kAligned) {
+      sign = axis[k] > 0.0 ? 1.0 : -1.0;
+      return k;
+    }
+  return -1;
+}
+
+bool is_identity(const Matrix3d& R) { return (R - Matrix3d::Identity()).cwiseAbs().maxCoeff() == 0.0; }
+bool turns_about(const Matrix3d& R, int z) {
+  double sign = 0.0;
+  return aligned(R.col(z), sign) == z && sign > 0.0;
+}
+
+/// The plane that the whole arm moves in, if there is one.
+Axes find_plane(const Arm& arm) {
+  for (const Axes axes : {Axes{true, 0, 1, 2, 1.0}, Axes{true, 0, 2, 1, -1.0}, Axes{true, 1, 2, 0, 1.0}}) {
+    bool fits = true;
+    for (const Link& link : arm.links()) {
+      const Joint& joint = link.joint();
+      fits = fits && !joint.has_ball() && turns_about(joint.inboard().rotation, axes.z) &&
+             turns_about(joint.outboard().rotation, axes.z);
+      for (const ElementaryMotion& m : joint.motions()) {
+        double sign;
+        const bool about = aligned(m.axis, sign) == axes.z;
+        fits = fits && (m.rotation ? about : std::abs(m.axis[axes.z]) < kAligned);
+      }
+      if (link.beam() && link.ne() == 0) fits = fits && turns_about(link.beam()->tip().rest.R, axes.z);
+      if (link.ne() > 0)
+        fits =
+            fits && link.beam()->tip().plane == (axes.z == 2 ? flexarm::Plane::xy : flexarm::Plane::xz) && axes.x == 0;
+    }
+    if (fits) return axes;
+  }
+  return {};
+}
+
+}  // namespace
+
+ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Axes{} : find_plane(a)) {
+  set(out.layout_.planar, axes.planar);
+  set(out.layout_.along[0], axes.x);
+  set(out.layout_.along[1], axes.y);
+  set(out.layout_.about, axes.z);
+  set(out.layout_.turning, axes.sign);
+}
+
+Node& ArmBuilder::begin_node(const Matrix3d& R) {
+  Node node;
+  set(node.numbers, out.numbers_.size());
+  set(node.turned, !is_identity(R));
+  put(offset);
+  if (node.turned) put(R);
+  offset.setZero();
+  return append(node);
+}
+
+Node& ArmBuilder::begin_coincident() {
+  Node node;
+  set(node.numbers, out.numbers_.size());
+  set(node.coincident, true);
+  return append(node);
+}
+
+Node& ArmBuilder::append(const Node& node) {
+  out.nodes_.push_back(node);
+  out.lists_.emplace_back();
+  out.few_.emplace_back();
+  return out.nodes_.back();
+}
+
+void ArmBuilder::add_motion(const Link& link, std::size_t n, std::size_t i) {
+  const Joint& joint = link.joint();
+  const ElementaryMotion& motion = joint.motions()[i];
+  double sign = 1.0;
+  int axis = aligned(motion.axis, sign);
+  Matrix3d align = Matrix3d::Identity();  // its axis along a coordinate axis
+  if (axis < 0) {
+    motion.axis.cwiseAbs().maxCoeff(&axis);  // the smallest turn: one by nearly pi loses its digits
+    sign = motion.axis[axis] < 0.0 ? -1.0 : 1.0;
+    align = Eigen::Quaterniond::FromTwoVectors(Vector3d::Unit(axis), sign * motion.axis).toRotationMatrix();
+  }
+  Node& node = begin_node(turn * align);
+  turn = align.transpose();
+  if (axes.planar) {
+    axis = motion.rotation ? 2 : axis == axes.x ? 0 : 1;
+    if (motion.rotation) sign *= axes.sign;
+  }
+  set(node.kind, motion.rotation ? Node::revolute : Node::prismatic);
+  set(node.axis, axis);
+  set(node.sign, sign);
+  set(node.v, arm.first(n) + static_cast<int>(i));
+  set(node.q, arm.first_q(n) + static_cast<int>(i));
+  if (!joint.passive()) return;
+  const JointForce& f = joint.forces()[i];
+  set(node.stops, std::isfinite(f.lower) || std::isfinite(f.upper));
+  set(node.passive, node.stops || f.stiffness != 0.0 || f.damping != 0.0 || f.reflected_inertia != 0.0);
+  if (!node.passive) return;
+  for (double x : {f.stiffness, f.rest, f.damping, f.reflected_inertia}) put(x);
+  if (node.stops)
+    for (double x : {f.lower, f.upper, f.limit_stiffness, f.limit_damping}) put(x);
+}
+
+void ArmBuilder::add_ball(const Link& link, std::size_t n) {
+  const Joint& joint = link.joint();
+  const std::size_t before = joint.motions().size();
+  std::vector<JointForce> forces(3);
+  if (joint.passive())
+    std::copy(joint.forces().begin() + static_cast<std::ptrdiff_t>(before), joint.forces().end(), forces.begin());
+  bool passive = false;
+  for (const JointForce& f : forces)
+    passive = passive || std::isfinite(f.upper) || f.stiffness != 0.0 || f.damping != 0.0 || f.reflected_inertia != 0.0;
+  for (int k = 0; k < 3; ++k) {
+    Node& one = k == 0 ? begin_node(turn) : begin_coincident();
+    set(one.ball, k == 0);
+    set(one.kind, Node::revolute);
+    set(one.axis, k);
+    set(one.q, arm.first_q(n) + static_cast<int>(before));
+    set(one.v, arm.first(n) + static_cast<int>(before) + k);
+    set(one.passive, passive);
+    set(one.stops, std::isfinite(forces[0].upper));
+    if (k > 0 || !passive) continue;
+    put(forces[0].stiffness);
+    for (const JointForce& f : forces) {
+      put(f.damping);
+      put(f.reflected_inertia);
+    }
+    if (!one.stops) continue;
+    for (double x : {forces[0].upper, forces[0].limit_stiffness, forces[0].limit_damping}) put(x);
+  }
+  turn.setIdentity();
+}
+
+void ArmBuilder::add_link(std::size_t n) {
+  const Link& link = arm.link(n);
+  const Joint& joint = link.joint();
+  offset += turn * joint.inboard().position;
+  turn = turn * joint.inboard().rotation;
+  for (std::size_t i = 0; i < joint.motions().size(); ++i) add_motion(link, n, i);
+  if (joint.has_ball()) add_ball(link, n);
+  offset += turn * joint.outboard().position;
+  turn = turn * joint.outboard().rotation;
+  const bool elastic = link.ne() > 0;
+  if (joint.nv() == 0 || (elastic && !(is_identity(turn) && offset.isZero(0.0)))) {
+    begin_node(turn);
+    turn.setIdentity();
+  }
+  KernelArm::Seat seat;
+  seat.node = static_cast<int>(out.nodes_.size()) - 1;
+  seat.origin = {offset, turn};
+  seat.origin_spot = out.fixed(seat.node, Place::frame, seat.origin);
+  if (elastic)
+    add_beam(link, n);
+  else
+    add_rigid(link);
+  seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
+  out.seats_.push_back(seat);
+}
+
+void ArmBuilder::add_rigid(const Link& link) {
+  Mass body;
+  Vector3d end = link.hub().end;
+  Matrix3d R = Matrix3d::Identity();
+  body.add(link.hub(), Vector3d::Zero());
+  if (link.beam()) {
+    for (const MassSlice& s : link.beam()->slices()) {
+      const SliceAtRest at = s.at_rest();
+      body.add(s.mass, end + at.x, at.R * s.inertia * at.R.transpose());
+    }
+    end += link.beam()->tip().rest.x;
+    R = link.beam()->tip().rest.R;
+  }
+  body.add(link.tip().mass, end + R * link.tip().com, R * link.tip().inertia * R.transpose());
+  end += R * link.tip().end;
+  set(node().body, Node::rigid);
+  put(body.moved(turn, offset));
+  offset += turn * end;
+  turn = turn * R;
+}
+
+void ArmBuilder::add_beam(const Link& link, std::size_t n) {
+  const Beam& beam = *link.beam();
+  set(node().ne, beam.ne());
+  set(node().ve, arm.first(n) + link.nj());
+  set(node().qe, arm.first_q(n) + link.joint().nq());
+  set(node().stretching, beam.options().modes[extension]);
+  set(node().damped, beam.damped());
+  beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
+  offset = link.tip().end;
+  turn.setIdentity();
+}
+
+void ArmBuilder::put_stiffness(const Link& link) {
+  put_lower(link.beam()->stiffness());
+  if (node().damped) put_lower(link.beam()->damping());
+}
+
+void ArmBuilder::put_end(const Link& link) {
+  const Vector3d rest = link.hub().end + link.beam()->length() * Vector3d::UnitX();
+  put_slice(out.layout_, node(), rest, link.beam()->tip(), out.numbers_);
+}
+
+void ArmBuilder::put_tip(const Link& link) {
+  set(node().tip, link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0));
+  set(node().tip_body, out.numbers_.size());
+  if (!node().tip) return;
+  Mass tip;
+  tip.add(link.tip(), Vector3d::Zero());
+  put(tip);
+}
+
+KernelArm KernelArm::build(const Arm& arm, bool in_space) {
+  ArmBuilder b(arm, in_space);
+  b.put(Vector3d(-arm.gravity()));
+  for (std::size_t n = 0; n < arm.size(); ++n) b.add_link(n);
+  b.set(b.out.layout_.nq, arm.nq());
+  b.set(b.out.layout_.nv, arm.nv());
+  b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));
+  b.out.point();
+  return b.out;
+}
+
+}  // namespace lanes
+}  // namespace flexarm

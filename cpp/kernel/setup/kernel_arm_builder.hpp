@@ -1,0 +1,123 @@
+// Builds a KernelArm from an Arm, node by node; joints and rigid bodies in kernel_arm_build.cpp, each kind of elastic
+// body in a file of its own.
+#pragma once
+
+#include "setup/kernel_arm.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+/// The world's axes that an arm moves in.
+struct Axes {
+  bool planar = false;
+  int x = 0, y = 1, z = 2;  ///< of the plane, and about which it turns
+  double sign = 1.0;        ///< of a turn about z, seen with x to y as positive
+};
+
+/// Inertia of a second moment.
+inline Eigen::Matrix3d second_moment_to_inertia(const Eigen::Matrix3d& Q) {
+  return Q.trace() * Eigen::Matrix3d::Identity() - Q;
+}
+
+/// A rigid body about its frame's origin.
+struct Mass {
+  double m = 0.0;
+  Eigen::Vector3d c = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d J = Eigen::Matrix3d::Zero();
+
+  void add(double mass, const Eigen::Vector3d& at, const Eigen::Matrix3d& inertia) {
+    m += mass;
+    c += mass * at;
+    J += inertia + mass * second_moment_to_inertia(at * at.transpose());
+  }
+  void add(const RigidBody& body, const Eigen::Vector3d& origin) { add(body.mass, origin + body.com, body.inertia); }
+  /// In the axes, and about the origin, of a frame in which its own is at p, turned by R.
+  Mass moved(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) const {
+    Mass out;
+    const Eigen::Vector3d com = m > 0.0 ? Eigen::Vector3d(c / m) : Eigen::Vector3d::Zero();
+    const Eigen::Matrix3d own = J - m * second_moment_to_inertia(com * com.transpose());
+    out.add(m, p + R * com, R * own * R.transpose());
+    return out;
+  }
+};
+
+struct ArmBuilder {
+  const Arm& arm;
+  Axes axes;
+  KernelArm out;
+  // the place of the next node: from the frame of the last node, or the end of its beam
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+
+  ArmBuilder(const Arm& a, bool in_space);
+
+  void put(double x) { out.numbers_.push_back(x); }
+  void put(const Eigen::Vector3d& v) { lanes::put(out.layout_, v, out.numbers_); }
+  void put(const Eigen::Matrix3d& R) { lanes::put(out.layout_, R, out.numbers_); }
+  void put_angular(const Eigen::Vector3d& v) {
+    if (axes.planar)
+      put(axes.sign * v[axes.z]);
+    else
+      put(v);
+  }
+  void put_symmetric(const Eigen::Matrix3d& J) {
+    if (axes.planar) {
+      put(J(axes.z, axes.z));
+    } else {
+      for (int i = 0; i < 3; ++i) put(J(i, i));
+      put(J(0, 1));
+      put(J(0, 2));
+      put(J(1, 2));
+    }
+  }
+  void put(const Mass& b) {
+    put(b.m);
+    put(b.c);
+    put_symmetric(b.J);
+  }
+  void put(const std::vector<double>& numbers) {
+    out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end());
+  }
+  void put_lower(const Eigen::MatrixXd& M) {
+    for (Eigen::Index i = 0; i < M.rows(); ++i)
+      for (Eigen::Index j = 0; j <= i; ++j) put(M(i, j));
+  }
+
+  /// Sets a field of a node that arms must share to lie side by side.
+  template <class T, class V>
+  void set(T& field, V value) {
+    field = static_cast<T>(value);
+    out.structure_.push_back(static_cast<int>(field));
+  }
+  void note(const std::vector<int>& list) { out.structure_.insert(out.structure_.end(), list.begin(), list.end()); }
+  Node& node() { return out.nodes_.back(); }
+  Node& few() { return out.few_.back(); }
+  KernelArm::Lists& lists() { return out.lists_.back(); }
+
+  /// Begins a node where the last one ends.
+  Node& begin_node(const Eigen::Matrix3d& R);
+  /// Begins one in the frame of the last one.
+  Node& begin_coincident();
+  Node& append(const Node& node);
+  void add_link(std::size_t n);
+  void add_motion(const Link& link, std::size_t n, std::size_t i);
+  void add_ball(const Link& link, std::size_t n);
+  /// The node's body, one of these.
+  void add_rigid(const Link& link);
+  void add_beam(const Link& link, std::size_t n);
+  void add_quadratic(const Link& link);
+  void add_cut(const Link& link);
+  void add_sampled(const Link& link);
+
+  // parts that all beams have, in the order of their numbers, behind the constants of the inertia
+  /// Their shape functions. @throws std::logic_error where it has not the forms of beam/elastic.hpp
+  void find_slices(const Beam& beam);
+  void put_stiffness(const Link& link);
+  void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
+  void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp
+  void put_tip(const Link& link);
+  void begin_points() { set(node().points, out.numbers_.size()); }  ///< of which kernels may take several at once
+};
+
+}  // namespace lanes
+}  // namespace flexarm

@@ -1,0 +1,123 @@
+// Places on an arm: of loads, sensors and frames, in the kernels' numbers.
+#include <algorithm>
+
+#include "setup/beam_points.hpp"
+#include "setup/kernel_arm.hpp"
+#include "setup/sampled_tables.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+void put(const Layout& layout, const Vector3d& r, Numbers& out) {
+  for (int i = 0; i < (layout.planar ? 2 : 3); ++i) out.push_back(r[layout.planar ? layout.along[i] : i]);
+}
+
+void put(const Layout& layout, const Matrix3d& R, Numbers& out) {
+  if (layout.planar) {
+    for (int i : layout.along) out.push_back(R(i, layout.along[0]));
+    return;
+  }
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) out.push_back(R(i, j));
+}
+
+void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, const SliceTable& table, Numbers& out) {
+  put(layout, rest, out);
+  if (layout.planar) {
+    for (int k = 0; k < node.ne; ++k) {
+      out.push_back(table.linear(layout.along[1], k));
+      out.push_back(layout.turning * table.linear(3 + layout.about, k));
+    }
+  } else {
+    for (int d = 0; d < node.quadratic.directed; ++d)
+      out.push_back(table.linear(node.quadratic.direction[d], node.quadratic.which[d]));
+    for (int k = 0; k < node.ne; ++k) out.push_back(table.linear(3 + node.about[k], k));
+  }
+  for (const bool position : {true, false})
+    if (position || !layout.planar) for_products(table.products, position, [&](double c) { out.push_back(c); });
+}
+
+KernelArm::Spot KernelArm::fixed(int node, Place::On on, const Placement& at) const {
+  Spot spot{{on, node}, {}};
+  put(layout_, at.position, spot.numbers);
+  put(layout_, at.rotation, spot.numbers);
+  return spot;
+}
+
+KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTable& table) const {
+  const Seat& seat = seats_[link];
+  const Node& node = nodes_[static_cast<std::size_t>(seat.node)];
+  const Vector3d rest = arm.link(link).hub().end + table.rest.x;
+  const Placement& origin = seat.origin;
+  if (node.ne == 0)
+    return fixed(seat.node, Place::frame, {origin.position + origin.rotation * rest, origin.rotation * table.rest.R});
+  Spot spot{{Place::slice, seat.node}, {}};
+  if (node.body == Node::sampled_beam) {
+    const BeamAxes axes{layout_.planar, layout_.along[1], layout_.about, layout_.turning};
+    const Lists& lists = lists_[static_cast<std::size_t>(seat.node)];
+    for (double x : SampledTables(arm.link(link), axes, node, lists.about).slice(table)) spot.numbers.push_back(x);
+  } else {
+    put_slice(layout_, node, rest, table, spot.numbers);
+  }
+  return spot;
+}
+
+PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
+  std::vector<Spot> spots;
+  std::vector<double> weights;
+  if (load.points.empty()) {
+    spots.push_back(end(load.link));
+    weights.push_back(1.0);
+  }
+  for (const Load::Point& point : load.points) {
+    spots.push_back(slice(arm, load.link, point.slice));
+    weights.push_back(point.weight);
+  }
+  PlacedLoad out;
+  out.place = spots[0].place;
+  out.world = load.world_axes;
+  out.numbers = load_numbers_.size();
+  out.size = 1 + spots[0].numbers.size();
+  // A force that is the same on all slices depends on their positions alone, which are linear in the numbers: one mean
+  // slice stands for all. The same is true of a moment where the turns add (about one axis), or where nothing bends.
+  const bool stiff = out.place.on != Place::slice;
+  out.mean = stiff || load.world_axes || spots.size() == 1;
+  out.slices = out.mean && (stiff || layout_.planar || spots.size() == 1) ? 0 : static_cast<int>(spots.size());
+  const auto put_one = [&](double weight, const Numbers& numbers) {
+    load_numbers_.push_back(weight);
+    for (double x : numbers) load_numbers_.push_back(x);
+  };
+  if (out.mean) {
+    double weight = 0.0;
+    Numbers mean(spots[0].numbers.size(), 0.0);
+    for (double w : weights) weight += w;
+    for (std::size_t k = 0; k < spots.size(); ++k)
+      for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += weights[k] / weight * spots[k].numbers[i];
+    put_one(weight, mean);
+  }
+  for (int k = 0; k < out.slices; ++k)
+    put_one(weights[static_cast<std::size_t>(k)], spots[static_cast<std::size_t>(k)].numbers);
+  return out;
+}
+
+KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) const {
+  KernelArm out = *this;
+  for (const Load& load : loads) {
+    const PlacedLoad placed = out.put_load(arm, load);
+    out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
+    // between fewer points, slices are not as right as sums over all of them
+    if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].sampled.half = 0;
+    out.loads_.push_back(placed);
+    for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices})
+      out.structure_.push_back(x);
+    out.layout_.attitudes = out.layout_.attitudes || placed.world;
+  }
+  out.point();
+  return out;
+}
+
+}  // namespace lanes
+}  // namespace flexarm

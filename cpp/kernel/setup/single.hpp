@@ -1,0 +1,101 @@
+// One arm on the lane kernels, with its own memory.
+#pragma once
+
+#include <memory>
+
+#include "door/frame_kernels.hpp"
+#include "door/kernels.hpp"
+#include "setup/kernel_arm.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+/// Floating-point operations of one forward dynamics, in one lane.
+long operation_count(const KernelArm& arm);
+
+/// Memory aligned for the widest pack.
+class Memory {
+ public:
+  explicit Memory(std::size_t bytes = 0) : bytes_(bytes), block_(new unsigned char[bytes + 64]()) {}
+  Memory(const Memory& other) : Memory(other.size()) {}  ///< as much, with nothing in it
+  Memory(Memory&&) = default;
+  Memory& operator=(Memory&&) = default;
+  std::size_t size() const { return bytes_; }
+  void* get() const {
+    void* p = block_.get();
+    std::size_t space = bytes_ + 64;
+    return std::align(64, bytes_, p, space);
+  }
+
+ private:
+  std::size_t bytes_;
+  std::unique_ptr<unsigned char[]> block_;
+};
+
+class Single {
+ public:
+  Single(const KernelArm& arm, const std::vector<bool>& given)
+      : kernels_(best_kernels()), arm_(arm.grouped(kernels_.width, given)), memory_(kernels_.memory(arm_.layout())) {
+    begin();
+  }
+  Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_) { begin(); }
+  Single& operator=(const Single&) = delete;
+
+  const Layout& layout() const { return arm_.layout(); }
+  /// Value of a load from now on.
+  void load(const double* wrenches) { kernels_.load(self_, wrenches); }
+  Outcome forward(const double* q, const double* v, const double* tau, double* a) {
+    return kernels_.forward(self_, q, v, tau, a);
+  }
+  void inverse(const double* q, const double* v, const double* a, double* tau) {
+    kernels_.inverse(self_, q, v, a, tau);
+  }
+  void move(const double* q, const double* v) { kernels_.move(self_, q, v); }
+  void forces(const double* a, double* tau) { kernels_.forces(self_, a, tau); }
+  void mass_matrix(double* M) { kernels_.mass_matrix(self_, M); }
+  Outcome factor(const Shift& shift, const double* v, double& twice_kinetic) {
+    return kernels_.factor(self_, shift, v, &twice_kinetic);
+  }
+  void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
+  void joint_stiffness(double* slopes) { kernels_.joint_stiffness(self_, slopes); }
+
+ private:
+  void begin() {
+    self_ = memory_.get();
+    kernels_.begin(arm_.layout(), arm_.numbers().data(), self_);
+  }
+
+  const Kernels& kernels_;
+  KernelArm arm_;
+  Memory memory_;
+  void* self_ = nullptr;
+};
+
+/// Its frames, in space.
+class SingleFrames {
+ public:
+  explicit SingleFrames(const Arm& arm, const FrameKernels& kernels = best_frames())
+      : SingleFrames({std::make_shared<MadeOnce>(arm.kept()), &KernelArm::in_space(arm)}, kernels) {}
+  /// With loads.
+  SingleFrames(const Arm& arm, const std::vector<Load>& loads)
+      : SingleFrames(std::make_shared<KernelArm>(KernelArm::in_space(arm).loaded(arm, loads)), best_frames()) {}
+  SingleFrames(const SingleFrames& o) : SingleFrames(o.arm_, o.kernels_) {}
+  SingleFrames& operator=(const SingleFrames&) = delete;
+
+  const FrameKernels* operator->() const { return &kernels_; }
+  const KernelArm& arm() const { return *arm_; }
+  void* self() const { return memory_.get(); }
+
+ private:
+  SingleFrames(std::shared_ptr<const KernelArm> arm, const FrameKernels& kernels)
+      : kernels_(kernels), arm_(std::move(arm)), memory_(kernels_.memory(arm_->layout())) {
+    kernels_.begin(arm_->layout(), arm_->numbers().data(), self());
+  }
+
+  const FrameKernels& kernels_;
+  std::shared_ptr<const KernelArm> arm_;  ///< which is never changed
+  Memory memory_;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

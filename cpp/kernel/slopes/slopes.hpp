@@ -1,0 +1,431 @@
+// The Jacobians of inverse dynamics, by dual numbers through the recursions of a chain, a segment of a few nodes at a
+// time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by the force F
+// on its end. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
+#pragma once
+
+#include "arm/elimination.hpp"
+#include "slopes/body_slopes.hpp"
+
+namespace {
+
+/// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics; and of forward dynamics, by M^-1 of the chain.
+template <class Sp>
+class Slopes {
+  using C = Chain<Sp, LaneDual>;
+  using One = typename SpaceOf<Sp, double>::type;
+  using Value = Chain<One, Pack>;
+  using Lin = typename Sp::Lin;
+  using Ang = typename Sp::Ang;
+  static constexpr int D = kColumns;
+  static constexpr int kForce = Sp::linear + Sp::angular;
+  static constexpr int kMostMotion = 3 * Sp::angular + Sp::linear;
+  static constexpr int kEnough = 2 * D;  ///< own columns of a segment
+
+  /// Nodes in a row. Its matrix has rows of the motion of its end, of the force where it begins, and of its rates;
+  /// columns of its own coordinates and rates, of the motion where it begins, and of the force on its end.
+  struct Segment {
+    int first, end;          ///< nodes
+    int rates, own, inputs;  ///< rows of rates; columns, filled up to multiples of D
+    int* rate;               ///< of each row
+    int* direction;          ///< of each own column: a coordinate, or nq and a rate; -1: none
+    double* matrix;
+    double* response;  ///< by the motion where it begins, with all that follows: rows of force and of rates
+    int stride() const { return own + inputs; }
+  };
+
+ public:
+  static std::size_t memory(const SlopesOf& of) {
+    Arena arena;
+    Slopes(of, arena, true);
+    return arena.bytes();
+  }
+  Slopes(const SlopesOf& of, void* memory, bool by_v) : Slopes(of, Arena(memory), by_v) {}
+
+  /// Of inverse dynamics. @param by_v  null where it is not asked for
+  void inverse(const double* wrenches, const double* q, const double* v, const double* a, double* by_q, double* by_v) {
+    begin(wrenches, q, v, a);
+    move_value(q, v);
+    differentiate(a);
+    for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
+  }
+
+  /// Of forward dynamics, whose accelerations go into a. @return the outcome
+  Outcome forward(const double* wrenches, const double* q, const double* v, const double* tau, double* a, double* by_q,
+                  double* by_v, double* by_tau) {
+    begin(wrenches, q, v, a);
+    move_value(q, v);
+    const bool good = ::forward(*value_, base_, tau, a);
+    if (!good) return outcome(*value_, good);
+    for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
+    differentiate(a);
+    for_columns([&](const int* direction) {
+      solve_columns();
+      put(direction, columns_, -1.0, by_q, by_v);
+    });
+    for (int first = 0; first < nv_; first += D) {
+      int direction[D];
+      for (int i = 0; i < nv_ * D; ++i) columns_[i] = 0.0;
+      for (int k = 0; k < D; ++k) {
+        direction[k] = first + k < nv_ ? first + k : -1;
+        if (first + k < nv_) columns_[(first + k) * D + k] = 1.0;
+      }
+      solve_columns();
+      put(direction, columns_, 1.0, by_tau, nullptr);
+    }
+    return Outcome::good;
+  }
+
+ private:
+  Slopes(const SlopesOf& of, Arena&& arena, bool by_v) : Slopes(of, arena, by_v) {}
+  Slopes(const SlopesOf& of, Arena& arena, bool by_v)
+      : layout_(of.layout),
+        nq_(layout_.nq),
+        nv_(layout_.nv),
+        motion_((layout_.attitudes ? 3 : 2) * Sp::angular + Sp::linear) {
+    dual_ = make_chain<C>(layout_, of.numbers, arena);
+    value_ = make_chain<Value>(of.grouped, of.grouped_numbers, arena);
+    bodies_ = arena.take_lines<BodySlopes<Sp>>(1);
+    BodySlopes<Sp> bodies(of, arena);
+    if (bodies_) new (bodies_) BodySlopes<Sp>(bodies);
+    q_ = arena.take_lines<LaneDual>(static_cast<std::size_t>(nq_ + 3 * nv_));  // and v, a, tau
+    tau_ = arena.take_lines<double>(static_cast<std::size_t>(nv_));
+    segment_ = arena.take_lines<Segment>(static_cast<std::size_t>(layout_.nodes));
+    for (int first = 0; first < layout_.nodes; ++segments_) {
+      int end = first, columns = 0;
+      while (end < layout_.nodes) {
+        const int more = columns_of(layout_.node[end], by_v);
+        if (end > first && !layout_.node[end].coincident && columns + more > kEnough) break;
+        columns += more;
+        ++end;
+      }
+      lay_out(first, end, columns, by_v, arena);
+      first = end;
+    }
+    columns_ = arena.take_lines<double>(static_cast<std::size_t>(D * nv_));
+    solved_ = arena.take_lines<Pack>(static_cast<std::size_t>(2 * nv_));
+  }
+  static int filled(int columns) { return (columns + D - 1) / D * D; }
+
+  /// visit(direction) for each of a node's.
+  template <class Visit>
+  static void for_own(const Layout& layout, const Node& node, bool by_v, const Visit& visit) {
+    const bool joint = node.kind != Node::fixed && !node.coincident;
+    for (int k = 0; k < node.ne; ++k) visit(node.qe + k);
+    if (joint)
+      for (int k = 0; k < (node.ball ? 4 : 1); ++k) visit(node.q + k);
+    if (!by_v) return;
+    if (joint)
+      for (int k = 0; k < (node.ball ? 3 : 1); ++k) visit(layout.nq + node.v + k);
+    for (int k = 0; k < node.ne; ++k) visit(layout.nq + node.ve + k);
+  }
+  int columns_of(const Node& node, bool by_v) const {
+    int columns = 0;
+    for_own(layout_, node, by_v, [&](int) { ++columns; });
+    return columns;
+  }
+
+  void lay_out(int first, int end, int columns, bool by_v, Arena& arena) {
+    Segment s{first, end, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
+    for (int i = first; i < end; ++i) s.rates += layout_.node[i].ne + (layout_.node[i].kind != Node::fixed);
+    s.inputs = filled((first > 0 ? motion_ : 0) + (end < layout_.nodes ? kForce : 0));
+    s.rate = arena.take_lines<int>(static_cast<std::size_t>(s.rates));
+    s.direction = arena.take_lines<int>(static_cast<std::size_t>(s.own));
+    s.matrix = arena.take_lines<double>(static_cast<std::size_t>((motion_ + kForce + s.rates) * s.stride()));
+    s.response = arena.take_lines<double>(static_cast<std::size_t>((kForce + s.rates) * s.inputs));
+    if (!s.rate) return;  // counting
+    int row = 0, column = 0;
+    for (int i = first; i < end; ++i) {
+      const Node& node = layout_.node[i];
+      if (node.kind != Node::fixed) s.rate[row++] = node.v;
+      for (int k = 0; k < node.ne; ++k) s.rate[row++] = node.ve + k;
+      for_own(layout_, node, by_v, [&](int direction) { s.direction[column++] = direction; });
+    }
+    while (column < s.own) s.direction[column++] = -1;
+    segment_[segments_] = s;
+  }
+
+  // --- Values. ---
+
+  void begin(const double* wrenches, const double* q0, const double* v0, const double* a0) {
+    for (int i = 0; i < 6 * layout_.loads; ++i) {
+      value_->wrench[i] = wrenches[i];
+      dual_->wrench[i] = LaneDual{} + wrenches[i];
+    }
+    const auto set = [](const double* from, int n, LaneDual* to) {
+      for (int i = 0; i < n; ++i) to[i] = LaneDual{} + from[i];
+    };
+    set(q0, nq_, q_);
+    set(v0, nv_, q_ + nq_);
+    set(a0, nv_, q_ + nq_ + nv_);
+    const double* p = value_->numbers;
+    base_ = One::read(p);
+  }
+
+  /// The chain's values, and tables of its elastic bodies.
+  void move_value(const double* q, const double* v) {
+    turn_hinges(value_->layout, 0, layout_.nodes, q, value_->state, value_->scratch);
+    typename One::Ang w = One::zero_angular();
+    typename One::Rot attitude = One::turn(0, 0.0, 1.0);
+    for (int i = 0; i < layout_.nodes; ++i)
+      value_->template move_node<true, true>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
+            value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
+            if (bodies_->has(i))
+              bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_, dual_->state[i], q_ + node.qe,
+                                q_ + nq_ + node.ve);
+          });
+  }
+
+  /// Whether one of D directions is an elastic coordinate of a node.
+  bool bends(const Node& node, const int* direction) const {
+    for (int k = 0; k < D; ++k)
+      if (direction[k] >= node.qe && direction[k] < node.qe + node.ne) return true;
+    return false;
+  }
+
+  // --- The ends of a segment. ---
+
+  /// Numbers that move independently: the motion where a segment begins, and the force on its end.
+  struct Ends {
+    Ang w;
+    Motion<Sp> a;
+    Ang turn;  ///< of the frame, from where it stands
+    Force<Sp> force;
+  };
+  Ends ends_of(const Segment& s) const {
+    Ends e;
+    LaneDual* at = reinterpret_cast<LaneDual*>(&e);
+    const auto put = [&](const auto& x) {
+      const double* p = reinterpret_cast<const double*>(&x);
+      for (std::size_t k = 0; k < sizeof(x) / sizeof(double); ++k) *at++ = LaneDual{} + p[k];
+    };
+    typename One::Ang w = One::zero_angular();
+    Motion<One> a{base_, w};
+    Force<One> force = Force<One>::zero();
+    if (s.first > 0) {
+      const auto& before = value_->state[s.first - 1];
+      const bool bent = layout_.node[s.first - 1].ne > 0;
+      w = bent ? before.end_w : before.w;
+      a = bent ? before.end_a : before.a;
+    }
+    if (s.end < layout_.nodes) force = value_->to_parent(s.end, value_->state[s.end].force);
+    put(w);
+    put(a);
+    put(One::zero_angular());
+    put(force);
+    return e;
+  }
+  /// How the frame stands where a segment begins.
+  typename Sp::Rot attitude_of(const Segment& s, const Ang& turn) const {
+    typename One::Rot R = One::turn(0, 0.0, 1.0);
+    if (s.first > 0) {
+      const auto& before = value_->state[s.first - 1];
+      R = before.attitude;
+      if (layout_.node[s.first - 1].ne > 0) R = One::times(R, before.elastic.end.frame.R);
+    }
+    return Sp::times(constant(R), small_turn(turn));
+  }
+  static Space<LaneDual>::Rot constant(const Space<double>::Rot& R) {
+    const auto c = [](double x) { return LaneDual{} + x; };
+    return {c(R.xx), c(R.xy), c(R.xz), c(R.yx), c(R.yy), c(R.yz), c(R.zx), c(R.zy), c(R.zz)};
+  }
+  static Plane<LaneDual>::Rot constant(const Plane<double>::Rot& R) { return {LaneDual{} + R.c, LaneDual{} + R.s}; }
+  static Space<LaneDual>::Rot small_turn(const Space<LaneDual>::Ang& t) {
+    const LaneDual one = number<LaneDual>(1.0);
+    return {one, -t.z, t.y, t.z, one, -t.x, -t.y, t.x, one};
+  }
+  static Plane<LaneDual>::Rot small_turn(const Plane<LaneDual>::Ang& t) { return {number<LaneDual>(1.0), t.z}; }
+  /// The small turn that R's slopes are, in its axes.
+  static Space<LaneDual>::Ang turn_of(const Space<LaneDual>::Rot& R) {
+    const auto along = [&](int i, int j) {
+      const auto to = Space<LaneDual>::axis(R, i), of = Space<LaneDual>::axis(R, j);
+      return to.x.x * of.x + to.y.x * of.y + to.z.x * of.z;
+    };
+    return {along(2, 1), along(0, 2), along(1, 0)};
+  }
+  static Plane<LaneDual>::Ang turn_of(const Plane<LaneDual>::Rot& R) { return {R.c.x * R.s - R.s.x * R.c}; }
+
+  // --- Derivatives of a segment. ---
+
+  /// Of all segments, where the chain is.
+  void differentiate(const double* a) {
+    value_->forces(base_, a, tau_);
+    for (int k = 0; k < segments_; ++k) differentiate(segment_[k]);
+    for (int k = segments_; k-- > 1;) respond(k);
+  }
+
+  void differentiate(const Segment& s) {
+    Ends ends = ends_of(s);
+    LaneDual* const inputs = reinterpret_cast<LaneDual*>(&ends);
+    const int from = s.first > 0 ? 0 : motion_, to = motion_ + (s.end < layout_.nodes ? kForce : 0);
+    const auto input = [&](int k) {  // without attitudes no turn is asked for
+      return inputs + (k < motion_ ? k : k - motion_ + kMostMotion);
+    };
+    const auto number_of = [&](int column) -> LaneDual* {
+      if (column < s.own) return s.direction[column] < 0 ? nullptr : q_ + s.direction[column];
+      const int k = column - s.own + from;
+      return k < to ? input(k) : nullptr;
+    };
+    for (int first = 0; first < s.stride(); first += D) {
+      const auto seed = [&](double slope) {
+        for (int k = 0; k < D; ++k)
+          if (LaneDual* x = number_of(first + k)) x->d[k / FLEXARM_WIDTH][k % FLEXARM_WIDTH] = slope;
+      };
+      seed(1.0);
+      sweep(s, first, ends);
+      seed(0.0);
+    }
+  }
+
+  /// Columns from `first` on, of which the slopes are set.
+  void sweep(const Segment& s, int first, const Ends& ends) {
+    double* row = s.matrix + first;
+    const auto put = [&](const LaneDual& x) {
+      __builtin_memcpy(row, x.d, sizeof(x.d));
+      row += s.stride();
+    };
+    const auto put_all = [&](const auto& x) {
+      const LaneDual* p = reinterpret_cast<const LaneDual*>(&x);
+      for (std::size_t k = 0; k < sizeof(x) / sizeof(LaneDual); ++k) put(p[k]);
+    };
+    const LaneDual *q = q_, *v = q + nq_, *x = v + nv_;
+    LaneDual* tau = q_ + nq_ + 2 * nv_;
+    turn_hinges(layout_, s.first, s.end, q, dual_->state, dual_->scratch);
+    Ang w = ends.w;
+    Motion<Sp> a = ends.a;
+    Force<Sp> F = ends.force;
+    typename Sp::Rot attitude{};
+    if (layout_.attitudes) attitude = attitude_of(s, ends.turn);
+    for (int i = s.first; i < s.end; ++i)
+      dual_->template move_node<true, true>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
+            if (bodies_->has(i))
+              bodies_->look_up(i, first < s.own && bends(node, s.direction + first), q + node.qe, v + node.ve,
+                               dual_->state[i]);
+            else
+              dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
+          });
+    for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a);
+    put_all(w);
+    put_all(a);
+    if (layout_.attitudes) put_all(turn_of(attitude));
+    for (int i = s.end; i-- > s.first;) {
+      dual_->force_node(i, x, F, tau);
+      if (i > 0) F = dual_->to_parent(i, F);
+    }
+    put_all(F);
+    for (int k = 0; k < s.rates; ++k) put(tau[s.rate[k]]);
+  }
+
+  // --- The chain rule. ---
+
+  const double* force_rows(const Segment& s) const { return s.matrix + motion_ * s.stride(); }
+  /// Columns by the force on its end.
+  static int by_force(const Segment& s, int motion) { return s.own + (s.first > 0 ? motion : 0); }
+
+  /// Of segment k and all that follows it, by the motion where it begins.
+  void respond(int k) {
+    const Segment& s = segment_[k];
+    const double* rows = force_rows(s);
+    for (int column = 0; column < s.inputs; column += D) {
+      double* out = s.response + column;
+      if (k + 1 == segments_) {
+        add_product(rows + s.own + column, s.stride(), rows, 0, rows, 0, kForce + s.rates, 0, out, s.inputs);
+        continue;
+      }
+      const Segment& next = segment_[k + 1];
+      alignas(64) double force[kForce * D];
+      add_product(nullptr, 0, next.response, next.inputs, s.matrix + s.own + column, s.stride(), kForce, motion_, force,
+                  D);
+      add_product(rows + s.own + column, s.stride(), rows + by_force(s, motion_), s.stride(), force, D,
+                  kForce + s.rates, kForce, out, s.inputs);
+    }
+  }
+
+  /// All rows of segment k's own columns from `first` on, D to a row.
+  void chain_rule(int k, int first, double* out) const {
+    alignas(64) double X[2][kMostMotion * D], F[2][kForce * D];
+    const Segment& own = segment_[k];
+    const double* carried = nullptr;  // the change of the force on its end
+    if (k + 1 < segments_) {
+      const Segment& next = segment_[k + 1];
+      add_product(nullptr, 0, next.response, next.inputs, own.matrix + first, own.stride(), kForce, motion_, F[1], D);
+      carried = F[1];
+      const double* x = own.matrix + first;
+      int stride = own.stride(), turn = 0;
+      for (int i = k + 1; i < segments_; ++i) {
+        const Segment& s = segment_[i];
+        put_rates(s, nullptr, 0, s.response + kForce * s.inputs, s.inputs, x, stride, motion_, out);
+        if (i + 1 == segments_) break;
+        add_product(nullptr, 0, s.matrix + s.own, s.stride(), x, stride, motion_, motion_, X[turn], D);
+        x = X[turn];
+        stride = D;
+        turn = 1 - turn;
+      }
+    }
+    const double* rows = force_rows(own);
+    const int force = by_force(own, motion_);
+    const int n = carried ? kForce : 0;
+    put_rates(own, rows + kForce * own.stride() + first, own.stride(), rows + kForce * own.stride() + force,
+              own.stride(), carried, D, n, out);
+    add_product(rows + first, own.stride(), rows + force, own.stride(), carried, D, kForce, n, F[0], D);
+    for (int i = k, turn = 0; i-- > 0; turn = 1 - turn) {
+      const Segment& s = segment_[i];
+      const double* G = force_rows(s) + by_force(s, motion_);
+      put_rates(s, nullptr, 0, G + kForce * s.stride(), s.stride(), F[turn], D, kForce, out);
+      add_product(nullptr, 0, G, s.stride(), F[turn], D, kForce, kForce, F[1 - turn], D);
+    }
+  }
+  /// The rows of a segment's rates, which are consecutive within each node.
+  static void put_rates(const Segment& s, const double* add, int add_stride, const double* A, int A_stride,
+                        const double* B, int B_stride, int n, double* out) {
+    for (int r = 0, count = 0; r < s.rates; r += count) {
+      for (count = 1; r + count < s.rates && s.rate[r + count] == s.rate[r] + count;) ++count;
+      add_product(add ? add + r * add_stride : nullptr, add_stride, A + r * A_stride, A_stride, B, B_stride, count, n,
+                  out + s.rate[r] * D, D);
+    }
+  }
+
+  /// Calls visit(directions) with D columns at a time in `columns_`.
+  template <class Visit>
+  void for_columns(const Visit& visit) {
+    for (int k = 0; k < segments_; ++k)
+      for (int first = 0; first < segment_[k].own; first += D) {
+        chain_rule(k, first, columns_);
+        visit(segment_[k].direction + first);
+      }
+  }
+  /// Those of M^-1 times them, by the chain's factors, as many as a pack has lanes at a time.
+  void solve_columns() {
+    constexpr int W = FLEXARM_WIDTH;
+    Pack *r = solved_, *x = r + nv_;
+    for (double* first = columns_; first < columns_ + D; first += W) {
+      for (int i = 0; i < nv_; ++i) r[i] = Lanes<Pack>::load(first + i * D);
+      ::solve(*value_, r, x);
+      for (int i = 0; i < nv_; ++i) Lanes<Pack>::store(first + i * D, x[i]);
+    }
+  }
+  void put(const int* direction, const double* columns, double factor, double* by_q, double* by_v) const {
+    for (int k = 0; k < D; ++k) {
+      if (direction[k] < 0) continue;
+      double* column = direction[k] < nq_ ? by_q + direction[k] * nv_ : by_v + (direction[k] - nq_) * nv_;
+      for (int i = 0; i < nv_; ++i) column[i] = factor * columns[i * D + k];
+    }
+  }
+
+  const Layout& layout_;
+  int nq_, nv_;
+  int motion_;  ///< numbers of X: angular velocity, acceleration, angular acceleration, and the turn if it is asked for
+  C* dual_;
+  Value* value_;
+  BodySlopes<Sp>* bodies_;
+  LaneDual* q_;
+  double* tau_;
+  Segment* segment_;
+  int segments_ = 0;
+  double* columns_;  ///< D columns of all rates
+  Pack* solved_;
+  typename One::Lin base_{};
+};
+
+}  // namespace

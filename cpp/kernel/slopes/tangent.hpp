@@ -1,0 +1,202 @@
+// Dual numbers for the kernels: a number with its derivatives in some directions. Included by the kernels alone.
+#pragma once
+
+#include "arm/chain.hpp"
+
+namespace {
+
+/// A number T and its derivatives, `count` of type D: T a double and D a pack, of as many directions as there are
+/// lanes; or both a double, or a pack, of one direction each.
+template <class T, class D, int count>
+struct Dual {
+  T x;
+  D d[count];
+
+  template <class F>
+  static Dual map(const T& x, const F& f) {
+    Dual out;
+    out.x = x;
+    for (int i = 0; i < count; ++i) out.d[i] = f(i);
+    return out;
+  }
+  Dual operator-() const {
+    return map(-x, [&](int i) { return -d[i]; });
+  }
+  friend Dual operator+(const Dual& a, const Dual& b) {
+    return map(a.x + b.x, [&](int i) { return a.d[i] + b.d[i]; });
+  }
+  friend Dual operator-(const Dual& a, const Dual& b) {
+    return map(a.x - b.x, [&](int i) { return a.d[i] - b.d[i]; });
+  }
+  friend Dual operator*(const Dual& a, const Dual& b) {
+    return map(a.x * b.x, [&](int i) { return a.x * b.d[i] + b.x * a.d[i]; });
+  }
+  friend Dual operator+(const Dual& a, double b) {
+    return map(a.x + b, [&](int i) { return a.d[i]; });
+  }
+  friend Dual operator-(const Dual& a, double b) { return a + (-b); }
+  friend Dual operator*(const Dual& a, double b) {
+    return map(a.x * b, [&](int i) { return a.d[i] * b; });
+  }
+  friend Dual operator+(double a, const Dual& b) { return b + a; }
+  friend Dual operator-(double a, const Dual& b) {
+    return map(a - b.x, [&](int i) { return -b.d[i]; });
+  }
+  friend Dual operator*(double a, const Dual& b) { return b * a; }
+  friend Dual operator/(const Dual& a, const Dual& b) {
+    const T over = 1.0 / b.x, x = a.x * over;
+    return map(x, [&](int i) { return (a.d[i] - x * b.d[i]) * over; });
+  }
+  friend Dual operator/(const Dual& a, double b) { return a * (1.0 / b); }
+  friend Dual operator/(double a, const Dual& b) {
+    const T x = a / b.x, slope = -x / b.x;
+    return map(x, [&](int i) { return slope * b.d[i]; });
+  }
+#define FLEXARM_IN_PLACE(op)                                           \
+  Dual& operator op## = (const Dual& b) { return *this = *this op b; } \
+  Dual& operator op## = (double b) { return *this = *this op b; }
+  FLEXARM_IN_PLACE(+)
+  FLEXARM_IN_PLACE(-)
+  FLEXARM_IN_PLACE(*)
+  FLEXARM_IN_PLACE(/)
+#undef FLEXARM_IN_PLACE
+  auto operator<(double b) const { return x < b; }
+  auto operator>(double b) const { return x > b; }
+  auto operator<(const Dual& b) const { return x < b.x; }
+  auto operator>(const Dual& b) const { return x > b.x; }
+};
+
+template <class T, class D, int count>
+struct Lanes<Dual<T, D, count>> : Lanes<T> {
+  using L = Lanes<T>;
+  using X = Dual<T, D, count>;
+  using Mask = typename L::Mask;
+  static constexpr int lag = 2;
+  static X load(const double* p) {
+    X out{};
+    out.x = L::load(p);
+    return out;
+  }
+  static X select(const Mask& m, const X& a, const X& b) {
+    return X::map(L::select(m, a.x, b.x), [&](int i) { return m ? a.d[i] : b.d[i]; });
+  }
+  static Mask finite(const X& a) { return L::finite(a.x); }
+  static X root(const X& a) {
+    const T x = L::root(a.x), slope = 0.5 / x;
+    return X::map(x, [&](int i) { return slope * a.d[i]; });
+  }
+  static X atan2(const X& y, const X& x) {
+    const T over = 1.0 / (x.x * x.x + y.x * y.x);
+    return X::map(L::atan2(y.x, x.x), [&](int i) { return over * (x.x * y.d[i] - y.x * x.d[i]); });
+  }
+  static X size(const X& a) { return select(a.x < 0.0, -a, a); }
+  static X larger(const X& a, const X& b) { return select(a.x > b.x, a, b); }
+  static X smaller(const X& a, const X& b) { return select(a.x < b.x, a, b); }
+};
+
+template <class T, class D, int count>
+void sine_cosine(const Dual<T, D, count>& x, Dual<T, D, count>& s, Dual<T, D, count>& c) {
+  T sine, cosine;
+  sine_cosine(x.x, sine, cosine);
+  const Dual<T, D, count> at = x;  // s or c may be x
+  s = Dual<T, D, count>::map(sine, [&](int i) { return cosine * at.d[i]; });
+  c = Dual<T, D, count>::map(cosine, [&](int i) { return -sine * at.d[i]; });
+}
+
+template <class T, class D, int count>
+Dual<T, D, count> widen(const Dual<T, D, count>& x, const Dual<T, D, count>&) {
+  return x;
+}
+template <class T, class D, int count>
+void sum_lanes(const Dual<T, D, count>*, int, const Dual<T, D, count>*) {}
+
+// --- A direction in each lane. ---
+
+using LaneDual = Dual<double, Pack, (FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1)>;
+constexpr int kDirections = FLEXARM_WIDTH < 8 ? 8 : FLEXARM_WIDTH;
+
+inline double slope_of(const LaneDual& x, int direction) {
+  return x.d[direction / FLEXARM_WIDTH][direction % FLEXARM_WIDTH];
+}
+
+inline void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
+  for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
+}
+
+/// Calls visit(first, count) with the slopes of x[first], x[first + 1], .. set to 1, each in a direction of its own.
+template <class Visit>
+void for_directions(LaneDual* x, int all, const Visit& visit) {
+  constexpr int W = FLEXARM_WIDTH, D = kDirections;
+  for (int first = 0; first < all; first += D) {
+    const int count = all - first < D ? all - first : D;
+    const auto seed = [&](double slope) {
+      for (int k = 0; k < count; ++k) x[first + k].d[k / W][k % W] = slope;
+    };
+    seed(1.0);
+    visit(first, count);
+    seed(0.0);
+  }
+}
+
+// --- Points of a beam in the lanes, and some directions one after the other. ---
+
+template <int count>
+Dual<Pack, Pack, count> widen(const Dual<double, double, count>& x, const Dual<Pack, Pack, count>&) {
+  return Dual<Pack, Pack, count>::map(widen(x.x, Pack{}), [&](int i) { return widen(x.d[i], Pack{}); });
+}
+template <int count>
+void sum_lanes(const Dual<Pack, Pack, count>* in, int n, Dual<double, double, count>* out) {
+  sum_lanes(reinterpret_cast<const Pack*>(in), n * (1 + count), reinterpret_cast<double*>(out));
+}
+template <class S, int count>
+S lane_of(const Dual<Pack, Pack, count>* column, int i) {
+  constexpr int W = FLEXARM_WIDTH;
+  const Dual<Pack, Pack, count>& at = column[i / W];
+  return S::map(at.x[i % W], [&](int k) { return at.d[k][i % W]; });
+}
+template <class S, int count>
+void put_lane(Dual<Pack, Pack, count>* column, int i, const S& x) {
+  constexpr int W = FLEXARM_WIDTH;
+  Dual<Pack, Pack, count>& at = column[i / W];
+  at.x[i % W] = x.x;
+  for (int k = 0; k < count; ++k) at.d[k][i % W] = x.d[k];
+}
+
+/// Integrals are linear: those of a dual number's parts, as of plain columns.
+template <int count>
+class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
+  using P = Dual<Pack, Pack, count>;
+
+ public:
+  Integral(const double* table, int half, int packs, P* work)
+      : plain_(table, half, packs, reinterpret_cast<Pack*>(work + 4 * packs)),
+        points_(2 * packs),
+        in_(reinterpret_cast<Pack*>(work)),
+        out_(reinterpret_cast<Pack*>(work + 2 * packs)) {}
+
+  template <class Slope>
+  void operator()(int columns, const Slope& slope, P* out, int stride) const {
+    for (int c = 0; c < columns; ++c) {
+      const auto f = slope(c);
+      for (int i = 0; i < points_; ++i) {
+        const P x = f(i);
+        in_[i] = x.x;
+        for (int k = 0; k < count; ++k) in_[(1 + k) * points_ + i] = x.d[k];
+      }
+      plain_(1 + count, columns_at(in_, points_), out_, points_);
+      P* to = out + c * stride;
+      for (int i = 0; i < points_; ++i) {
+        to[i].x = out_[i];
+        for (int k = 0; k < count; ++k) to[i].d[k] = out_[(1 + k) * points_ + i];
+      }
+    }
+  }
+  void operator()(P* f, int stride, int columns) const { (*this)(columns, columns_at(f, stride), f, stride); }
+
+ private:
+  Integral<double, Pack> plain_;
+  int points_;
+  Pack *in_, *out_;
+};
+
+}  // namespace

@@ -1,0 +1,234 @@
+// The generalised-alpha method (Chung & Hulbert 1993), with dry friction in its equations. See methods.hpp for its
+// engine and its interface.
+#pragma once
+
+#include "door/kernels.hpp"
+#include "door/layout.hpp"
+#include "step/contact.hpp"
+#include "step/newton.hpp"
+#include "wide/scalar.hpp"
+
+namespace {
+
+using flexarm::lanes::MethodOptions;
+using flexarm::lanes::MethodTraits;
+using flexarm::lanes::Work;
+
+constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
+constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
+constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
+constexpr double kSame = 1e-9;       // of that ratio to 1
+
+/// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by
+/// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
+inline bool new_matrix(int iteration) { return iteration == 1 || (iteration >= 4 && iteration % 2 == 0); }
+
+/// Coefficients of the method, by its spectral radius.
+struct AlphaNumbers {
+  double alpha_m, alpha_f, beta, gamma;
+  AlphaNumbers() = default;
+  explicit AlphaNumbers(double radius)
+      : alpha_m((2.0 * radius - 1.0) / (radius + 1.0)),
+        alpha_f(radius / (radius + 1.0)),
+        gamma(0.5 - alpha_m + alpha_f) {
+    beta = 0.25 * (gamma + 0.5) * (gamma + 0.5);
+  }
+  /// Derivative of the auxiliary acceleration by the true one.
+  double by_a() const { return (1.0 - alpha_f) / (1.0 - alpha_m); }
+};
+
+template <class Engine>
+struct GeneralisedAlpha : AlphaNumbers {
+  using S = typename Engine::Scalar;
+  using L = Lanes<S>;
+  using Mask = typename L::Mask;
+  static constexpr flexarm::lanes::Ending unsolved = flexarm::lanes::not_converged;
+
+  double rtol;
+  int max_iterations;
+  int nq = 0, nv = 0;
+  double h_before = 0.0;
+  Newton<S> newton;
+  S scale;
+  // of nq; of nv
+  S* q0;
+  S *v0, *a0, *a_before, *alpha0, *alpha, *a, *u, *r, *turn, *tau_own;
+  int iterations = 0;
+  Work work;
+  Contacts<Engine> contacts;
+
+  void lay_out(Arena& arena, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
+    static_cast<AlphaNumbers&>(*this) = AlphaNumbers(options.spectral_radius);
+    rtol = options.rtol;
+    max_iterations = options.max_iterations;
+    nq = nq_;
+    nv = nv_;
+    arena.take_zeros(nq, q0);
+    arena.take_zeros(nv, v0, a0, a_before, alpha0, alpha, a, u, r, turn, tau_own);
+    contacts.lay_out(arena, rubbing, rubbing_count, nv);
+    forget();
+  }
+  Contacts<Engine>& friction() { return contacts; }
+
+  void forget() {
+    h_before = 0.0;
+    newton.contraction = number<S>(1.0);
+    scale = S{};
+  }
+  Mask begin(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+    ++work.evaluations;
+    Mask good = accelerate(engine, q, v, tau, x, where);
+    for (int i = 0; i < nv; ++i) good = good & L::finite(x[i]);
+    const Mask now = where & good;
+    for (int i = 0; i < nv; ++i) {
+      a0[i] = L::select(now, x[i], a0[i]);
+      a_before[i] = L::select(now, x[i], a_before[i]);
+      alpha0[i] = L::select(now, x[i], alpha0[i]);
+    }
+    contacts.end_instant(v, now);
+    return good;
+  }
+  /// Arms without friction get the same numbers as in a pack without friction.
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
+    const Mask rubs = contacts.anywhere();
+    if (!L::any(rubs)) return engine.accelerate(q, v, tau, x);
+    Mask good = contacts.accelerate(engine, q, v, tau, x, where, tau_own, r, turn, between);
+    if (L::all(rubs)) return good;
+    for (int i = 0; i < nv; ++i) turn[i] = x[i];
+    good = (good & rubs) | (engine.accelerate(q, v, tau, turn) & L::none_of(rubs));
+    for (int i = 0; i < nv; ++i) x[i] = L::select(rubs, x[i], turn[i]);
+    return good;
+  }
+
+  template <class Given>
+  Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
+    for (int i = 0; i < nv; ++i) v0[i] = v[i];
+    given(1.0);
+    for (int i = 0; i < nq; ++i) q0[i] = q[i];  // free ones are still those of the beginning
+    predict(engine, h, x);
+    return iterate(engine, h, q, v, tau, skip);
+  }
+  Mask accept(double h, S* v, S* x, const Mask& where) {
+    for (int i = 0; i < nv; ++i) {
+      a_before[i] = L::select(where, a0[i], a_before[i]);
+      x[i] = a0[i] = L::select(where, a[i], a0[i]);
+      alpha0[i] = L::select(where, alpha[i], alpha0[i]);
+    }
+    h_before = h;
+    return contacts.end_step(v, where);
+  }
+
+  bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
+  double continued(double h) const { return h_before > 0.0 && h <= kGrown * h_before ? h / h_before : 0.0; }
+  /// The remainder of alpha0 - a0 where a step of h begins.
+  double lag(double h) const { return changed(h) ? continued(h) : 1.0; }
+
+  /// Accelerations extrapolated, and the auxiliary ones that follow:
+  ///   (1 - alpha_m) alpha + alpha_m alpha0 = (1 - alpha_f) a + alpha_f a0
+  /// The auxiliary ones lag the true ones by (alpha_f - alpha_m) h: where h changes, so does the lag. Where it grows
+  /// much, as behind a short pulse, they begin anew.
+  void predict(const Engine& engine, double h, const S* given) {
+    const double ahead = continued(h);
+    const bool changed = this->changed(h);
+    for (int i = 0; i < nv; ++i) {
+      a[i] = given[i];  // where prescribed
+      u[i] = S{};
+    }
+    for (int k = 0; k < engine.free_count; ++k) {
+      const int i = engine.free[k];
+      if (changed) alpha0[i] = a0[i] + ahead * (alpha0[i] - a0[i]);
+      a[i] = a0[i] + ahead * (a0[i] - a_before[i]);
+      alpha[i] = ((1.0 - alpha_f) * a[i] + alpha_f * a0[i] - alpha_m * alpha0[i]) * (1.0 / (1.0 - alpha_m));
+    }
+  }
+
+  /// q and v at the step's end from the auxiliary accelerations.
+  void place(Engine& engine, double h, S* q, S* v) {
+    for (int k = 0; k < engine.free_count; ++k) {
+      const int i = engine.free[k];
+      u[i] = h * v0[i] + (h * h) * ((0.5 - beta) * alpha0[i] + beta * alpha[i]);
+      v[i] = v0[i] + h * ((1.0 - gamma) * alpha0[i] + gamma * alpha[i]);
+    }
+    engine.place(q0, u, q);
+  }
+
+  /// Where the last correction is below the digits of the coordinates: at rest, in balance, there is no motion to
+  /// compare it with.
+  /// @param by_turn  of the coordinates by the accelerations (s^2)
+  Mask lost(const Engine& engine, double by_turn, const S* q) const {
+    S most{}, place{};
+    for (int k = 0; k < engine.free_count; ++k) most = L::larger(most, L::size(turn[engine.free[k]]));
+    for (int i = 0; i < nq; ++i) place = L::larger(place, L::size(q[i]));
+    return by_turn * most <= kVanishing * place;
+  }
+
+  /// Newton's iteration on the residual of inverse dynamics at the step's end.
+  /// @param skip  lanes that are not asked
+  /// @return where it converged; elsewhere q and v are of no use
+  Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
+    const double by_a = this->by_a();
+    const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
+    const S fall = (h * h) * engine.weight;
+    newton.begin(kBest);
+    S size{};
+    contacts.begin_step();
+    Mask good = L::everywhere(false), bad = skip;
+    for (iterations = 1; iterations <= max_iterations; ++iterations) {
+      place(engine, h, q, v);
+      const bool anew = new_matrix(iterations);
+      engine.inverse(q, v, a, tau_own, anew);
+      ++work.evaluations;
+      if (anew) {
+        S twice;
+        bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
+        ++work.factorisations;
+        contacts.refactored(L::everywhere(true));
+        scale = L::select(good, scale, L::larger(twice, kForget * scale));
+        size = L::select(good, size, L::root(scale + fall));
+        if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
+      }
+      S released{}, residual{}, force = contacts.take_from(tau_own);
+      for (int k = 0; k < engine.free_count; ++k) {
+        const int i = engine.free[k];
+        r[i] = tau[i] - tau_own[i];
+        residual = L::larger(residual, L::size(r[i]));
+        force = L::larger(force, L::size(tau[i]));
+      }
+      contacts.refactored(engine.correction(r, turn));
+      ++work.solves;
+      const Mask switching = contacts.count == 0 ? L::everywhere(false)
+                                                 : contacts.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
+                                                                    L::none_of(good | bad), tau_own);
+      for (int c = 0; c < contacts.count; ++c) released += contacts.turn[c] * turn[contacts.at[c]];
+      for (int k = 0; k < engine.free_count; ++k)
+        released += r[engine.free[k]] * turn[engine.free[k]];  // turn^T S turn
+      bad = bad | (L::none_of(good) & L::none_of(L::finite(released) & L::finite(size)));
+      const S moved = shift.damping * L::root(L::size(released));  // of the velocities, in the norm of energy
+      const Mask open = L::none_of(good | bad);
+      for (int k = 0; k < engine.free_count; ++k) {
+        const int i = engine.free[k];
+        const S now = L::select(open, turn[i], S{});
+        a[i] += now;
+        alpha[i] += by_a * now;
+      }
+      newton.correct(iterations, moved, open);
+      Mask stalled = newton.stalls(iterations);
+      if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
+      const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
+      good = good | (open & end & L::none_of(switching));
+      if (L::all(good | bad)) break;
+    }
+    if (iterations > max_iterations) iterations = max_iterations;
+    place(engine, h, q, v);
+    return good;
+  }
+};
+
+struct Implicit {
+  static constexpr MethodTraits traits{"implicit", true, true, true, 0.0};
+  template <class Engine>
+  using On = GeneralisedAlpha<Engine>;
+};
+
+}  // namespace

@@ -1,0 +1,37 @@
+"""`flexarm check SCENE`: what could be better in a scene and its run."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+
+from .._console import complain, json_text
+from ..run.simulation import SimulationError, simulated
+from ..scene.check import check, check_run
+from . import options
+
+SUMMARY = "list what could be better in a scene"
+TEXT = (
+    "Runs it, writes nothing, and prints a line for each remark: numbers that are probably mistakes, too few shape "
+    "functions, ranges that the run leaves, and the remedy."
+)
+
+
+def arguments(p: argparse.ArgumentParser) -> None:
+    """Adds the command's arguments to its parser."""
+    p.add_argument("scene", metavar="SCENE", help=options.robot(p))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints the findings; 0, or 1 if the run could not go on."""
+    scene = options.read(args.scene, args.tip)
+    failure = None
+    try:
+        made = simulated(scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), progress=True, **scene.options)
+        found = check_run(scene, made)
+    except SimulationError as e:
+        failure, found = e, check(scene)
+    print(json_text([asdict(x) for x in found]) if args.json else found)
+    if failure is not None:
+        complain(str(failure))
+    return int(failure is not None)

@@ -1,0 +1,287 @@
+"""Whether the steps of a run are right: short enough for what moves, and not far too many."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..analysis.findings import Finding, RunWarning, SlowWarning, StepWarning
+from ..analysis.modes import motions_about, small_motions
+from ..arm import Arm
+from ..parts.beam import STRAINS
+
+_HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
+_BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
+_TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
+_AS_FAST = 0.9  # of a run's largest rate: rates that are like it
+_UNRESOLVED = 3.0  # step times frequency: a step is half a period
+_LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
+_SOME = 1e4  # steps of a run that is done, from which on it is looked at what they follow
+_MANY = 2e5  # steps of a whole run, from which on loops of control are looked at
+_ENDLESS = 2e7  # steps that are too many, whatever they follow
+_APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
+_FOLLOWED = (0.003, 20.0)  # step times frequency of a mode that holds the steps down
+_PART = 0.2  # parts of all that a callable does, from which on a departure counts
+_OWN = 3.0  # parts of what it does around, below which a departure is but curvature
+
+
+def explicit_limit(
+    arm: Arm, step: float, q: Array, held: Sequence[int], v: Array | None = None
+) -> tuple[str, float]:
+    """Words the limit of rk4's steps, of small motions of all rates but those `held`, about rest with the joints as in
+    q, or about a motion at rates v; stuck joints are free to slide. And how much the fastest grows by one step. "" and
+    1.0 if these steps are below it."""
+    free = ~np.isin(np.arange(arm.nv), held)
+    if not free.any():
+        return "", 1.0
+    q = np.array(q)
+    try:
+        if v is None:
+            q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
+            motions = small_motions(type(arm)(arm.links), q)
+        else:
+            motions = motions_about(type(arm)(arm.links), q, v)
+        M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
+        modes = replace(motions, free=free, M=M, G=G, K=K).solve()
+    except ValueError:
+        return "", 1.0
+    bound = modes.frequencies > 0.0  # all else is not pulled back
+    s, shapes = modes.eigenvalues[bound], modes.shapes[free][:, bound]
+    if not s.size:
+        return "", 1.0
+    s, w = np.minimum(s.real, 0.0) + 1j * s.imag, np.abs(s)
+    low, high = np.full(s.size, 2.0), np.full(s.size, 4.0)  # of step times |s|: between them rk4 begins to amplify
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        grows = _growth(middle * s / w) > 1.0
+        low, high = np.where(grows, low, middle), np.where(grows, middle, high)
+    k = int((low / w).argmin())
+    if step * w[k] <= low[k]:
+        return "", 1.0
+    pull = (np.abs(np.diag(K)) + w[k] * np.abs(np.diag(G))) * np.abs(shapes[:, k]) ** 2
+    most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
+    return f", here {w[k]:.3g} rad/s of {most}: below {low[k] / w[k]:.3g} s", float(_growth(step * s).max())
+
+
+def _growth(z: Any) -> Array:
+    """Of a motion e^(s t), by a step of rk4 with z = s step."""
+    grown: Array = np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    return grown
+
+
+def beyond_explicit(
+    arm: Arm, step: float, span: float, q: Array, held: Sequence[int], rows: tuple[Array, Array, Array] | None = None
+) -> StepWarning | None:
+    """Warns where steps of rk4 above their limit (see explicit_limit) have made rounding errors felt in a run of `span`
+    (s): the limit about rest, or in rows (t, q, v) of the run that of the row at which its joints move fastest."""
+    limit, growth = explicit_limit(arm, step, q, held)
+    when = ""
+    if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _BLOWN:
+        t, qs, v = rows
+        joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
+        speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
+        k = int(speed.argmax())
+        if step * speed[k] > _TURNED:
+            limit, growth = explicit_limit(arm, step, qs[k], held, v[k])
+            span = float(np.gradient(t)[speed > _AS_FAST * speed[k]].sum())
+            when = f" at t = {t[k]:.4g} s, where the joints move at up to {speed[k]:.3g} rad/s or m/s,"
+    if np.log(growth) * span / step < _BLOWN:
+        return None
+    what = (
+        f"is{when} above 2.83 over the highest frequency{limit}; what moves so fast grows {growth:.3g} times in every "
+        "step"
+    )
+    return StepWarning(_step_finding("rk4", step, what, "take shorter steps"), growth=growth)
+
+
+def _step_finding(integrator: str, step: float, what: str, remedy: str) -> Finding:
+    return Finding(f'integrator = "{integrator}", step = {step:g}', what, step, unit="s", remedy=remedy)
+
+
+def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
+    """Warns where `count` of the switches of dry friction came within a step (three of "rk4") behind one of the same
+    joint: the joint follows a vibration that the steps do not resolve."""
+    if count <= _HASTY:
+        return None
+    what = (
+        f"dry friction switched {switches} times, {count} of them within "
+        f"{'three steps' if integrator == 'rk4' else 'a step'} behind another of the same joint: the joint follows a "
+        "vibration too fast for the step, and the motion may be wrong"
+    )
+    return StepWarning(_step_finding(integrator, step, what, 'take a smaller step, or integrator="implicit"'))
+
+
+def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
+    """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
+    were not may be too long as well."""
+    count, steps = stats["failed_steps"], stats["steps"]
+    if not count > max(_FEW, _OFTEN * steps):
+        return None
+    what = f"steps had to be halved {count} times, in {steps} steps: those that were not may be too long as well"
+    remedy = "the motion may be wrong; compare it with a run of a smaller step"
+    return StepWarning(_step_finding(integrator, step, what, remedy))
+
+
+def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
+    """What a message goes on with where a run begins with accelerations a (nv,) out of balance: what rings, too fast
+    for the steps; else ""."""
+    joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
+    try:
+        modes = type(arm)(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
+    except ValueError:
+        return ""
+    moving = np.setdiff1d(np.arange(arm.nv), prescribed)
+    M, shapes = arm.mass_matrix(arm.zero), np.real(modes.shapes)
+    shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, M, shapes))
+    w = modes.frequencies
+    pushed = shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving]
+    energy = (pushed / np.maximum(w, 1.0 / step)) ** 2  # that a mode rings with, or gains in a step
+    fast = np.where(step * w > _UNRESOLVED, energy, 0.0)
+    k = int(fast.argmax())
+    if not fast[k] > _LOUD * energy[step * w <= _UNRESOLVED].sum(initial=0.0):
+        return ""
+    most = arm.coordinates[int((np.diag(M) * shapes[:, k] ** 2).argmax())]
+    return (
+        f"; the start is not in balance: '{most}' begins to ring at {w[k]:.3g} rad/s, which these steps do not follow; "
+        'start in balance (q0=arm.equilibrium(...)), or take integrator="gauss"'
+    )
+
+
+def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
+    """Frequencies with the joints locked (rad/s), increasing, and which coordinate moves most in the highest mode;
+    None where there are none, or they cannot be told."""
+    elastic = _elastic(arm)
+    if not elastic:
+        return None
+    try:
+        modes = type(arm)(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+    except ValueError:
+        return None
+    order = np.argsort(modes.frequencies)
+    if not modes.frequencies[order[0]] > 0.0:
+        return None
+    shape = np.abs(modes.shapes[:, order[-1]])
+    inertia = np.diag(arm.mass_matrix(arm.zero))  # what of the motion is whose
+    most = max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)
+    return modes.frequencies[order], arm.coordinates[most]
+
+
+def _elastic(arm: Arm) -> list[int]:
+    """The rates of the beams."""
+    return [i for i, name in enumerate(arm._core.coordinates) if any(s in name for s in STRAINS)]
+
+
+def _held_down(arm: Arm, step: float) -> tuple[str, str, float] | None:
+    """The modes that steps (s) of "ida" follow, the remedy, and, where these modes are far above those that move the
+    arm, the step (s) of "implicit" that steps over them, else nan; None where no vibration explains the steps."""
+    if (modes := _fast_modes(arm)) is None:
+        return None
+    w, name = modes
+    slow = w[w < _APART * w[0]]
+    fast = w[slow.size :]
+    if fast.size and fast[-1] * step > _FOLLOWED[0] and fast[0] * step < _FOLLOWED[1]:
+        other = float(f"{0.2 / slow[-1]:.0e}")
+        what = (
+            f"they follow modes at {fast[0]:.2g} to {fast[-1]:.2g} rad/s ({name}), which hardly move the arm (the "
+            f"first is at {w[0]:.3g})"
+        )
+        return what, f'integrator = "implicit", step = {other:g} steps over them', other
+    if w[-1] * step > _FOLLOWED[0] and w[0] * step < _FOLLOWED[1]:
+        what = f"they follow the vibration of the beams, whose modes reach up to {w[-1]:.3g} rad/s"
+        remedy = 'a larger rtol, or integrator = "gauss" or "implicit" with a step of your choice, takes fewer'
+        return what, remedy, np.nan
+    return None
+
+
+def short_steps(arm: Arm, steps: int, span: float) -> Iterator[Finding]:
+    """Steps of "ida" over `span` (s) that follow modes which could be stepped over."""
+    found = _held_down(arm, span / steps) if steps > _SOME else None
+    if found is not None and np.isfinite(found[2]):
+        what = f"took {steps} steps, {span / steps:.2g} s each: {found[0]}"
+        yield Finding('integrator = "ida"', what, steps, _SOME, "steps", found[1])
+
+
+class Pace:
+    """Told now and then how many steps "ida" has taken; warns once.
+
+    Args:
+        grown: what to say of control loops, told the time since the start; a warning or None.
+        tell: called with the warning.
+    """
+
+    def __init__(
+        self, arm: Arm, times: Array, grown: Callable[[float], RunWarning | None], tell: Callable[[RunWarning], None]
+    ) -> None:
+        self.arm, self.begin, self.end, self.grown, self.tell = arm, float(times[0]), float(times[-1]), grown, tell
+        self.last, self.warned, self.started = (self.begin, 0), False, time.perf_counter()
+
+    def __call__(self, now: float, steps: int) -> None:
+        since, before = self.last
+        self.last = now, steps
+        if self.warned or steps <= before or now <= since:  # dry friction begins anew, and counts from there
+            return
+        step = (now - since) / (steps - before)
+        expected = steps + (self.end - now) / step
+        found = self.judge(now, steps, step, expected) if expected >= _MANY else None
+        if found is not None:
+            self.warned = True
+            self.tell(found)
+
+    def judge(self, now: float, steps: int, step: float, expected: float) -> RunWarning | None:
+        loop = self.grown(now - self.begin)
+        if loop is not None or expected < _ENDLESS:
+            return loop
+        minutes = (time.perf_counter() - self.started) * (expected - steps) / steps / 60.0
+        left = f"{minutes:.2g} minutes" if minutes < 100.0 else f"{minutes / 60.0:.2g} hours"
+        why, remedy, other = _held_down(self.arm, step) or ("", "look for what changes so fast", np.nan)
+        what = (
+            f"has taken {steps} steps for {now - self.begin:.3g} s of {self.end - self.begin:.3g} s, now {step:.2g} s "
+            f"each: {expected - steps:.1e} steps are to come, {left} at this pace{'; ' * bool(why)}{why}"
+        )
+        found = Finding('integrator = "ida"', what, expected, _ENDLESS, "steps", remedy)
+        return SlowWarning(found, time=now, steps=steps, step=other)
+
+
+def missed(where: str, law: Callable[[float], Any], asked: Array, begin: float, end: float) -> StepWarning | None:
+    """Asks a law where a run has not, in equal parts from `begin` to `end`, and compares.
+
+    Args:
+        asked: the run's last call in each part: time and values, (n, 1 + k); a time of nan where there was none.
+    """
+    parts = len(asked)
+    calls = asked[np.isfinite(asked[:, 0])]
+    if len(calls) < 4:
+        return None
+    empty = np.flatnonzero(~np.isfinite(asked[:, 0]))
+    times = begin + (empty + 0.5) * (end - begin) / parts
+    times = times[(times > calls[1, 0]) & (times < calls[-2, 0])]
+    if not times.size:
+        return None
+    try:
+        values = np.array([np.ravel(law(float(t))) for t in times])
+    except Exception:  # the run is done: a law that cannot be asked twice does not spoil it
+        return None
+    right = np.clip(np.searchsorted(calls[:, 0], times), 2, len(calls) - 2)
+    before, after = calls[right - 1], calls[right]
+    share = ((times - before[:, 0]) / (after[:, 0] - before[:, 0]))[:, None]
+    off = np.abs(values - (before[:, 1:] + share * (after - before)[:, 1:]))
+    around = np.stack([calls[right + k, 1:] for k in (-2, -1, 0, 1)])
+    lowest, highest = (f(np.vstack([calls[:, 1:], values]), axis=0) for f in (np.min, np.max))
+    limit = np.maximum(_PART * (highest - lowest), _OWN * np.ptp(around, axis=0))
+    beyond = np.where(highest > lowest, off - limit, -1.0)
+    if not (beyond > 0.0).any():
+        return None
+    i, j = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    value, seen = float(values[i, j]), (float(before[i, 1 + j]), float(after[i, 1 + j]))
+    what = (
+        f"is {value:.4g} at t = {times[i]:.6g} s; the steps passed that by, and saw {seen[0]:.4g} at "
+        f"{before[i, 0]:.6g} s and {seen[1]:.4g} at {after[i, 0]:.6g} s"
+    )
+    remedy = "give samples, which steps end at, or output times that lie closer there"
+    return StepWarning(Finding(where, what, value, remedy=remedy))
