@@ -112,7 +112,7 @@ StateSpace continuous_law(const PositivePositionGains& g, std::optional<double> 
     const double half = 0.5 * w * positive("period", *period), right = std::acos(0.0);
     if (half >= right)
       bad_value("period", *period, "must be below " + number(2.0 * right / w) + " s, half that of the filter");
-    w *= std::tan(half) / half;  // which Tustin's rule takes to the frequency that is meant
+    w *= std::tan(half) / half;  // Tustin's rule maps it to the given frequency
   }
   StateSpace s;
   s.A = (Eigen::Matrix2d() << 0.0, 1.0, -w * w, -2.0 * zeta * w).finished();

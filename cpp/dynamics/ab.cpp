@@ -43,7 +43,7 @@ Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
 
 namespace {
 
-/// The laws that the workspace was told of, for the kernel's text of Woodbury's formula.
+/// The laws of the workspace, for the kernel's Woodbury formula.
 FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
   FeedbackLaws<double> laws;
   laws.laws = static_cast<int>(ws.feedback.size());

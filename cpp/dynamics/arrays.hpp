@@ -20,7 +20,7 @@ bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v,
 /// In feedback_numbers, for `limits` as they are now.
 void make_room_for_limits(Workspace& ws);
 
-/// Of move_arm, what factor_shifted and composite_mass_matrix go on from.
+/// The part of move_arm that factor_shifted and composite_mass_matrix need.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
 /// Slopes of the joints' springs, dampers and stops by their coordinates (nv), where the workspace is; see Node.
@@ -36,13 +36,13 @@ Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d
 /// Of a place, in the world or in its node's axes.
 Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world);
 
-/// Whether every number is finite, without a branch: what is not gives no zero times zero.
+/// Whether every number is finite, without a branch: zero times any other is not zero.
 template <class V>
 bool all_finite(const Eigen::DenseBase<V>& x) {
   return (x.derived().array() * 0.0).sum() == 0.0;
 }
 
-/// Adds sign times the generalised forces of feedback at q and v, and what limits take off the sum.
+/// Adds sign times the generalised forces of feedback at q and v, with the sum's reduction by limits.
 inline void add_feedback(Workspace& ws, const Eigen::Ref<const Eigen::VectorXd>& q,
                          const Eigen::Ref<const Eigen::VectorXd>& v, double sign, Eigen::Ref<Eigen::VectorXd> tau) {
   for (const AppliedFeedback& f : ws.feedback) tau += sign * (*f.law)(f.offset, q, v) * f.law->column;

@@ -7,7 +7,7 @@ namespace flexarm {
 
 namespace lanes {
 
-/// An arm with loads as the kernels' derivatives want it, and their memory.
+/// An arm with loads for the kernels' derivatives, and their memory.
 class SlopesMemory {
  public:
   SlopesMemory(const Arm& arm, const std::vector<Load>& loads, const std::vector<bool>& prescribed)

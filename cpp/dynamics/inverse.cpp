@@ -45,7 +45,7 @@ Vec6<double> JointReactions::operator()(const Arm& arm, const Eigen::VectorXd& q
                                         const Eigen::VectorXd& a, std::size_t link, bool inboard) {
   const lanes::SingleFrames& frames = in_space_->frames;
   const lanes::KernelArm::Spot& origin = frames.arm().origin(link);
-  const Eigen::Vector3d base = -arm.gravity();  // which accelerates against gravity
+  const Eigen::Vector3d base = -arm.gravity();  // accelerates against gravity
   Vec6<double> F;
   frames->reaction(frames.self(), origin.place, origin.numbers.data(), base.data(), in_space_->wrenches.data(),
                    q.data(), v.data(), a.data(), F.data());

@@ -25,7 +25,7 @@ Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d
 }
 
 Eigen::Vector3d ball_turn(const Eigen::Vector4d& p0, const Eigen::Vector4d& p) {
-  Eigen::Vector4d seen;  // of p from p0, of whatever length
+  Eigen::Vector4d seen;  // p relative to p0, of any length
   seen << p0.dot(p), 2.0 * ball_rate_matrix(p0.data()).transpose() * p;
   return Eigen::Vector3d(BallTurn<double>(seen.data()).vector);
 }

@@ -1,5 +1,5 @@
-// Turns of a ball by rotation vectors u, in the axes that turn, and what small changes make of them (Bruels & Cardona
-// 2010): exp(u + du) is exp(u), then turned by T(u) du.
+// Turns of a ball by rotation vectors u, in the axes that turn, and their small changes (Bruels & Cardona 2010): exp(u
+// + du) is exp(u), then a turn by T(u) du.
 #pragma once
 
 #include <Eigen/Core>
@@ -67,11 +67,11 @@ inline void turn_rate_slopes(const Eigen::Vector3d& u, const Eigen::Vector3d& w,
 }
 
 /// Of a step of h by collocation, the turns u from its middle at its points, by angular velocities w there (a column
-/// each), and their rates du: u_i = h sum_j weights_ij du_j, repeated until it stands still: it contracts by a part of
-/// the turn. @return whether it does
+/// each), and their rates du: u_i = h sum_j weights_ij du_j, by fixed-point iteration, which contracts by a part of the
+/// turn. @return whether it converges
 template <class U, class W>
 bool turn_at_points(double h, const Eigen::MatrixXd& weights, const W& w, U&& u, U&& du) {
-  constexpr int kTurns = 60;         // passes that it may take
+  constexpr int kTurns = 60;         // most passes
   constexpr double kTurned = 2e-15;  // rad: they have converged
   double moved = 1.0;
   for (int pass = 0; pass < kTurns && moved > kTurned; ++pass) {

@@ -31,7 +31,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
         bad_value("prescribed", arm.coordinates()[static_cast<std::size_t>(i)], "must be a joint's");
     }
   rhs.resize(static_cast<Eigen::Index>(free.size()));
-  factor.compute(Eigen::MatrixXd::Identity(1, 1));  // so that a copy reads nothing that was never set
+  factor.compute(Eigen::MatrixXd::Identity(1, 1));  // a copy must not read unset memory
   for (const Load& load : applied) loads.push_back({load});
   wrenches_.resize(6 * applied.size());
   const lanes::KernelArm& known = lanes::KernelArm::of(arm);

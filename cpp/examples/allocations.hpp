@@ -1,4 +1,4 @@
-// Counts what a thread allocates while its flag is up, by replacing malloc and its kin (operator new calls it). For
+// Counts a thread's allocations while its flag is set, by replacing malloc and its kin (operator new calls it). For
 // programs of one source file; where malloc cannot be replaced, `counts_allocations` is false.
 #pragma once
 

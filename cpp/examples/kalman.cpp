@@ -1,11 +1,11 @@
-// What a flexible arm carries, from its encoders and strain gauges, within a 1 kHz loop that measures itself:
+// The payload of a flexible arm from encoders and strain gauges, in a 1 kHz loop that measures its own times:
 //   kalman [--scene FILE] [--cycles N] [--payload KG]
 //
 // Each cycle steps the plant, an arm with a payload (with hardware, this is where sensors would be read), and then the
-// filter, whose arm has none: `predict` under the torques of the last cycle, `update` with what the sensors read. The
+// filter, whose arm has none: `predict` under the torques of the last cycle, `update` with the sensors' readings. The
 // torques follow from the filter's estimates. Printed at the end: the payload found, and the times of a cycle of the
 // filter and of a plain implicit step.
-// Exit codes: 0; 1 when the plant or the filter could not go on; 2 bad arguments.
+// Exit codes: 0; 1 when the plant or the filter failed; 2 bad arguments.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -60,7 +60,7 @@ std::vector<Link> links_of(const std::string& scene) {
 #endif
 }
 
-/// The same links, the last of which carries a point more at its end.
+/// The same links with a point mass at the end of the last.
 Arm loaded(std::vector<Link> links, double payload) {
   RigidBody point;
   point.mass = payload;
@@ -101,7 +101,7 @@ int run(const std::string& scene, int cycles, double payload) {
   long asked = 0;
   for (int k = 0; k < cycles; ++k) {
     const double t = k * kPeriod;
-    for (std::size_t j = 0; j < joints.size(); ++j) {  // soft PD on what is known
+    for (std::size_t j = 0; j < joints.size(); ++j) {  // soft PD on the estimates
       const double w = 4.0 + 2.0 * static_cast<double>(j), reference = 0.5 * (1.0 - std::cos(w * t));
       tau[joints[j]] = inertia[joints[j]] * (16.0 * (reference - filter.q()[joints[j]]) - 5.0 * filter.v()[joints[j]]);
     }

@@ -1,4 +1,4 @@
-// Model predictive control of a flexible arm, within a 1 kHz loop that measures itself:
+// Model predictive control of a flexible arm, in a 1 kHz loop that measures its own times:
 //   mpc [--links N] [--horizon S] [--stages N] [--blocks N] [--modes N] [--cycles N] [--filter 0|1]
 //
 // Links of steel strip move in the horizontal plane from rest to a pose, under limited torques and strains. Each cycle
@@ -6,7 +6,7 @@
 // encoders and strain gauges (with --filter 0 the plant's own state is taken), and Mpc answers. Printed at the end: how
 // near the tip came, and the times of a cycle: `feedback`, between a measurement and its torques, and the whole, with
 // `prepare`, which can run after them.
-// Exit codes: 0; 1 when something could not go on; 2 bad arguments.
+// Exit codes: 0; 1 when a step failed; 2 bad arguments.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

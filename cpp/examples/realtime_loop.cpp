@@ -1,18 +1,15 @@
-// A 1 kHz loop that controls a flexible arm by its model, and measures itself:
+// A 1 kHz loop that controls a flexible arm by its model, and measures its own times:
 //   realtime_loop [--seconds S] [--links N | --scene FILE] [--strain GAIN] [--free]
 //
-// Every millisecond it steps the plant, an arm with a heavier payload than its controller knows of (with hardware, this
-// is where encoders and strain gauges would be read), and computes the torques of the next one:
-//   1. reference: a smooth motion of the joints. The tip is to go where that of a stiff arm would go, so that a
-//      correction, slower than the first mode, moves the joints by the damped inverse of the Jacobian until it does.
-//   2. joints: computed torque. PD gives the accelerations that they shall have; with those prescribed, forward
-//   dynamics
-//      gives what the beams will do, and the inward sweep of inverse dynamics the torques: all couplings, exactly,
-//      O(N).
+// Every millisecond it steps the plant, an arm with a heavier payload than in its controller's model (with hardware,
+// this is where encoders and strain gauges would be read), and computes the torques of the next one:
+//   1. reference: a smooth motion of the joints. The tip must follow the tip of a rigid arm: a correction, slower than
+//      the first mode, moves the joints by the damped inverse of the Jacobian.
+//   2. joints: computed torque. PD gives the desired accelerations; with those prescribed, forward dynamics gives the
+//      beams' accelerations, and the inward sweep of inverse dynamics the torques: all couplings, exactly, O(N).
 //   3. strain feedback: the rate of curvature at each beam's root (a strain gauge there) adds to its joint's
-//   acceleration.
-//      That takes energy out of bending, which joints that are held stiffly by PD would leave ringing.
-// Halfway the tip is knocked. --strain multiplies the gain of 3, 0 shows how the arm rings without it. --free runs
+//      acceleration. It damps bending, which stiff PD control of the joints does not.
+// Halfway a force acts on the tip. --strain multiplies the gain of 3; 0 shows the vibration without it. --free runs
 // without sleeping, to measure the computation alone. Latencies and the error of the tip are printed at the end.
 // Exit codes: 0; 1 when the arm ran away; 2 bad arguments.
 #include <sched.h>
@@ -50,7 +47,7 @@ struct Arguments {
 flexarm::Arm chain(int links, double payload) {
   using namespace flexarm;
   std::vector<Link> parts;
-  const double radius = 0.004 + 0.0023 * links;  // m: what carries the arm, and bends
+  const double radius = 0.004 + 0.0023 * links;  // m: of the flexible tube
   for (int k = 0; k < links; ++k) {
     const double size = 1.0 - 0.7 * k / std::max(links, 2);
     RigidBody motor;
@@ -85,7 +82,7 @@ flexarm::Arm plant_of(const Arguments& a) {
   return chain(a.links, 0.25);
 }
 
-/// Joints whose only freedom is a turn or a translation, their coordinates, and where the arm begins.
+/// Joints with one freedom, their coordinates, and the initial state.
 std::vector<int> joints_of(const flexarm::Arm& arm) {
   std::vector<int> joints;
   for (std::size_t n = 0; n < arm.size(); ++n)
@@ -220,7 +217,7 @@ double now() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// Until a millisecond after the last time due, however long the work took.
+/// Sleeps until a millisecond after the last due time.
 void sleep_a_period(timespec& due) {
   due.tv_nsec += 1000000;
   if (due.tv_nsec >= 1000000000) {
@@ -230,7 +227,7 @@ void sleep_a_period(timespec& due) {
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr);
 }
 
-/// What the kernel grants, said on stdout.
+/// Requests real-time settings from the system and prints which it grants.
 void ask_for_real_time(bool free) {
   const auto granted = [](bool yes) { return yes ? "yes" : std::strerror(errno); };
   std::printf("mlockall: %s\n", granted(mlockall(MCL_CURRENT | MCL_FUTURE) == 0));
@@ -241,7 +238,7 @@ void ask_for_real_time(bool free) {
   sched_param priority{};
   priority.sched_priority = 80;
   std::printf("SCHED_FIFO 80: %s\n", granted(sched_setscheduler(0, SCHED_FIFO, &priority) == 0));
-  volatile char stack[256 * 1024];  // touched now, so that no page of it faults later
+  volatile char stack[256 * 1024];  // touched now to avoid later page faults
   for (std::size_t k = 0; k < sizeof stack; k += 1024) stack[k] = 0;
 }
 
@@ -286,7 +283,7 @@ int run(const Arguments& a) {
     const double begin = now(), due = static_cast<double>(next.tv_sec) + 1e-9 * static_cast<double>(next.tv_nsec);
     const double t = kPeriod * static_cast<double>(done);
     const bool knocked = t >= 0.5 * a.seconds && t < 0.5 * a.seconds + kKnock;
-    ws.loads[0].wrench[1] = knocked ? 0.05 * mass / kKnock : 0.0;  // N s/kg: what 5 cm/s of the whole arm would take
+    ws.loads[0].wrench[1] = knocked ? 0.05 * mass / kKnock : 0.0;  // N: 5 cm/s for the whole arm
     const VectorXd* tau = controller.torques(t, q, v);
     status = tau ? step.jump(ws, q, v, *tau) : flexarm::Status::not_finite;  // torques jump at each sample
     if (status == flexarm::Status::ok) status = step(ws, q, v, *tau);

@@ -1,6 +1,6 @@
-// Runs a compiled scene with all that acts on its arm, and prints the time and the coordinates at its output times:
+// Runs a compiled scene and prints the time and the coordinates at its output times:
 //   run_scene SCENE.json
-// Exit codes: 0; 1 where the run could not go on; 2 with one line that says what is wrong with the file.
+// Exit codes: 0; 1 when the run failed; 2 with one line on the error in the file.
 #include <cstdio>
 #include <flexarm/scene.hpp>
 #include <flexarm/simulate.hpp>

@@ -1,4 +1,4 @@
-// Processor time of this thread, and what is told of many times.
+// Processor time of this thread, and statistics of times.
 #pragma once
 
 #include <time.h>
@@ -9,7 +9,7 @@
 
 inline double microseconds() {
   timespec t;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // what others on the processor do not disturb
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // not affected by other threads
   return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
 }
 

@@ -15,11 +15,11 @@ const char this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME
 
 namespace {
 
-constexpr double kBeyond = 10.0;         // lengths of a beam: to bend so far means nothing at any order that is cut
+constexpr double kBeyond = 10.0;         // lengths of a beam: such bending is meaningless at truncated orders
 constexpr double kBeyondExact = 1000.0;  // the same where a beam may wind up
 constexpr double kMostTurns = 1e4;       // rad of a section against its base
 constexpr double kFastest = 1e12;        // rad/s or m/s of a joint
-constexpr double kNear = 1e-3;           // parts of these that are on the way there
+constexpr double kNear = 1e-3;           // parts of these that count as near
 
 /// Lengths that the elastic coordinates move a section, and radians that they turn it, each by itself and at most.
 std::pair<Eigen::VectorXd, Eigen::VectorXd> largest_parts(const Beam& beam) {

@@ -16,8 +16,8 @@ namespace {
 
 using Eigen::MatrixXd;
 
-/// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (a motion with the
-/// link, deflections, slopes, and the running integrals of their products that shorten the beam) is right to 1e-12.
+/// For shapes of any form: by trial, until the Gram matrix of the slices' motions (with the link, deflections, slopes,
+/// and the running integrals of their products that shorten the beam) is right to 1e-12.
 /// Order 3 and above take half as many more, as clamped-free modes do.
 int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
   Eigen::Index terms = 0;
@@ -71,8 +71,8 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 
 }  // namespace
 
-/// Points that a beam takes beyond those of a straight one: sections that turn by k at rest add exp(i k X/L) to what is
-/// integrated, which takes e k / 4 points more, and as many as the curvature has degrees.
+/// Additional points of a curved beam: sections that turn by k at rest bring exp(i k X/L) into the integrands, which
+/// takes e k / 4 points more, and as many as the curvature has degrees.
 int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
   if (curvature.size() == 0) return 0;
   const double k = length * curvature.cwiseAbs().colwise().sum().norm();
@@ -82,7 +82,7 @@ int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
 /// Of a straight beam.
 int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, bool tapers,
                          double part) {
-  bool by_trial = o.basis == Basis::loaded && tapers;  // its modes bend where it is slender
+  bool by_trial = o.basis == Basis::loaded && tapers;  // its modes bend at slender places
   for (const Eigen::MatrixXd& given : o.shapes) by_trial = by_trial || given.size() > 0;
   if (by_trial) return gauss_points_by_trial(o, shapes, length);
   int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
@@ -95,7 +95,7 @@ int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shap
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
     const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
     const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
-    // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
+    // The rotation is no polynomial: in space these points resolve, to 1e-10, a whole turn of all shapes together, or
     // most of a radian of the highest alone.
     if (o.order == kExact) return plane_of(o.modes, o.order) != Plane::none ? 4 * m + 12 : 6 * m + 12;
     return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
@@ -158,7 +158,7 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
   MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
   const GaussRule fine = profile.fine(terms + 16, length);
-  const double stiff = profile.at(0.5 * length).rigidity_of(strain);  // that of a uniform beam does not matter
+  const double stiff = profile.at(0.5 * length).rigidity_of(strain);  // any value for a uniform beam
   for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
     const SectionLaw law = profile.at(fine.points[g]);
     const ShapeValues v = ritz.at(fine.points[g]);
@@ -173,7 +173,7 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   } else {
     M += (field.position < 0 ? tip.inertia[field.rotation] : tip.mass) * end.slope * end.slope.transpose();
   }
-  // The largest mu of M x = mu K x: the lowest frequencies keep their digits so.
+  // The largest mu of M x = mu K x, for accurate lowest frequencies.
   const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(M, K);
   if (modes.info() != Eigen::Success || !(modes.eigenvalues()[terms - 1] > 0.0))
     bad_value("basis", "loaded", "the clamped beam has no mode: give it, or its basis_tip, a mass");
@@ -199,7 +199,7 @@ MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int stra
   return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
 }
 
-/// From end to end.
+/// A profile that is uniform from end to end.
 template <class Any>
 Along<Any> same(const Any& section) {
   return {[section](double) { return section; }, {}};
@@ -275,7 +275,7 @@ void Beam::take_shapes(const std::array<MatrixXd, kStrains>& loaded) {
   }
 }
 
-/// That the strains which the beam has are all resisted.
+/// Checks that the beam has a stiffness for each of its strains.
 void Beam::check_section(const SectionLaw& law, double X) const {
   std::vector<int> rows;
   std::string names;
@@ -324,7 +324,7 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   }
   for (const Patch& p : patches)
     if (p.stiffness) stiffness_ += patch_stiffness(p);
-  Eigen::VectorXd share(ne_);  // of what two strains share, the mean of their retardation times by geometry
+  Eigen::VectorXd share(ne_);  // for coupled strains, the geometric mean of their retardation times
   for (int s = 0; s < kStrains; ++s)
     share.segment(first_[s], options_.modes[s]).setConstant(std::sqrt(options_.kelvin_voigt[s]));
   damping_ = share.asDiagonal() * stiffness_ * share.asDiagonal();

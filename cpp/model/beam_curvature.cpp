@@ -18,7 +18,7 @@ using Eigen::Vector4d;
 namespace {
 
 constexpr double kMostTurned = 500.0;  ///< rad; equations of all points together are solved
-constexpr int kLooks = 100;            ///< at a curvature that is to be checked
+constexpr int kLooks = 100;            ///< samples in the check of a curvature
 
 /// Of a quaternion w x y z of any length.
 Matrix3d rotation_of(const Vector4d& p) {
@@ -27,7 +27,7 @@ Matrix3d rotation_of(const Vector4d& p) {
 
 }  // namespace
 
-/// What is integrated along the beam, at Gauss points.
+/// The integrands along the beam at Gauss points.
 struct RestShape {
   GaussRule rule;
   std::array<std::vector<ShapeSet>, 3> K;  ///< one or none, of the rows of the curvature that are not zero
@@ -54,7 +54,7 @@ struct RestShape {
 
 namespace {
 
-/// Of the shape at rest: whether it can be, of sections that are known, and whether it can be integrated.
+/// Checks that the shape at rest is possible with the known sections and can be integrated.
 void check_bend(const RestShape& shape, const Along<SectionLaw>* sections, double length) {
   const GaussRule rule(kLooks, length);
   double turned = 0.0;

@@ -1,4 +1,4 @@
-// A beam as the numbers that it is made of, and back.
+// Conversion of a beam to its numbers, and back.
 #include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "shape_tables.hpp"

@@ -40,7 +40,7 @@ void share_inertia(const std::vector<SectionLaw>& laws, const MatrixXd& shares, 
     out[g].com = row.head<3>();
     out[g].inertia =
         out[g].mass * (Eigen::Matrix3d(row.tail<9>().reshaped(3, 3)) + tilde(out[g].com) * tilde(out[g].com));
-    if (out[g].com.isZero(0.0) && out[g].inertia.diagonal().minCoeff() < 0.0) return;  // so steep: then point by point
+    if (out[g].com.isZero(0.0) && out[g].inertia.diagonal().minCoeff() < 0.0) return;  // too steep
   }
   slices = std::move(out);
 }

@@ -1,5 +1,5 @@
-// Whether every coordinate of an arm moves an inertia of its own: tried with the beams at rest, where sections move as
-// their tables say.
+// Whether every coordinate of an arm moves an inertia of its own: tested with the beams at rest, where the tables give
+// the motion of sections.
 #include <Eigen/Cholesky>
 #include <cmath>
 
@@ -57,7 +57,7 @@ Matrix6Xd moved(const Vector3d& x, const Matrix6Xd& J) {
   return out;
 }
 
-/// The beam's end, or the hub's, and what the elastic rates do to a point at `offset` from it.
+/// The beam's end, or the hub's, and the effect of elastic rates on a point at `offset` from it.
 Matrix6Xd moved_end(const Link& link, const Vector3d& offset) {
   Vector3d r = offset, x = link.hub().end;
   Matrix6Xd J = Matrix6Xd::Zero(6, link.ne());
@@ -95,8 +95,8 @@ MatrixXd mass_matrix(const Link& link) {
 
 }  // namespace
 
-/// What is left of a coordinate's inertia after the elimination of what follows it (Eq. 93-96), against what it was, at
-/// a place where no two joints line up.
+/// The remaining part of a coordinate's inertia after the elimination of all later coordinates (Eq. 93-96), relative to
+/// its full inertia, at a pose without aligned joints.
 void Arm::check_inertia() const {
   Eigen::VectorXd q = zero();
   for (std::size_t n = 0; n < size(); ++n)

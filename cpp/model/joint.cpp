@@ -12,7 +12,7 @@ Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
   const double size = axis.stableNorm();
   if (!(size > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
-  return std::abs(size - 1.0) < 1e-15 ? axis : axis.stableNormalized();  // the same when it is asked again
+  return std::abs(size - 1.0) < 1e-15 ? axis : axis.stableNormalized();  // idempotent
 }
 
 void check_placement(const char* side, const Placement& place) {

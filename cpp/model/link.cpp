@@ -17,7 +17,7 @@ void RigidBody::check() const {
   const Eigen::Vector3d moments = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(inertia).eigenvalues();
   if (moments[0] < -1e-12 * scale)
     bad_value("inertia", inertia.reshaped().transpose(), "must not have a negative principal moment");
-  // A plate has equality, and tables round; where one moment alone is given, it is about the axis of a planar arm.
+  // A plate has equality, and tables round. A single nonzero moment is about the axis of a planar arm.
   if (moments[1] > 1e-12 * scale && moments[2] > 1.01 * (moments[0] + moments[1])) {
     std::ostringstream right;
     right << "no body has the principal moments " << moments.transpose()

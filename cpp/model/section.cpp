@@ -44,7 +44,7 @@ double corner_flux(double a, double b) {
          (r * r - 1.0) / (kPi * r) * std::acos((r * r - 1.0) / (r * r + 1.0));
 }
 
-/// Bredt: 4 A^2 / (flux of Prandtl's function across the wall), plus the walls' own; with what the corners add to each.
+/// Bredt: 4 A^2 / (flux of Prandtl's function across the wall), plus the walls' own, each with a share of the corners.
 /// The flux is exact; the other constants are fitted to finite elements.
 double box_torsion(double y, double z, double t, double s) {
   const double iy = y - 2.0 * t, iz = z - 2.0 * s, d = t - s, ts = t * s;
@@ -54,8 +54,8 @@ double box_torsion(double y, double z, double t, double s) {
   return 4.0 * enclosed * enclosed / flux + 2.0 / 3.0 * (iy * s * s * s + iz * t * t * t) + 4.0 * corners;
 }
 
-/// The web to its full depth and the flanges beside it, rectangles each, and what the junctions add: the last term,
-/// fitted to finite elements.
+/// The web to its full depth and the flanges beside it, rectangles each, and the junctions: the last term, fitted to
+/// finite elements.
 double i_beam_torsion(double y, double z, double f, double w) {
   const double s = std::min(w / f, 4.0), f3 = f * f * f;
   const double junction = s * (0.34444 + s * (0.10676 + s * (-0.06331 + s * 0.00923)));
@@ -135,7 +135,7 @@ Section Section::box(double y, double z, double t, double s, std::optional<Shear
                             web_shear(z, y, iy, s, 2.0 * t, area, about_y));
   Section out(area, about_y, about_z, box_torsion(y, z, t, s), k.value_or(own));
   out.reach = {y / 2.0, z / 2.0};
-  // Bredt's flow, through the middle of the wall, and what the wall's own torsion adds at its surface
+  // Bredt's flow, through the middle of the wall, and the wall's own torsion at its surface
   const double flow = (y - t) * (z - s) / ((y - t) / s + (z - s) / t);
   out.faces = {Face{y / 2.0, z, (flow / t + t) / (y / 2.0)}, Face{z / 2.0, y, (flow / s + s) / (z / 2.0)}};
   return out;
@@ -158,9 +158,9 @@ Section Section::i_beam(double y, double z, double f, double w, std::optional<Sh
 
 namespace {
 
-constexpr double kRounding = 1e-9;  // of the size of what is compared
+constexpr double kRounding = 1e-9;  // of the size of the compared values
 
-/// Entries by the roots of the diagonal's, so that they compare whatever their units.
+/// Entries over the roots of the diagonal's, so that they are comparable without units.
 Eigen::MatrixXd scaled(const Eigen::MatrixXd& m) {
   const Eigen::VectorXd size = m.diagonal().cwiseAbs().cwiseSqrt();
   const Eigen::VectorXd by = (size.array() > 0.0).select(size.cwiseInverse(), 1.0);

@@ -66,7 +66,7 @@ Eigen::VectorXd integrate_legendre(const Eigen::VectorXd& f, double length) {
   return out;
 }
 
-/// Strains P_0 .. P_{n-1}, and what they integrate to.
+/// Strains P_0 .. P_{n-1}, and their integrals.
 ShapeValues legendre_shapes(bool bending, int n, double length, double x) {
   const Eigen::VectorXd p = legendre(n + 1, 2.0 * x / length - 1.0);
   ShapeValues v{{}, integrate_legendre(p, length), p.head(n)};
@@ -108,7 +108,7 @@ ShapeSet::ShapeSet(int strain, Eigen::MatrixXd coefficients, double length)
       n_(static_cast<int>(coefficients.cols())),
       length_(length),
       legendre_(std::move(coefficients)) {
-  // Orthonormal in the mean square of the strain: what is left of each shape beside those before it.
+  // Orthonormal in the mean square of the strain: each shape less its projection on those before it.
   Eigen::MatrixXd left = legendre_;
   for (Eigen::Index k = 0; k < left.rows(); ++k) left.row(k) /= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
   for (Eigen::Index k = 0; k < left.cols(); ++k) {

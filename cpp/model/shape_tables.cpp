@@ -13,7 +13,7 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr Eigen::Index kMostCombined = 48;            // Legendre polynomials that shapes are combined of
-constexpr std::size_t kRoom = std::size_t(64) << 20;  // bytes of tables that are kept
+constexpr std::size_t kRoom = std::size_t(64) << 20;  // bytes of stored tables
 
 Eigen::Index most_terms(const std::vector<ShapeSet>& shapes) {
   Eigen::Index most = 0;
@@ -47,7 +47,7 @@ std::vector<UnitSlice> make_slices(const UnitShapes& unit, const std::vector<dou
   return out;
 }
 
-/// Whether some shapes are combinations of not too many Legendre polynomials, which other beams' shapes are, too.
+/// Whether shapes are combinations of a few Legendre polynomials, as other beams' shapes are.
 bool combined(const UnitShapes& unit) {
   Eigen::Index most = 0;
   for (const ShapeSet& s : unit.shapes) most = std::max(most, s.terms());

@@ -1,5 +1,5 @@
-// What a beam's shape functions make of it at length 1. It depends neither on the length nor on the section nor on the
-// material, so that beams which differ in these share it.
+// Tables of a beam's shape functions at length 1. They depend neither on the length nor on the section nor on the
+// material, so that beams which differ in these share them.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,13 +17,13 @@
 
 namespace flexarm {
 
-/// The last things that were made, by what they were made from; of at most so many bytes together. For any thread.
+/// A cache of the latest objects by their keys, with a limit of total bytes. For any thread.
 template <class T>
 class Kept {
  public:
   explicit Kept(std::size_t bytes) : room_(bytes) {}
 
-  /// What `make` gives (a shared pointer), or gave for the same key. `bytes` tells its size.
+  /// The result of `make` (a shared pointer), or the stored one for the same key. `bytes` returns its size.
   template <class Make, class Bytes>
   std::shared_ptr<const T> get(const std::string& key, const Make& make, const Bytes& bytes) {
     {
@@ -60,12 +60,12 @@ class Kept {
 /// Numbers at the end of a key, bit by bit.
 void append(std::string& key, const double* x, Eigen::Index n);
 
-/// The shapes of a beam of length 1, and names for what they are.
+/// The shapes of a beam of length 1, and their key.
 struct UnitShapes {
   std::vector<ShapeSet> shapes;  ///< one for each strain
   StrainCounts first;            ///< coordinate of each strain
   bool quadratic;                ///< whether slices have products
-  std::string key;               ///< tells them from others
+  std::string key;               ///< identifies them
   /// A coordinate of this strain at length L is L^power times that at length 1, of the same motion scaled by L.
   int power(int strain) const;
 };

@@ -1,5 +1,5 @@
-// The physics of the generalised strains, all of it: what resists them, what they move, and how they combine at second
-// order. A further strain is one row of the table in shape.hpp, and its terms here and in strain_physics.cpp. (Beyond
+// The physics of the generalised strains: their stiffness, their motion, and their products at second order. A further
+// strain is one row of the table in shape.hpp, and its terms here and in strain_physics.cpp. (Beyond
 // order 2 nothing is to be added: series.cpp integrates R' = R K~ and x' = R (e_x + phi) of all rows.)
 #pragma once
 
@@ -15,7 +15,7 @@ namespace flexarm {
 
 /// Whether the shear modulus resists a strain; else Young's.
 bool is_shear(int strain);
-/// What a beam needs of a section, per length.
+/// The data of a section for a beam, per length.
 struct SectionLaw {
   Eigen::Matrix<double, kStrains, kStrains> rigidity;  ///< stresses by strains, in the order of StrainRow (N, N m^2)
   double mass;                                         ///< kg/m
@@ -29,11 +29,11 @@ struct SectionLaw {
   double rigidity_of(int strain) const;
   /// Whether a strain has part in no other's stress.
   bool uncoupled() const;
-  /// What a clamped mode of one strain vibrates against (Euler-Bernoulli for bending).
+  /// The inertia of a clamped mode of one strain (Euler-Bernoulli for bending).
   double modal_inertia(int strain) const;
 };
 /// The plane of a beam that bends and shears in no other. At order 2 and below, one that stretches has none: the
-/// product of a slope and a stretch displaces it across, where the kernels of a plane have what is linear alone.
+/// product of a slope and a stretch displaces it across, where the kernels of a plane have linear terms only.
 Plane plane_of(const StrainCounts& modes, int order);
 
 /// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.

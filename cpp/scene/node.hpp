@@ -1,4 +1,4 @@
-// A place in a JSON file, which is written or read by the same calls: see `fields` in scene.cpp.
+// A node of a JSON file, which is written or read by the same calls: see `fields` in scene.cpp.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,19 +29,19 @@ class Node {
   /// A vector or matrix of a size that is known.
   void sized(const char* key, Eigen::VectorXd& x, Eigen::Index size);
   void sized(const char* key, Eigen::MatrixXd& x, Eigen::Index rows, Eigen::Index cols);
-  /// What is made of its fields, and must be there.
+  /// A required object made from its fields.
   template <class T>
   void made(const char* key, std::optional<T>& x) {
     member(key).object(x);
   }
-  /// Makes it when its fields have been read; names the place where that fails.
+  /// Makes it when its fields have been read; errors name the place.
   template <class T, class Make>
   void make(std::optional<T>& x, const Make& make) {
     guard("", [&] {
       if (reads_) x.emplace(make());
     });
   }
-  /// Does something, and names the place within this where that fails.
+  /// Calls a function; errors name the place within this.
   template <class Do>
   void guard(const std::string& where, const Do& act) const {
     try {
@@ -50,7 +50,7 @@ class Node {
       throw std::invalid_argument(path_ + where + (path_.empty() && where.empty() ? "" : ": ") + e.what());
     }
   }
-  /// @throws std::invalid_argument "place.key = value: what would be right"
+  /// @throws std::invalid_argument "place.key = value: the right values"
   [[noreturn]] void wrong(const std::string& key, const std::string& value, const std::string& right) const;
 
   template <class T>
@@ -105,7 +105,7 @@ class Node {
  private:
   Node member(const char* key);
   Node element(std::size_t k);
-  /// How many elements a list has, which is begun. @param size  of the one that is written
+  /// Begins a list. @return its number of elements @param size of the list that is written
   std::size_t listed(std::size_t size);
   void number(double& x, bool infinite);
   void row(Eigen::VectorXd& x, bool infinite);
@@ -119,7 +119,7 @@ class Node {
     end();
   }
   void begin();
-  void end() const;  ///< that there was nothing else
+  void end() const;  ///< checks that no key is left
 
   Json* at_;
   bool reads_;

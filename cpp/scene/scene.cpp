@@ -76,7 +76,7 @@ void fields(Node& a, MassSlice& x) {
 
 namespace {
 
-/// Something of each strain, by their names.
+/// A value for each strain, by name.
 template <class T>
 struct ByStrain {
   std::array<T, kStrains>& of;
@@ -169,7 +169,7 @@ std::vector<PiecewisePolynomial>& numbers_of(PolynomialValues<Vector>& law) {
   return law.of;
 }
 
-/// A law of time, which is polynomials, or none.
+/// A law of time: polynomials, or none.
 template <class Law, class Function>
 void law_of_time(Node& a, const char* key, Function& f) {
   using Numbers = std::decay_t<decltype(numbers_of(std::declval<Law&>()))>;
@@ -192,7 +192,7 @@ void fields(Node& a, Drive& x) {
   a("column", x.column);
 }
 
-void fields(Node& a, Load::Point& x) {  // of the slice its place alone
+void fields(Node& a, Load::Point& x) {  // only the place of the slice
   a("x", x.slice.X);
   a("weight", x.weight);
 }
@@ -317,7 +317,7 @@ void fields(Node& a, Scene& x) {
 
 namespace {
 
-/// What a file is made of, in order.
+/// The parts of a file, in order.
 struct File {
   std::string format = kFormat;
   int version = kVersion;
@@ -330,7 +330,7 @@ void check_size(const std::string& name, Eigen::Index size, int right) {
     throw std::invalid_argument(name + " has " + std::to_string(size) + " numbers: must be " + std::to_string(right));
 }
 
-/// What of a scene depends on its arm.
+/// The parts of a scene that depend on its arm.
 void complete(Node& a, Scene& scene) {
   Problem& p = scene.problem;
   const Arm& arm = *p.arm;
@@ -390,7 +390,7 @@ void fields(Node& a, File& x) {
 
 namespace {
 
-/// The file's content; a key that is there twice is an error.
+/// The file's content; a duplicate key is an error.
 Json parsed(const std::string& text) {
   std::vector<std::set<std::string>> keys;
   const auto look = [&](int, Json::parse_event_t event, Json& what) {

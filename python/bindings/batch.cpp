@@ -12,7 +12,7 @@ namespace {
 /// (B or 1, times or 1, n)
 using Table = py::array_t<double, py::array::c_style>;
 
-/// A batch from Python, and what it must outlive.
+/// A batch from Python, with the objects that must outlive it.
 struct PyBatch {
   BatchProblem problem;
   py::list kept;
@@ -75,7 +75,7 @@ PyBatch make_batch(const std::vector<std::shared_ptr<PyProblem>>& problems, cons
   return out;
 }
 
-/// What a scenario's function has thrown; of a ValueError with the scenario in its words.
+/// The exception of a scenario's function; a ValueError names the scenario.
 [[noreturn]] void tell_whose(const ScenarioError& e) {
   std::string words;
   try {

@@ -18,7 +18,7 @@ void bind_model(py::module_& m);        // section, shape, beam, joint, link, ar
 void bind_time(py::module_& m);         // drive, ida
 void bind_gradients(py::module_& m);    // step_derivatives, run_derivatives, rollout_tape
 void bind_batch(py::module_& m);        // batch
-void bind_problem(py::module_& m);      // problem and what it is made of
+void bind_problem(py::module_& m);      // problem and its parts
 void bind_laws(py::module_& m);         // computed torque
 void bind_linear_laws(py::module_& m);  // PID and its kin, sampled
 void bind_kalman(py::module_& m);       // the Kalman filter

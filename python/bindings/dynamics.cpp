@@ -17,7 +17,7 @@ struct Wrenches {
   void set(Workspace& ws) const {
     for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = at(k);
   }
-  /// The same to what takes them one by one.
+  /// The same for a receiver that takes them one by one.
   template <class Taker>
   void tell(Taker& taker) const {
     for (std::size_t k = 0; k < places.size(); ++k) taker.set_wrench(k, at(k));
@@ -40,7 +40,7 @@ void check(Status status, const Arm& arm, const Q& q) {
     bad_value("accelerations at q", q, "are not finite; coordinates, rates or forces are too large");
 }
 
-/// Accelerations for generalised forces; of some rates they are prescribed.
+/// Accelerations for generalised forces; those of some rates are prescribed.
 Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& method,
                 const std::map<int, double>& prescribed, const Wrenches& loads) {
   const bool ab = method == "ab";
@@ -164,7 +164,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       py::arg("q"));
 }
 
-/// How sections move.
+/// Motion of sections.
 void bind_motion(py::class_<PyArm, Arm>& arm) {
   arm.def(
       "rates",

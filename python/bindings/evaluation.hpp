@@ -1,4 +1,4 @@
-// What evaluations from Python share: vectors of one state or of many, and memory that is taken once.
+// Shared parts of evaluations from Python: vectors of one or many states, and reused memory.
 #pragma once
 
 #include <algorithm>
@@ -15,14 +15,14 @@
 /// Vectors (..., n) as NumPy has them; of one state (n,).
 using Vectors = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
-/// How many vectors these are.
+/// The number of vectors.
 inline Eigen::Index count(const Vectors& x) {
   return std::accumulate(x.shape(), x.shape() + x.ndim() - 1, Eigen::Index{1}, std::multiplies<>());
 }
 /// One vector per row.
 inline Eigen::Map<const Rows> rows(const Vectors& x) { return {x.data(), count(x), x.shape(x.ndim() - 1)}; }
 
-/// An answer for each of some vectors: a vector or a matrix.
+/// A result for each of some vectors: a vector or a matrix.
 class Answers {
  public:
   /// @param tail  the shape of one answer
@@ -38,14 +38,14 @@ class Answers {
   double* data_;
 };
 
-/// What the memory of an evaluation depends on, beside the arm.
+/// Settings of an evaluation that determine its memory, beside the arm.
 struct Setting {
   std::vector<bool> prescribed;
   std::vector<flexarm::Load> loads;
   bool operator==(const Setting& other) const;
 };
 
-/// Memory of evaluations that is kept from call to call, as much as threads ever used at once. Safe from any thread.
+/// A pool of reused memory for evaluations, as much as threads ever used at once. Safe from any thread.
 template <class T>
 class Pool {
   struct Kept {
@@ -134,8 +134,8 @@ class PyArm : public flexarm::Arm {
   mutable Pool<flexarm::ForwardDerivatives> forward_derivatives_;
 };
 
-/// Runs visit(k), which takes about `each` evaluations, for each of n states; looks around, and leaves the
-/// interpreter's lock to others where that takes long.
+/// Runs visit(k), which takes about `each` evaluations, for each of n states; checks signals, and releases the
+/// interpreter's lock if that takes long.
 template <class Visit>
 void for_states(const flexarm::Arm& arm, Eigen::Index n, Eigen::Index each, const Visit& visit) {
   constexpr Eigen::Index kShort = 256;  // rates, of which each takes about 0.1 us

@@ -11,12 +11,12 @@ std::atomic<int> running{0};         // threads without the lock
 std::atomic<bool> ends{false};       // the process
 std::atomic<std::thread::id> ender;  // which thread ends it
 
-/// Stops the runs of other threads. Those that do not look around in time are held when they ask for the lock.
+/// Stops the runs of other threads. Those that do not check in time are blocked when they request the lock.
 void end_runs() {
   ender = std::this_thread::get_id();
   ends = true;
   const auto begun = std::chrono::steady_clock::now();
-  PyThreadState* state = PyEval_SaveThread();  // those in Python go on to where they look around
+  PyThreadState* state = PyEval_SaveThread();  // lets threads in Python reach their checks
   while (running > 0 && std::chrono::steady_clock::now() - begun < kPatience)
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   PyEval_RestoreThread(state);

@@ -2,8 +2,8 @@
 //
 // A daemon thread may be in the middle of a run when the main thread ends the process. Asked for the lock then, Python
 // ends the thread (pthread_exit), which unwinds C++ frames that must not be unwound, and the process aborts. So runs
-// that see the end coming stop, and their threads wait for the process to end; those that do not see it in time are
-// held where they are, before anything is unwound.
+// that detect the end stop, and their threads wait for the process to end; the others are blocked before anything is
+// unwound.
 #pragma once
 
 #include <chrono>
@@ -58,7 +58,7 @@ class Locked {
   PyGILState_STATE state_;
 };
 
-/// Calls what the user gave, with the lock held; Ctrl-C meanwhile ends the run, with what is done.
+/// Calls a user's function with the lock held; Ctrl-C meanwhile ends the run with the result so far.
 template <class... Args>
 py::object call(const py::object& law, Args&&... args) {
   const py::tuple given = py::make_tuple(std::forward<Args>(args)...);
@@ -69,14 +69,14 @@ py::object call(const py::object& law, Args&&... args) {
   throw flexarm::Interrupted();
 }
 
-/// Looks around twenty times a second, from a thread without the lock: Ctrl-C, the end of the process; and tells
-/// `progress`, if that is not None, ten times a second how far it is.
+/// Checks for Ctrl-C and the end of the process twenty times a second, from a thread without the lock, and calls
+/// `progress`, if that is not None, ten times a second.
 class Lookout {
  public:
   explicit Lookout(py::object progress = py::none()) : progress_(std::move(progress)) {}
 
-  /// @return false once the run is to stop, for good; what signal handlers and `progress` raise beside
-  ///         KeyboardInterrupt goes through
+  /// @return false once the run must stop; exceptions of signal handlers and `progress` other than KeyboardInterrupt
+  /// pass through
   bool operator()(double now) {
     if (stopped_) return false;
     const auto clock = std::chrono::steady_clock::now();
@@ -85,7 +85,7 @@ class Lookout {
     stopped_ = !look(now);
     return !stopped_;
   }
-  /// For what has no result of its own to give: throws Interrupted.
+  /// For callers without a partial result: throws Interrupted.
   void operator()() {
     if (!(*this)(0.0)) throw flexarm::Interrupted();
   }

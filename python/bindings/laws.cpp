@@ -10,7 +10,7 @@ using namespace flexarm;
 
 namespace {
 
-/// What a callable answers at time t, as T.
+/// The result of a callable at time t, as T.
 template <class T>
 T answer(const py::object& law, const char* name, double t, const char* right) {
   const py::object value = call(law, t);
@@ -25,7 +25,7 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 
 namespace {
 
-/// A callable of time that gives N numbers, as the core calls it; the answers are noted.
+/// A callable of time that returns N numbers, for the core; its calls are recorded.
 /// @param name, right  of errors
 template <std::size_t N>
 std::function<std::array<double, N>(double)> make_law(const py::object& given, const Eigen::VectorXd& times,
@@ -157,7 +157,7 @@ Event make_event(std::size_t k, const PyEvent& given) {
 PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::vector<PyDrive>& drives,
                      const std::vector<PyLoad>& loads, const std::vector<PyFeedback>& feedback,
                      const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events)
-    : problem(std::shared_ptr<const Arm>(std::shared_ptr<void>(), &arm)) {  // Python's, which this keeps alive
+    : problem(std::shared_ptr<const Arm>(std::shared_ptr<void>(), &arm)) {  // Python's, kept alive by this
   for (const PyDrive& x : drives) problem.drives.push_back(make_drive(x, times, asked));
   for (const PyLoad& x : loads) problem.loads.push_back(make_load(x, times, asked));
   for (const PyFeedback& x : feedback) problem.feedback.push_back(make_feedback(x, times, asked));

@@ -1,4 +1,4 @@
-// What drives, loads and controls an arm, from Python.
+// Drives, loads and controllers from Python.
 #pragma once
 
 #include <memory>
@@ -10,11 +10,11 @@
 #include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
-/// Where in time a callable has been asked: the last call in each of many equal parts of a run.
+/// The recorded calls of a callable: the last one in each of many equal parts of a run.
 struct Asked {
   static constexpr Eigen::Index kParts = 1000;
   double from, span;
-  Rows calls;  ///< time and values; a time of nan where there was none
+  Rows calls;  ///< time and values; the time is nan without a call
 
   Asked(const Eigen::VectorXd& t, Eigen::Index values)
       : from(t[0]), span(t[t.size() - 1] - t[0]), calls(Rows::Constant(kParts, 1 + values, std::nan(""))) {}
@@ -27,7 +27,7 @@ struct Asked {
 /// Of each callable.
 using AllAsked = std::vector<std::shared_ptr<Asked>>;
 
-/// A callable of time that many scenarios share: asked once for each time, up to a number of them. Safe from any
+/// A callable of time that many scenarios share: called once for each time, up to a number of them. Safe from any
 /// thread.
 class Remembered {
  public:
@@ -35,7 +35,7 @@ class Remembered {
 
   explicit Remembered(py::object law) : law_(std::move(law)) {}
   const py::object& law() const { return law_; }
-  /// Its numbers at t, of which `ask` finds those that are not known, with the interpreter's lock held.
+  /// Its numbers at t; `ask` computes unknown ones with the interpreter's lock held.
   template <class Ask>
   std::array<double, 6> operator()(double t, const Ask& ask) {
     {
@@ -55,7 +55,7 @@ class Remembered {
   std::unordered_map<double, std::array<double, 6>> known_;
 };
 
-/// What acts on an arm, as Python gives it: see the classes of the same names, whose functions a `law` becomes. That is
+/// Actions on an arm from Python: see the classes of the same names; a `law` becomes their function. That is
 /// a PiecewisePolynomial (of a load, a tuple of six), a callable of time, or such a callable Remembered.
 struct PyDrive {
   int rate;    ///< -1: of a column
@@ -81,7 +81,7 @@ struct PyEvent {
   int terminal, direction;
 };
 
-/// A problem from Python, and where its callables were asked: of drives, loads, and references of feedback.
+/// A problem from Python, with the recorded calls of its drives, loads, and references of feedback.
 struct PyProblem {
   flexarm::Problem problem;
   AllAsked asked;
@@ -103,7 +103,7 @@ struct PyParameter {
 };
 std::vector<flexarm::Parameter> in_core(const std::vector<PyParameter>& given);
 
-/// A drive, whose callable's calls are noted.
+/// A drive with recorded calls of its callable.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// Lists, by event, of t (n), q (n, nq) and v (n, nv), of which the first coordinates are kept.
 py::tuple event_rows(const std::vector<flexarm::EventLog>& logs, Eigen::Index nq, Eigen::Index nv);

@@ -21,7 +21,7 @@ std::function<T(double)> along(const py::object& law) {
   };
 }
 
-/// The table of strains, of which Python has no other list.
+/// The table of strains, Python's only list of them.
 void bind_strains(py::module_& m) {
   py::class_<StrainField>(m, "StrainField")
       .def_readonly("name", &StrainField::name)
@@ -56,7 +56,7 @@ std::optional<ShearCorrection> shear(const std::optional<Two>& k) {
   return k ? std::optional<ShearCorrection>({(*k)[0], (*k)[1]}) : std::nullopt;
 }
 
-/// What a beam is made of.
+/// The parts of a beam.
 void bind_sections(py::module_& m) {
   py::class_<Material>(m, "Material")
       .def(py::init<double, double, std::optional<double>, std::optional<double>>(), py::arg("density"),
@@ -270,7 +270,7 @@ void bind_model(py::module_& m) {
   bind_beam(m);
   bind_links(m);
 
-  py::class_<Arm>(m, "ArmAlone");  // PyArm's base, which what takes an arm asks for
+  py::class_<Arm>(m, "ArmAlone");  // PyArm's base, the type of arguments
   py::class_<PyArm, Arm> arm(m, "Arm");
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))

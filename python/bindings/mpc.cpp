@@ -15,7 +15,7 @@ using Output =
     std::tuple<Eigen::VectorXd, std::optional<std::tuple<std::size_t, std::optional<double>, Eigen::Vector3d>>, double,
                double, double, double, double, double>;
 
-/// A piecewise polynomial for each output, which stands still outside its breaks; or a callable t -> (2, ny).
+/// A piecewise polynomial for each output, constant outside its breaks; or a callable t -> (2, ny).
 Mpc::Reference make_reference(const py::object& given, std::size_t count) {
   if (py::isinstance<py::list>(given)) {
     auto parts = given.cast<std::vector<PiecewisePolynomial>>();

@@ -6,7 +6,7 @@
 #ifdef FLEXARM_MPC
 #include "flexarm/mpc.hpp"
 
-/// Of an arm whose state is not quite the model's.
+/// The law for an arm whose coordinates differ from the model's.
 struct MpcLaw {
   std::unique_ptr<flexarm::Mpc> mpc;
   Eigen::MatrixXd to_q, to_v;          ///< the model's coordinates and rates by those of the arm

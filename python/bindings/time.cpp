@@ -26,8 +26,8 @@ LinearSolver solver_of(const std::string& name) {
   return name == "dense" ? LinearSolver::dense : name == "chain" ? LinearSolver::chain : LinearSolver::automatic;
 }
 
-/// The trajectory that integrate(alive) makes without the interpreter's lock, looking around ten times a second:
-/// Ctrl-C, progress.
+/// The trajectory that integrate(alive) makes without the interpreter's lock, with checks for Ctrl-C and progress ten
+/// times a second.
 template <class Integrate>
 py::dict run(const py::object& alive, const Integrate& integrate) {
   Lookout lookout(alive);

@@ -1,4 +1,4 @@
-"""The arm: an immutable serial chain of links, and everything that is computed from it."""
+"""The arm: an immutable serial chain of links, and its computations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ METHODS = ("ab", "ci")
 
 
 class Arm(Chain):
-    """A serial chain of links; the first joint sits at the world's origin, in its axes.
+    """A serial chain of links; the first joint is at the world's origin, in its axes.
 
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
     bending_z, torsion, shear_y, shear_z, extension (Eq. 33); `coordinates` names their rates. Ball joints have a
@@ -37,12 +37,11 @@ class Arm(Chain):
     ValueError.
 
     Args:
-        links: from the base to the tip. Their numbers count from 0; -1 is the last one, which is meant where none is
-            named.
+        links: from the base to the tip, numbered from 0; -1 is the last one, the default.
         gravity: world axes (m/s^2).
 
     `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
-    g mm², a short thick beam without shear; and beams with too few shape functions for what they carry.
+    g mm², a short thick beam without shear; and beams with too few shape functions for their payload.
     """
 
     @staticmethod
@@ -59,8 +58,8 @@ class Arm(Chain):
 
     def describe(self) -> str:
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
-        frequencies of its beam clamped, without the tip; of the arm its mass, and its lowest frequencies and their
-        damping ratios with all joints locked at zero, without gravity."""
+        frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
+        ratios with all joints locked at zero, without gravity."""
         return describe.describe(self)
 
     def show(
@@ -79,7 +78,7 @@ class Arm(Chain):
 
         Args:
             q: (nq,), or as `pose` takes it: {"elbow": 0.3}; `zero` if None.
-            magnify: the elastic coordinates are drawn that many times as large (the colours are not).
+            magnify: factor of the drawn elastic coordinates (colours are not changed).
             loads, t: external forces and moments, which are drawn with their values at time t (s).
             open: whether to open a browser.
 
@@ -96,7 +95,7 @@ class Arm(Chain):
     # -- dynamics ------------------------------------------------------------------------------------------------------
 
     def operation_count(self) -> int:
-        """Floating-point operations (+ - * /) of one forward dynamics, without loads, where all coordinates are 0.1."""
+        """Floating-point operations (+ - * /) of one forward dynamics, without loads, with all coordinates 0.1."""
         return self._core.operation_count()
 
     def forward_dynamics(
@@ -118,8 +117,8 @@ class Arm(Chain):
                 loses digits on long or badly scaled chains.
                 Voltages V of patches are tau = patch_matrix @ V.
             loads, t: external forces and moments, with their values at time t (s).
-            prescribed: joint accelerations that are given, by link; tau of those joints is ignored, and
-                `inverse_dynamics` of the result tells their reactions.
+            prescribed: given joint accelerations, by link; tau of those joints is ignored, and `inverse_dynamics` of
+                the result gives their reactions.
 
         Raises:
             ValueError: bad shapes or values, or a singular mass matrix.
@@ -150,7 +149,7 @@ class Arm(Chain):
         """Force and moment [f; m] (N, N m; (..., 6)) that a link's joint passes on to it, all six components.
 
         side "outboard": at the link's origin, in the link's axes; "inboard": the same force at the end of the link
-        below, in that end's axes (it acts on the link below with the opposite sign). The loads are those that act at
+        below, in that end's axes (it acts on the link below with the opposite sign). The loads act with their values at
         time t (s).
         """
         choice("side", side, ("outboard", "inboard"))
@@ -182,7 +181,7 @@ class Arm(Chain):
             ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
 
         Warns:
-            RobotWarning: what of the arm the file does not have, and a frequency that is off by more than 1 %.
+            RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
         """
         return robot_files.to_mjcf(self, path, segments)
 
@@ -202,7 +201,7 @@ class Arm(Chain):
             ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
 
         Warns:
-            RobotWarning: what of the arm the file does not have, and a frequency that is off by more than 1 %.
+            RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
         """
         return robot_files.to_urdf(self, path, segments)
 
@@ -219,20 +218,20 @@ class Arm(Chain):
     ) -> modal.Modes:
         """Natural frequencies and modes about a steady state.
 
-        The joints stand at q (zero if None) or move at constant `speed`, under whatever forces that takes; the elastic
-        coordinates are in balance (found from q by Newton's iteration).
+        The joints rest at q (zero if None) or move at constant `speed`, under the required forces; the elastic
+        coordinates are in equilibrium (found from q by Newton's iteration).
 
         Args:
             q: (nq,), or as `pose` takes it: {"elbow": 0.3}.
             speed: joint rates by link, or by (link, freedom) (rad/s, m/s).
-            lock: links whose joints keep exactly to that motion; the others are free to vibrate about it.
-            loads, t: external forces and moments, with their values at time t (s), which the elastic coordinates bear.
+            lock: links whose joints follow that motion exactly; the others vibrate about it.
+            loads, t: external forces and moments, with their values at time t (s), included in the equilibrium.
 
         Returns:
             Modes: `.frequencies` (rad/s), `.damping`, `.shapes`, `.eigenvalues`, `.q`.
 
         Raises:
-            ValueError: bad arguments, or no steady state at this speed, but for one with a beam turned inside out.
+            ValueError: bad arguments, or no steady state at this speed with all beams in range.
         """
         q = None if q is None else self._single(q=q)[0]
         return modal.modes(self, q, speed, lock, at_time(self, loads, t))
@@ -257,21 +256,21 @@ class Arm(Chain):
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> Arm:
-        """The same arm with beams so damped that its modes have given damping ratios: whatever it carries, unlike
-        `Beam.damping_ratio`, which is of the bare beam, clamped.
+        """The same arm with beams damped so that its modes have given damping ratios, payload included
+        (`Beam.damping_ratio` is that of the bare clamped beam).
 
-        Modes that are not named keep what they have, if the arm has one beam; of several, which are damped one by one,
-        some of it spills over. Of one beam at every mode it is the classical modal damping (Caughey 1960). Each beam's
-        share stands in its `damping`.
+        Other modes keep their damping if the arm has one beam. With several, each beam is damped separately, and other
+        modes get some damping, too. For one beam with all modes it is the classical modal damping (Caughey 1960). Each
+        beam's share is in its `damping`.
 
         Args:
-            ratios: {mode: ratio}, numbered as `modes(q, lock=lock)` has them without damping; a list, from mode 0 on;
-                or one number for all that vibrate. 2 % is 0.02.
-            q, lock, loads, t: where, and with which joints locked, as of `modes`.
+            ratios: {mode: ratio}, numbered as in `modes(q, lock=lock)` without damping; a list, from mode 0 on; or one
+            number for all modes. 2 % is 0.02.
+            q, lock, loads, t: as of `modes`.
 
         Raises:
-            ValueError: a mode that is not there, does not vibrate, or bends no beam; a ratio below what damping there
-                is already.
+            ValueError: a mode that does not exist, does not vibrate, or bends no beam; a ratio below the present
+                damping.
         """
         q = None if q is None else self._single(q=q)[0]
         links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
@@ -279,8 +278,8 @@ class Arm(Chain):
 
     def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
         """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
-        of each beam's coordinates, with all that it carries, at q = `zero`; `stiffness` (s) times their stiffness. A
-        mode of frequency w then has about the ratio mass / (2 w) + stiffness w / 2."""
+        of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
+        frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
         return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
@@ -295,25 +294,25 @@ class Arm(Chain):
         t: float = 0.0,
         voltages: Any = None,
     ) -> Array:
-        """Coordinates (nq,) at rest in balance with gravity, springs, loads and constant generalised forces.
+        """Coordinates (nq,) at rest in equilibrium with gravity, springs, loads and constant generalised forces.
 
-        Newton's iteration from q with exact Jacobians, damped, and downhill in potential energy, where there is one:
-        the equilibrium found is then stable, unless q is in balance already.
+        Damped Newton iteration from q with exact Jacobians, decreasing the potential energy if there is one: the
+            equilibrium is then stable, unless q is one already.
 
         Args:
-            q: where to start, and where locked joints stay, (nq,); `zero` if None.
-            tau: generalised forces (N, N m), (nv,); zero if None. Those of locked joints are ignored: what they bear is
-                `inverse_dynamics(q, 0, 0)`.
-            lock: links, or (link, freedom), whose joints stay where they are.
+            q: start, and positions of locked joints, (nq,); `zero` if None.
+            tau: generalised forces (N, N m), (nv,); zero if None. Those of locked joints are ignored: their reactions
+                are `inverse_dynamics(q, 0, 0)`.
+            lock: links, or (link, freedom), whose joints are locked.
             loads, t: external forces and moments, with their values at time t (s).
             voltages: of the patches (V), (n_patches,) in the order of `patches`, or by (link, patch).
 
         Raises:
-            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever; a
-                load that shortens a beam by more than its length turns it inside out.
+            ValueError: bad arguments, or no equilibrium was found: for example a free joint without support, or a load
+                that shortens a beam by more than its length.
 
         Warns:
-            StateWarning: the equilibrium is unstable, and no q in balance was given.
+            StateWarning: the equilibrium is unstable, and the given q is none.
             RangeWarning: a beam is bent further than its order is good for.
         """
         if voltages is not None:
@@ -328,12 +327,13 @@ class Arm(Chain):
     def trim(
         self, q: Any = None, *, loads: Sequence[Load] | None = None, t: float = 0.0, voltages: Any = None
     ) -> balance.Trim:
-        """A pose of the joints in balance: the elastic coordinates sag, and forces hold the joints.
+        """A static equilibrium for given joint positions: elastic coordinates, and forces that hold the joints.
 
-        `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 want both.
+        `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 need both.
 
         Args:
-            q: the joints' pose: all coordinates (nq,), of which the elastic ones are where the search starts; or as
+            q: the joints' positions: all coordinates (nq,), of which the elastic ones are the start of the search; or
+                as
                 `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
             loads, t: external forces and moments, with their values at time t (s).
             voltages: of the patches (V), as of `equilibrium`.
@@ -342,10 +342,10 @@ class Arm(Chain):
             Trim: `.q` (nq,) and `.tau` (nv,); `q, tau = arm.trim(...)`.
 
         Raises:
-            ValueError: bad arguments, or no balance of the beams was found there.
+            ValueError: bad arguments, or no equilibrium of the beams was found.
 
         Warns:
-            StateWarning: the balance of the beams is unstable: they buckle.
+            StateWarning: the equilibrium of the beams is unstable: they buckle.
             RangeWarning: a beam is bent further than its order is good for.
         """
         volts = np.zeros(self.nv) if voltages is None else voltage_forces(self, voltages)
@@ -404,20 +404,20 @@ class Arm(Chain):
 
         Args:
             q, v: the state, (nq,) and (nv,); v is zero if None.
-            inputs: what drives it; None: the forces of all joints that are not locked. Each is
+            inputs: the inputs; None: the forces of all joints that are not locked. Each is
                 a link, or (link, freedom): the force (torque) of its joint;
                 ("acceleration", link) or ("acceleration", (link, freedom)): its acceleration, prescribed;
                 ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N);
                 ("patch", link, patch): a piezo patch's voltage (V).
-            outputs: what is measured; None: the coordinates of all joints. Each is
+            outputs: the measurements; None: the coordinates of all joints. Each is
                 ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);
                 ("tip", link) or ("tip", link, x): position of the link's end or a slice, world axes (m);
                 ("velocity", link), ("acceleration", link), or with x: of the same, world axes;
-                ("accelerometer", link), or with x: what one there reads, R^T (a - g), in its own axes (m/s^2);
+                ("accelerometer", link), or with x: reading R^T (a - g) of one there, in its own axes (m/s^2);
                 ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21);
                 ("charge", link, patch), ("patch_voltage", link, patch): of a piezo patch (C, V).
             tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
-            lock: links, or (link, freedom), whose joints keep their rates exactly; they leave the state.
+            lock: links, or (link, freedom), whose joints keep their rates exactly; they are not states.
             loads, t: external forces and moments, with their values at time t (s).
 
         Returns:
@@ -427,7 +427,8 @@ class Arm(Chain):
             ValueError: bad arguments, naming the entry.
 
         Warns:
-            StateWarning: v is zero, but the arm does not rest there (it falls, or sags): the model holds for a moment.
+            StateWarning: v is zero, but the arm is not in equilibrium (it falls, or sags): the model is valid for a
+                moment only.
         """
         q = self._single(q=q)[0]
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

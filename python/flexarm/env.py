@@ -51,12 +51,13 @@ def _task(task: str | Task, randomize: Mapping[str, tuple[float, float]] | None)
 class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any]):
     """num_envs environments of one task, stepped together in C++.
 
-    A step holds each action for a control period of the task. Observations are what the task measures and observes, in
-    SI units, float32, unbounded; actions are of -1 to 1 of the greatest torque of each driven joint, clipped.
+    A step holds each action for a control period of the task. Observations are the task's measurements and
+    observations, in SI units, float32, unbounded; actions from -1 to 1 scale the largest torque of each driven joint,
+    clipped.
 
     Args:
-        num_envs: how many.
-        task: "tip-tracking", "vibration-suppression" (flexarm.tasks says what they are), or a Task.
+        num_envs: number of environments.
+        task: "tip-tracking", "vibration-suppression" (see flexarm.tasks), or a Task.
         randomize: {path: (low, high)}: parameters drawn anew for each episode, in place of the task's own.
         workers: threads; None: one for each core.
         autoreset_mode: "NextStep": the step after an episode's end begins the next, its action is not used, its reward
@@ -83,7 +84,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
         if render_mode is not None:
             choice("render_mode", render_mode, ("rgb_array",))
-        self.render_mode, self._strain = render_mode, 0.0  # the largest strain that was drawn: colours keep their scale
+        self.render_mode, self._strain = render_mode, 0.0  # the largest strain drawn, for a constant colour scale
         self.num_envs, self.task, self.workers = num_envs, _task(task, randomize), workers
         if not isinstance(autoreset_mode, AutoresetMode):
             choice("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode])
@@ -98,9 +99,9 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         self.single_observation_space = Box(-np.inf, np.inf, (ny,), np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        _drawn_arms(self.task, np.zeros((1, len(self.task.randomize))))  # complains of bad paths at once
+        _drawn_arms(self.task, np.zeros((1, len(self.task.randomize))))  # raises for bad paths at once
         self._arms = [arm] * num_envs
-        self._odd = np.zeros(num_envs, bool)  # whose geometry is its own
+        self._odd = np.zeros(num_envs, bool)  # those with an own geometry
         self._by_q = np.repeat(self._rows[0][None], num_envs, axis=0)
         self._rngs: list[np.random.Generator] = []
         self._q, self._v = np.tile(arm.zero, (num_envs, 1)), np.zeros((num_envs, arm.nv))
@@ -127,8 +128,8 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         """Begins new episodes.
 
         Args:
-            seed: environment i draws from seed + i, or from seed[i]; None: goes on drawing.
-            options: "reset_mask": (num_envs,) bools, which of them.
+            seed: environment i draws from seed + i, or from seed[i]; None: continues the present sequences.
+            options: "reset_mask": (num_envs,) bools, the environments to reset.
 
         Returns:
             Observations (num_envs, n) and {}.
@@ -154,8 +155,8 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         return self._observation(), {}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. Balls are what the task aims at
-        (`Task.marks`). None without render_mode."""
+        """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. Balls are the task's targets (`Task.marks`).
+        None without render_mode."""
         if self.render_mode is None:
             return None
         if not self._rngs:
@@ -171,7 +172,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         return tuple(pictures)
 
     def _begin(self, which: _Bools) -> None:
-        """New episodes there."""
+        """Begins new episodes of these environments."""
         ranges = array("randomize", list(self.task.randomize.values())).reshape(-1, 2)
         indices = [int(i) for i in np.flatnonzero(which)]
         if len(ranges) and indices:
@@ -183,20 +184,20 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         self._count[which], self._over[which] = 0, False
 
     def _take(self, i: int, arm: Arm) -> None:
-        """Environment i goes on with this arm."""
+        """Sets the arm of environment i."""
         self._arms[i], self._by_q[i] = arm, measured_rows(arm, self.task.measure)[0]
         q = np.linspace(0.1, 0.2, arm.nq)
         self._odd[i] = not np.array_equal(arm.frame(q)[0], self.task.arm.frame(q)[0])
 
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, _Bools, _Bools, dict[str, Any]]:
-        """Takes every environment one control period on.
+        """Advances every environment by one control period.
 
         Args:
             actions: (num_envs, nu), of -1 to 1.
 
         Returns:
             Observations (num_envs, n); rewards, whether the task was lost (or the simulation), and whether the
-            horizon was reached (num_envs,) each; and {}, or what autoreset_mode says.
+            horizon was reached (num_envs,) each; and {}, or the entries of autoreset_mode.
         """
         if not self._rngs:
             raise gym.error.ResetNeeded("step before the first reset")
@@ -224,13 +225,13 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         return observation, reward, terminated, truncated, info
 
     def _tell(self, warning: RunWarning) -> None:
-        """A beam bent beyond its range is told once."""
+        """Passes a warning on; that of a beam beyond its range only once."""
         if not (self._told and isinstance(warning, RangeWarning)):
             tell(warning)
         self._told |= isinstance(warning, RangeWarning)
 
     def _advance(self, u: Array) -> _Bools:
-        """One control period on; where that failed, and the state was left as it was."""
+        """Advances one control period; returns the environments that failed, whose state is unchanged."""
         n, arms = self.task.substeps, self._arms if self.task.randomize else self.task.arm
         force = ((u * self._torque) @ self._columns)[:, None, :]
         step, workers = self.task.step, self.workers
@@ -242,7 +243,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
 
 def _drawn_arms(task: Task, shares: Array) -> list[Arm]:
-    """Arms whose parameters are so far (0 to 1) from the low to the high end of their ranges."""
+    """Arms with parameters at these shares (0 to 1) of their ranges."""
     values = {}
     for k, (path, ends) in enumerate(task.randomize.items()):
         low, high = array(f"randomize['{path}']", ends, (2,))
@@ -276,7 +277,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def state(self) -> State:
-        """See flexarm.tasks.State; of one environment."""
+        """The state of the environment; see flexarm.tasks.State."""
         return self._one.state
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -292,7 +293,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._one.reset(seed=seed)[0][0], {}
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """One control period on."""
+        """Advances one control period."""
         observation, reward, terminated, truncated, _ = self._one.step(np.asarray(action)[None])
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), {}
 

@@ -18,7 +18,7 @@ except ImportError as e:
 
 
 def _ask(function: Any, shapes: list[tuple[int, ...]], *arguments: Any) -> Any:
-    """What a function of NumPy's arrays gives, of these shapes; vmap adds axes in front."""
+    """The results of a function of NumPy's arrays, of these shapes; vmap adds leading axes."""
     like = [jax.ShapeDtypeStruct(shape, jnp.float64) for shape in shapes]
     return jax.pure_callback(function, like, *arguments, vmap_method="expand_dims")
 
@@ -66,7 +66,7 @@ def rollout(
 ) -> tuple[Any, Any]:
     """`fa.rollout` as a function of JAX's arrays, which `jax.grad`, `jax.vjp`, `jax.jit` and `jax.vmap` take: exact
     derivatives by the adjoint method, of first order. It computes on the processor, in float64. Leading axes are
-    scenarios; an axis that is not there, or of length 1, is alike for all.
+    scenarios; a missing axis, or one of length 1, is broadcast.
 
     Args:
         arm: as of `fa.rollout_gradient`.
@@ -79,8 +79,8 @@ def rollout(
         q and v, (..., nstep + 1, nq) and (..., nstep + 1, nv), the start first.
 
     Raises:
-        ValueError: naming the argument and the value; numbers of 64 bits are not switched on.
-        jax.errors.JaxRuntimeError: a rollout cannot go on; it says why.
+        ValueError: a bad argument, with its value; or JAX without 64-bit numbers.
+        jax.errors.JaxRuntimeError: a rollout failed, with the reason.
     """
     if not jax.config.jax_enable_x64:
         raise ValueError("jax_enable_x64 = False: must be True: jax.config.update('jax_enable_x64', True)")
@@ -90,7 +90,7 @@ def rollout(
     given = [jnp.asarray(x, dtype=jnp.float64) for x in (q0, v0, tau, *values.values())]
     depth = len(of.scenarios([x.shape for x in given]))
     whole = []
-    for x, tail in zip(given, of.tails, strict=True):  # all have all axes of scenarios, so that vmap's come before them
+    for x, tail in zip(given, of.tails, strict=True):  # add all axes of scenarios: those of vmap come before
         own = x.ndim - len(tail)
         whole.append(x.reshape((1,) * (depth - own) + x.shape))
     q, v = _rollout(of, *whole)

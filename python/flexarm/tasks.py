@@ -1,4 +1,4 @@
-"""Tasks for learning and search: an arm, what is measured of it, what may be done to it, and what is rewarded.
+"""Tasks for learning and search: an arm with measurements, actions and a reward.
 
 A task is plain NumPy on batches, and needs no Gymnasium; `flexarm.env` turns it into environments.
 """
@@ -27,7 +27,7 @@ class State(NamedTuple):
     Attributes:
         t: time since the start of each episode (s), (B,).
         q, v: coordinates (B, nq) and rates (B, nv).
-        y: what is measured, (B, ny).
+        y: measurements, (B, ny).
         end: position of the arm's end (m), (B, 3).
         goal: of each environment, (B, ng).
     """
@@ -42,20 +42,19 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What an environment does; subclass it for one of your own.
+    """The definition of an environment; subclass it for your own.
 
     Attributes:
         arm: the arm.
-        torque: greatest torque (N m, N) at each of the joints in `links`; an action of 1 stands for it, -1 for its
-            negative.
-        links: the joints that are driven; -1 is the last.
-        measure: what instruments read, entries as of `Sampled(measure=)`: ("joint", link), ("rate", link),
+        torque: largest torque (N m, N) of each joint in `links`; an action of 1 stands for it, -1 for its negative.
+        links: the driven joints; -1 is the last.
+        measure: measurements, entries as of `Sampled(measure=)`: ("joint", link), ("rate", link),
             ("strain", link, x, "K3").
-        step: of the integration (s). substeps: so many in a control period, over which an action is held.
+        step: of the integration (s). substeps: steps in a control period, over which an action is held.
         horizon: control periods of an episode.
-        randomize: paths (as `simulate_batch(parameters=)` has them) and the range (low, high) that the value of each
-            is drawn from, evenly, for every episode.
-        goals: how many numbers a goal has; extra: how many numbers `observe` adds to what is measured.
+        randomize: paths (as `simulate_batch(parameters=)` has them) and the range (low, high) from which each value is
+            drawn, evenly, for every episode.
+        goals: count of numbers in a goal; extra: count of numbers that `observe` adds to the measurements.
     """
 
     arm: Arm
@@ -79,24 +78,24 @@ class Task:
         return self.arm.zero, np.zeros(self.arm.nv), np.zeros(self.goals)
 
     def observe(self, state: State) -> Array:
-        """What the policy is told besides what is measured, (B, extra)."""
+        """Observations besides the measurements, (B, extra)."""
         return np.zeros((len(state.t), self.extra))
 
     def reward(self, state: State, action: Array) -> Array:
-        """The reward (B,) of the state that an action (B, nu), of -1 to 1, has led to."""
+        """The reward (B,) of the state after an action (B, nu) of -1 to 1."""
         raise NotImplementedError(f"{type(self).__name__} has no reward: give it reward(state, action) -> (B,)")
 
     def marks(self, state: State) -> Array:
-        """Where pictures show what is aimed at, as small balls, (B, n, 3) (m)."""
+        """Positions of the targets, which pictures show as small balls, (B, n, 3) (m)."""
         return np.zeros((len(state.t), 0, 3))
 
     def lost(self, state: State) -> NDArray[np.bool_]:
-        """Where an episode ends before its time, (B,)."""
+        """Whether an episode ends early, (B,)."""
         return np.zeros(len(state.t), bool)
 
 
 def _ist_arm() -> Arm:
-    """The paper's link on a hub of 0.03 kg m^2, with 30 g at its tip; the gauge at its clamp measures how it bends."""
+    """The paper's link on a hub of 0.03 kg m^2, with 30 g at its tip; a gauge at its clamp measures bending."""
     steel = Material(density=7850.0, youngs_modulus=209e9, poisson_ratio=0.3)
     beam = Beam(length=0.5, section=Rectangle(y=0.001, z=0.02), material=steel, modes={"bending_y": 3},
                 damping_ratio=0.005)  # fmt: skip
@@ -106,13 +105,13 @@ def _ist_arm() -> Arm:
 
 @dataclass(frozen=True, eq=False)
 class VibrationSuppression(Task):
-    """The paper's flexible link, released bent and off its place, is to come to rest at angle 0 without ringing.
+    """The paper's flexible link starts bent and at an angle, and must come to rest at angle 0 without vibration.
 
     Observation (4): hub angle (rad) and rate (rad/s), curvature at the clamp (1/m), its rate (1/m/s).
     Action (1): hub torque, 1 stands for 0.5 N m; held for 10 ms; 200 periods are an episode.
     Start: hub within 0.3 rad; first bending coordinate such that the tip is up to 30 mm off; at rest.
-    Reward: 1 / (1 + (x / 0.02)^2) - 0.01 u^2, x the distance (m) of the arm's end from where it shall rest, u the
-    action; ended early, with -1, where the hub is more than pi off or the tip more than 0.2 m beside the hub's axis.
+    Reward: 1 / (1 + (x / 0.02)^2) - 0.01 u^2, x the distance (m) of the arm's end from its goal, u the action; ended
+    early, with -1, if the hub is more than pi off or the tip more than 0.2 m beside the hub's axis.
     """
 
     arm: Arm = field(default_factory=_ist_arm)
@@ -126,7 +125,7 @@ class VibrationSuppression(Task):
         return q, np.zeros(self.arm.nv), np.zeros(0)
 
     def observe(self, state: State) -> Array:
-        row = self.arm.strain(np.eye(self.arm.nq), 0, 0.0)[:, 2]  # linear in q, so of v it is the rate
+        row = self.arm.strain(np.eye(self.arm.nq), 0, 0.0)[:, 2]  # linear in q: with v it gives the rate
         return (state.v @ row)[:, None]
 
     def marks(self, state: State) -> Array:
@@ -164,14 +163,14 @@ def _two_links() -> Arm:
 
 @dataclass(frozen=True, eq=False)
 class TipTracking(Task):
-    """The end of a flexible two-link arm in a plane is to follow a target that goes round a circle.
+    """The end of a flexible two-link arm in a plane must follow a target on a circle.
 
     Observation (10): angles of both joints (rad) and rates (rad/s), curvature at both clamps (1/m); from the end to
     the target, x and y (m); the target's velocity, x and y (m/s).
     Action (2): torques of shoulder and elbow, 1 stands for 3 and 1 N m; held for 10 ms; 400 periods are an episode.
     Start: at rest, on the target where the links are straight; the circle's radius is 0.1 to 0.2 m, its centre 0.6 m
     from the shoulder in any direction within 0.5 rad of x, a round takes 3 to 6 s either way.
-    Reward: 1 / (1 + (x / 0.05)^2) - 0.01 |u|^2, x the distance from the target (m); ended early, with -1, where it is
+    Reward: 1 / (1 + (x / 0.05)^2) - 0.01 |u|^2, x the distance from the target (m); ended early, with -1, if it is
     above 0.5 m.
     """
 

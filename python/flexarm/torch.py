@@ -48,8 +48,8 @@ def rollout(
     workers: int | None = None,
 ) -> tuple[Any, Any]:
     """`fa.rollout` as a function of tensors, through which `backward` goes: exact derivatives by the adjoint method, of
-    first order. It computes on the processor, in float64. Leading axes are scenarios; an axis that is not there, or of
-    length 1, is alike for all.
+    first order. It computes on the processor, in float64. Leading axes are scenarios; a missing axis, or one of length
+    1, is broadcast.
 
     Args:
         arm: as of `fa.rollout_gradient`.
@@ -62,7 +62,7 @@ def rollout(
         q and v, (..., nstep + 1, nq) and (..., nstep + 1, nv), the start first.
 
     Raises:
-        ValueError: naming the argument and the value; where a rollout cannot go on.
+        ValueError: a bad argument, with its value; or a rollout that fails.
     """
     values = dict(parameters or {})
     of = Rolling(arm, list(values), {"step": step, "integrator": integrator, "rtol": rtol,

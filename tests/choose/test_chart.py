@@ -256,7 +256,7 @@ def test_a_run_longer_than_the_budget_is_given_up() -> None:
 def test_an_order_that_was_given_up_stands_for_richer_ones_alone(path: Path) -> None:
     search = ChartSearch(fa.load(path), "tip", 1.0, lambda used, doing: None)
     exact, third, second = (search.planned(search.models.uniform(o, 0), "ida", 1e-6) for o in ("exact", 3, 2))
-    search.trials.note(replace(third, status="cut", time=5.0))
+    search.trials.store(replace(third, status="cut", time=5.0))
     assert search.predict(exact) == 5.0 and search.predict(second) == 0.0
 
 

@@ -243,7 +243,7 @@ def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
     run, tau = moved(two_links(0.3), 0.5)
     y = [s.read(run) for s in SENSORS]
     wrong = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
-    with pytest.warns(fa.FilterWarning, match="times as far from what was expected"):
+    with pytest.warns(fa.FilterWarning, match="times as far from their predictions"):
         assert wrong.run(run.t, tau, y).consistency > 2
     right = fa.KalmanFilter(two_links(0.3), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
     with warnings.catch_warnings():

@@ -87,7 +87,7 @@ def test_intervals_by_hand() -> None:
 
 
 def test_a_prior_counts_as_a_reading() -> None:
-    """Without data that tell the mass, the prior's interval is what is left; with both, the inverse variances add."""
+    """Without data that tell the mass, the prior's interval remains; with both, the inverse variances add."""
     t, F, sigma = np.linspace(0.0, 1.0, 101), 3.0, 1e-2
     arm = fa.Arm([fa.Link(fa.Prismatic("x"), tip=fa.RigidBody(2.0))])
     x = F * t**2 / 4 + sigma * np.random.default_rng(1).normal(size=t.size)
@@ -263,8 +263,8 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"outputs": {"angel": "sensor.0"}}, r"outputs\['angel'\]: .*did you mean 'angle'"),
         ([MASS], {"outputs": {"angle": "sensor.5"}}, r"there are sensor\.0, sensor\.1"),
         ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
-        ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and what is read of the run is in 1; "
-         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a gain .*, rad for each unit of strain"),
+        ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and the output of the run is in 1; "
+         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a known gain, rad for each unit of strain"),
         ([MASS], {"outputs": {"angle": fa.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
          "add 'sensor.2.gain' to the parameters, .*, rad for each unit of dR/R"),
         ([MASS], {"outputs": {"angle": fa.Camera(0)}}, "3 components"),

@@ -1,1 +1,1 @@
-"""What acts on an arm: laws of time, drives, loads, motors, voltages of patches, controllers, input shapers."""
+"""Actions on an arm: laws of time, drives, loads, motors, voltages of patches, controllers, input shapers."""

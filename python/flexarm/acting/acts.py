@@ -1,4 +1,4 @@
-"""What acts on an arm, as the core takes it: in a run, or as a model knows it."""
+"""The actions on an arm (drives, loads, controllers) as the core takes them, for a run or for a model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .drive import Motion, Torque, standing
 from .load import at_time
 from .voltage import patch_laws, split_drives
 
-_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that are not Python's
+_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
 
 
 class Acts:
@@ -26,10 +26,9 @@ class Acts:
     Attributes:
         arm, times, loads: as given.
         drives, feedback, sampled: as the core takes them.
-        motions: by rate, those that are prescribed; prescribed: these rates.
-        both: the arm with a link for each state of a controller, which the core integrates.
-        remembered: of one among others that share callables of time, these callables by their id; each is asked once
-            for a time.
+        motions: prescribed motions by rate; prescribed: these rates.
+        both: the arm, extended by a link for each state of a controller, which the core integrates.
+        remembered: callables of time that several runs share, by their id; each is called once for a time.
     """
 
     def __init__(
@@ -66,8 +65,8 @@ class Acts:
     def core_problem(
         self, start: Mapping[str, Array], events: Sequence[_core.Event] = (), onward: bool = False
     ) -> _core.Problem:
-        """For one run from `start` (q0, v0, tau): it notes where its callables were asked. `onward`: what is sampled
-        stands still outside its samples."""
+        """The core's problem of one run from `start` (q0, v0, tau). `onward`: sampled laws are constant outside their
+        samples."""
         both, nv = self.both, self.both.nv
 
         def law(x: Any) -> Any:
@@ -91,21 +90,21 @@ class Acts:
 
     @property
     def shares(self) -> bool:
-        """Whether several runs at once may be of this: its sampled laws remember nothing, or are the core's, which each
-        run has its own of."""
+        """Whether several runs may share this: its sampled laws have no memory, or are the core's, which every run
+        copies."""
         return all(isinstance(s.law, _core.ComputedTorque) or (isinstance(s.law, _core.LinearLaw) and not s.law.reads)
                    for s in self.sampled)  # fmt: skip
 
 
 def acts_from(arm: Chain, t: float, step: float, drive: Any, loads: Any, control: Any) -> Acts:
-    """From time t on, without an end."""
+    """Actions from time t on, without an end."""
     if any(c.of_arm for c in ([control] if isinstance(control, Controller) else control or [])):
         raise ValueError("control: a FeedForward is fitted to the times of a run, and there are none; give its torques")
     return Acts(arm, np.array([t, t + step]), drive, loads, control)
 
 
 def predictable(acts: Acts) -> Acts:
-    """The same, where its sampled laws are linear."""
+    """The same actions; raises ValueError unless all sampled laws are linear."""
     for k, law in enumerate(x.law for x in acts.sampled):
         if not isinstance(law, _core.LinearLaw) or law.reads:
             raise ValueError(
@@ -116,5 +115,5 @@ def predictable(acts: Acts) -> Acts:
 
 
 def at_rest(arm: Chain) -> dict[str, Array]:
-    """A start of an arm: q0, v0, tau."""
+    """The initial state of an arm at rest: q0, v0, tau."""
     return {"q0": arm.zero, "v0": np.zeros(arm.nv), "tau": np.zeros(arm.nv)}

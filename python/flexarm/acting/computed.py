@@ -1,4 +1,4 @@
-"""Control by the arm's own dynamics: feed-forward of a motion, and computed torque."""
+"""Control by inverse dynamics: feed-forward of a motion, and computed torque."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, ine
     return out
 
 
-def _believed(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, list[int]]:
-    """The arm that a law believes in, and the rates of its joints' freedoms."""
+def _model_arm(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, list[int]]:
+    """The arm that a law uses as its model, and the rates of its joints' freedoms."""
     if model is None:
         return arm, list(rates)
     own = all_joints(model)
@@ -52,25 +52,24 @@ def per_joint(field: str, value: Any, count: int) -> Array:
 
 
 class FeedForward(Controller):
-    """The forces that a motion of the joints takes, ahead of any error: M(q) q'' + h(q, q') at the reference, of the
-    arm with its elastic coordinates at rest. Give it beside what holds the joints, `control=[fa.PD(...), ...,
-    fa.FeedForward(...)]`: their forces add up.
+    """The forces that a motion of the joints needs, M(q) q'' + h(q, q') at the reference, with elastic coordinates at
+    rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`: the forces add up.
 
-    Joint springs and viscous friction are in them; dry friction and loads are not. They are computed once for a run, in
-    pieces of polynomials, and evaluated in C++ by every integrator and in batches.
+    They include joint springs and viscous friction, not dry friction or loads. They are computed once for a run, as
+    piecewise polynomials, and evaluated in C++ by every integrator and in batches.
 
     Args:
-        reference: of each freedom of the joints, from the base to the tip: a Motion, or a number (rad, m), which takes
-            what gravity and springs ask for there; one alone where there is one.
-        inertia: False: gravity and springs alone, along the reference.
-        elastic: "static": the beams sag in static balance with gravity where the reference is; "zero": their elastic
+        reference: of each freedom of the joints, from the base to the tip: a Motion, or a number (rad, m) for a
+            constant position; a single one if there is one freedom.
+        inertia: False: only gravity and springs, along the reference.
+        elastic: "static": the beams are in static equilibrium with gravity at the reference; "zero": their elastic
             coordinates are zero.
-        model: (not in files) the arm that is known, where the one that moves is another, with another payload, or
-            rigid; None: the one that moves.
+        model: (not in files) the arm that the law assumes, for example rigid or with another payload; None: the
+            controlled arm.
 
     Raises:
-        ValueError: (in a run) a reference that jumps, that does not cover the run, or that is not one for each freedom;
-            no static balance.
+        ValueError: (in a run) a reference that jumps or does not cover the run, a wrong number of references, or no
+            static equilibrium.
     """
 
     type = "feed_forward"
@@ -86,7 +85,7 @@ class FeedForward(Controller):
         return [np.eye(arm.nv)[i] for i in all_joints(arm)]
 
     def forces(self, arm: Chain, t: Any) -> Array:
-        """Its forces at times t (n,), (n, nv)."""
+        """The forces at times t (n,), (n, nv)."""
         times = np.atleast_1d(array("t", t))
         rates = all_joints(arm)
         motions = _motions(arm, self.reference, rates, np.sort(times), self.inertia)
@@ -95,8 +94,8 @@ class FeedForward(Controller):
         return out
 
     def _forces(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Callable[[Array], Array]:
-        """t (n,) -> the forces of all joints' freedoms."""
-        model, own = _believed(arm, self.model, rates)
+        """A function t (n,) -> forces of all joints' freedoms."""
+        model, own = _model_arm(arm, self.model, rates)
         axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(own, motions, strict=True)]
         core = _core.ComputedTorque(model._core, axes, self.elastic == "static", [], model.nv)
         return lambda t: core.feed_forward(t, self.inertia)[:, own]
@@ -117,16 +116,17 @@ class FeedForward(Controller):
 class ComputedTorque(Controller):
     """Computed torque (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980; inverse dynamics control), sampled,
     in C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) + h(q, v) at the joints, of the arm with its elastic coordinates
-    at rest. A rigid arm without limits then has s² + kv s + kp at every joint and place. What bends is not in the law:
-    keep sqrt(kp) below a third of the lowest frequency with the joints held.
+    at rest. A rigid arm without limits then has the characteristic polynomial s² + kv s + kp at every joint and
+    position. The law ignores vibration: keep sqrt(kp) below a third of the lowest frequency with locked joints.
 
     Args:
-        kp, kv: 1/s² and 1/s, a number, or one for each freedom of the joints; kv = None: 2 sqrt(kp), no overshoot.
+        kp, kv: gains (1/s², 1/s), a number, or one for each freedom of the joints; kv = None: 2 sqrt(kp), critical
+            damping.
         reference: as of FeedForward.
         rate: samples a second (Hz).
-        delay: from a sample to its force (s).
-        elastic: as of FeedForward; where the joints are measured to be.
-        limit: of each |force| (N, N m): a number, or one for each freedom; None: none.
+        delay: time from a sample to its force (s).
+        elastic: as of FeedForward, at the measured joint positions.
+        limit: of each |force| (N, N m): a number, or one for each freedom; None: no limit.
         model: as of FeedForward.
 
     Raises:
@@ -159,10 +159,10 @@ class ComputedTorque(Controller):
         return [np.eye(arm.nv)[i] for i in all_joints(arm)]
 
     def law(self, arm: Chain, times: Any = (0.0, 1.0)) -> Any:
-        """The law of one arm: a callable (t, q, v) -> forces (nv,), with nothing held nor delayed.
+        """The law of one arm: a callable (t, q, v) -> forces (nv,), without sampling or delay.
 
         Args:
-            times: that the references must cover.
+            times: times that the references must cover.
         """
         return self._law(arm, array("times", times), arm.nv)
 
@@ -171,7 +171,7 @@ class ComputedTorque(Controller):
         motions, n = _motions(arm, self.reference, rates, times), len(rates)
         gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
         limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
-        model, own = _believed(arm, self.model, rates)
+        model, own = _model_arm(arm, self.model, rates)
         axes = [(i, m.law, *rest) for i, m, *rest in zip(own, motions, *gains, limits.tolist(), strict=True)]
         moved = [(arm.coordinate_of(i), i) for i in rates]
         return _core.ComputedTorque(model._core, axes, self.elastic == "static", moved, size)

@@ -1,7 +1,7 @@
-"""Controllers: what turns measurements into forces of joints and voltages (paper Sec. 5.3, Eq. 97).
+"""Controllers: laws from measurements to joint forces and voltages (paper Sec. 5.3, Eq. 97).
 
-Continuous ones are solved together with the arm's equations, in C++, by every integrator. Sampled ones look at the
-state at a rate and hold what they answer until the next sample (zero-order hold).
+Continuous ones are solved together with the arm's equations, in C++, by every integrator. Sampled ones read the state
+at a fixed rate and hold their output until the next sample (zero-order hold).
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ def listed(name: str, value: Any) -> list[Any]:
 
 
 def limit_of(value: Any, motor: Any = None, count: int | None = None) -> Any:
-    """The bound that |u| is kept within, or, of a list, each of `count` outputs: the lower of the limit and the
-    motor's."""
+    """The limit of |u|, or of each of `count` outputs: the lower of the given limit and the motor's."""
     if motor is not None and not isinstance(motor, Motor):
         raise ValueError(f"motor = {motor!r}: must be a Motor or None")
     most = np.inf if motor is None or motor.limit is None else motor.limit
@@ -48,25 +47,25 @@ def limit_of(value: Any, motor: Any = None, count: int | None = None) -> Any:
 
 
 def gain_of(motor: Motor | None) -> float:
-    """Force per unit of u."""
+    """Joint force per unit of u."""
     return 1.0 if motor is None else motor.gain
 
 
 def braking_laws(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[Feedback]:
-    """The laws of a motor's back-EMF, at joints given by unit columns (nv,)."""
+    """The laws of a motor's back-EMF at joints given by unit columns (nv,)."""
     if motor is None or motor.braking == 0.0:
         return []
     return [Feedback(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
 
 
 class Run(NamedTuple):
-    """What a controller is told of a run.
+    """Data of a run for its controllers.
 
     Attributes:
         times, loads: of the run.
-        first, total: where the controller's states begin among those of all, and how many there are of all; see
+        first, total: index of the controller's first state among those of all controllers, and their number; see
             `extended`.
-        number: of the controller, among all.
+        number: index of the controller.
     """
 
     times: Array
@@ -77,27 +76,27 @@ class Run(NamedTuple):
 
 
 class Controller:
-    """What all controllers share: `simulate(control=...)` takes one, or a list of them."""
+    """The base class of controllers: `simulate(control=...)` takes one, or a list of them."""
 
-    #: how many states of its own a continuous law integrates
+    #: number of integrated states of a continuous law
     memory = 0
-    #: whether what its laws have of time depends on the arm
+    #: whether the time functions of its laws depend on the arm
     of_arm = False
-    #: whether one with another argument is made anew, not by setting its attribute
+    #: whether a changed argument needs a new object, not a set attribute
     rebuilt: ClassVar[bool] = False
-    #: what files call it; "": they cannot hold it
+    #: its type in files; "": not in files
     type: ClassVar[str] = ""
 
     def _arguments(self) -> dict[str, Any]:
-        """What a file says of it: the arguments it was made of, which it keeps by their names."""
+        """The arguments it was made with, which a file holds; attributes have the same names."""
         made: Any = type(self)
         return {name: getattr(self, name) for name in arguments(made)}
 
     def __repr__(self) -> str:
-        """In one line: its gains, its joint, its rate, and what else is not at its default."""
+        """One line with its gains, joint, rate, and other arguments that are not at their defaults."""
         try:
             given = self._arguments()
-        except AttributeError:  # of a subclass that keeps other things
+        except AttributeError:  # a subclass with other attributes
             return object.__repr__(self)
         made: Any = type(self)
         defaults = arguments(made)
@@ -107,7 +106,7 @@ class Controller:
         return f"{made.__name__}({', '.join(shown)})"
 
     def check_smooth(self, arm: Chain, name: str) -> None:
-        """ValueError, naming it `name`, where its forces jump with what it measures."""
+        """Raises ValueError, with `name`, if its forces jump with its measurements."""
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
@@ -118,7 +117,7 @@ class Controller:
 
 
 def _in_words(value: Any) -> str:
-    """An argument of a controller, in short; "" for none."""
+    """An argument of a controller in short words; "" for None."""
     if isinstance(value, Torque) and value.constant:
         value = float(np.ravel(value(0.0))[0])
     if isinstance(value, np.ndarray):
@@ -143,7 +142,7 @@ class _JointLaw(Controller):
         motor: Motor | None,
     ) -> None:  # fmt: skip
         self.kp, self.kv = finite("kp", kp), finite("kv", kv)
-        if freedom is None and isinstance(link, (tuple, list)):  # a list in a file
+        if freedom is None and isinstance(link, (tuple, list)):  # files have lists
             link, freedom = link
         self.link, self.freedom = link, freedom
         if isinstance(reference, Motion) and reference_rate is not None:
@@ -159,7 +158,7 @@ class _JointLaw(Controller):
         return [np.eye(arm.nv)[self._rate(arm)]]
 
     def _offset(self, arm: Chain, i: int, times: Array) -> Torque:
-        """k_p r + k_v r', as a law of time."""
+        """k_p r + k_v r' as a law of time."""
         if isinstance(self.reference, Motion):
             check_motion("reference", self.reference, times)
             return along(self.reference, self.kp, self.kv)
@@ -188,13 +187,12 @@ class PD(_JointLaw):
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: which joint (-1 is the last), and which of its freedoms, where it has several; or
-            link = (link, freedom).
-        reference: of q (rad, m): a number, samples (t, r) with straight lines between, a callable t -> r, or a Motion,
-            whose rate is then followed, too.
-        reference_rate: of dq/dt (rad/s, m/s), likewise; None: a Motion's own, else zero: kv brakes the motion itself.
-        limit: u is kept within -limit .. limit; None: the motor's.
-        motor: turns u into a torque; None: u is the torque.
+        link, freedom: the joint (-1 is the last), and its freedom if it has several; or link = (link, freedom).
+        reference: of q (rad, m): a number, samples (t, r), linear in between, a callable t -> r, or a Motion, whose
+            rate is then followed, too.
+        reference_rate: of dq/dt (rad/s, m/s), likewise; None: the rate of a Motion, else zero.
+        limit: of |u|; None: the motor's.
+        motor: converts u to a torque; None: u is the torque.
     """
 
     type = "pd"
@@ -207,23 +205,22 @@ class PD(_JointLaw):
 
 
 class StrainFeedback(_JointLaw):
-    """Eq. 97: u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K a beam's curvature
-    where a strain gauge sits. Without `static` or `washout` the strain that gravity leaves at rest pulls the joint off
-    its reference, by k_s K / k_p.
+    """Eq. 97: u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K a beam's curvature at a
+    strain gauge. Without `static` or `washout` the static strain under gravity shifts the joint from its reference by
+    k_s K / k_p.
 
     Args:
         kp, kv, link, freedom, reference, reference_rate, limit, motor: as of PD.
         ks: gain per 1/m.
-        x: where the gauge is on the beam (m).
-        strain: which strain, as `Arm.strain` orders them: "K1", "K2", "K3", "phi12", "phi13" or
+        x: position of the gauge on the beam (m).
+        strain: the strain, in the order of `Arm.strain`: "K1", "K2", "K3", "phi12", "phi13" or
             "eps".
-        beam: the link whose beam bears the gauge; None: the controlled joint's own.
-        static: what is subtracted from K: a number (1/m); or "equilibrium": what K is in static balance with gravity
-            where the reference is, payload of the arm included, each `Load` left out.
-        pose: where the other joints are in that balance: q (nq,), of which elastic entries are not looked at; None:
-            zero.
-        washout: rad/s: instead of K, its part above this frequency is fed back, s / (s + washout) K: whatever rests,
-            of gravity, loads and payloads, is let go. Its state begins at zero. None: all of K.
+        beam: the link whose beam has the gauge; None: the controlled joint's link.
+        static: static part, which is subtracted from K: a number (1/m); or "equilibrium": K in static equilibrium with
+            gravity at the reference, with the arm's payload, without each `Load`.
+        pose: positions of the other joints in that equilibrium: q (nq,), whose elastic entries are ignored; None: zero.
+        washout: corner frequency (rad/s) of a high-pass filter, s / (s + washout) K is fed back instead of K: it
+            removes static strain of gravity, loads and payloads. Its state starts at zero. None: no filter.
     """
 
     type = "strain_feedback"
@@ -244,11 +241,11 @@ class StrainFeedback(_JointLaw):
             raise ValueError('pose: is for static = "equilibrium"')
         self.washout = None if washout is None else positive("washout", washout)
         if self.washout is not None and static != 0.0:
-            raise ValueError(f"washout = {washout}: what it lets through has no static part; leave out static")
+            raise ValueError(f"washout = {washout}: it removes the static part; leave out static")
         self.memory, self.of_arm = int(washout is not None), equilibrium
 
     def _gauge(self, arm: Chain) -> Array:
-        """K by q, (nq,)."""
+        """Derivative of K by q, (nq,)."""
         beam = self.link if self.beam is None else self.beam
         row: Array = measured_rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
         return row
@@ -287,12 +284,12 @@ class StateFeedback(Controller):
     """u = u0 - K [q - q0; v - v0], continuous, with K from a design on `Arm.linearize` (LQR, pole placement).
 
     Args:
-        K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states of a model that
-            locks nothing. For arms without balls.
+        K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states without locked
+            coordinates. For arms without ball joints.
         actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
             forces per unit of u.
-        q0, v0, u0: the state about which, and the forces there; None: zero.
-        limit: of each |u|, one number or nu of them; None: none.
+        q0, v0, u0: operating point and the forces there; None: zero.
+        limit: of each |u|, one number or nu of them; None: no limit.
     """
 
     type = "state_feedback"
@@ -311,7 +308,7 @@ class StateFeedback(Controller):
             )
         columns = force_columns(arm, self.actuate)
         K = array("K", self.K, (len(columns), 2 * arm.nv))
-        q0 = arm._place("q0", self.q0)  # zero if None, as there are no balls
+        q0 = arm._place("q0", self.q0)  # zero if None: there are no balls
         v0 = np.zeros(arm.nv) if self.v0 is None else array("v0", self.v0, (arm.nv,))
         u0 = np.zeros(len(columns)) if self.u0 is None else array("u0", self.u0, (len(columns),))
         offset = u0 + K @ np.concatenate([q0, v0])
@@ -323,7 +320,7 @@ class StateFeedback(Controller):
 
 
 def all_joints(arm: Chain) -> list[int]:
-    """The rates of all joints' freedoms. ValueError for a ball's."""
+    """The rates of all joints' freedoms. ValueError for ball joints."""
     rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
     for i in rates:
         if arm.coordinate_of(i) < 0:
@@ -348,8 +345,8 @@ def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
 
 
 def measured_rows(arm: Chain, measure: Sequence[Any] | None, first: int = 0) -> tuple[Array, Array]:
-    """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"; None:
-    the whole state."""
+    """Matrices by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain";
+    None: the whole state."""
     if measure is None:
         return np.eye(arm.nq + arm.nv, arm.nq), np.eye(arm.nq + arm.nv, arm.nv, -arm.nq)
     by_q, by_v = [], []
@@ -382,8 +379,8 @@ def measured_rows(arm: Chain, measure: Sequence[Any] | None, first: int = 0) -> 
 def control_laws(
     arm: Chain, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
 ) -> tuple[list[Feedback], list[Sampler], int]:
-    """The laws of all controllers of a run as the core takes them, continuous and sampled, and how many states of
-    theirs the arm is to be extended by. `prescribed`: the rates whose motion is given."""
+    """The continuous and sampled laws of all controllers of a run, as the core takes them, and the number of their
+    states, by which the arm is extended. `prescribed`: the rates with prescribed motion."""
     all_given = [] if control is None else [control] if isinstance(control, Controller) else control
     if not isinstance(all_given, (list, tuple)) or not all(isinstance(c, Controller) for c in all_given):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
@@ -405,11 +402,11 @@ def control_laws(
 
 
 def padded(x: Array, size: int) -> Array:
-    """x with zeros behind, `size` numbers."""
+    """x with zeros appended, `size` numbers."""
     return np.concatenate([x, np.zeros(size - x.size)]) if x.size < size else x
 
 
 def extended(arm: Chain, memory: int) -> Chain:
-    """The arm with a link without bodies for each state of a controller, whose rate is that state: on a joint with unit
-    inertia of its own, x' is the force, and nothing else of the arm feels it. So every integrator integrates x."""
+    """The arm, extended by a massless link for each state x of a controller. The rate of its joint is x: with unit
+    joint inertia, x' is the force and does not affect the arm. So every integrator integrates x."""
     return type(arm)([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)

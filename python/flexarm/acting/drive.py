@@ -1,4 +1,4 @@
-"""What drives a joint: a prescribed motion or a force (torque)."""
+"""Drives of joints: a prescribed motion or a force (torque)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Scaled:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A callable law, later by `delay` (s), its value larger by `offset`; rates of a motion stay what they are."""
+    """A callable law, delayed by `delay` (s), its value increased by `offset`; rates of a motion are not changed."""
 
     law: Callable[[float], Any]
     offset: float
@@ -55,7 +55,7 @@ def _moved(law: Any, offset: float, delay: float, ends: bool) -> Any:
         return _Moved(law, offset, delay)
     breaks, pieces = law.breaks + delay, np.array(law.coefficients)
     if ends and breaks[0] != law.breaks[0] and breaks[-1] != law.breaks[-1]:
-        # it stands still where its samples have moved away from
+        # constant where the delayed samples do not reach
         first, (last, *_) = pieces[-1, 0], law(float(law.breaks[-1]))
         still = np.zeros((len(pieces), 1))
         still[-1] = first if delay > 0 else last
@@ -73,19 +73,18 @@ def _times_factor(law: Any, factor: float) -> Any:
 
 
 def standing(law: Any) -> Any:
-    """A law of polynomials that stands still outside its samples, at the first value or at the last; others as they
-    are."""
+    """A law of polynomials, extended by its first and last value outside its samples; other laws unchanged."""
     if isinstance(law, tuple):
         return tuple(standing(part) for part in law)
     return law.standing() if isinstance(law, _core.PiecewisePolynomial) else law
 
 
 class Law:
-    """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
+    """A function of time: samples, as a piecewise polynomial that C++ evaluates, or a Python callable."""
 
     law: Any
 
-    constant = False  # whether the samples stand for all times
+    constant = False  # whether the value is the same at all times
 
     def scaled(self, factor: float) -> Any:
         """The same law, `factor` times as large."""
@@ -97,14 +96,14 @@ class Law:
         return made
 
     def moved(self, offset: float = 0.0, delay: float = 0.0) -> Any:
-        """The same law of one number or motion, larger by `offset`, and later by `delay` (s): before its samples begin,
-        and where they have ended, it stands at the first value, or at the last."""
+        """The same law of one number or motion, increased by `offset`, and delayed by `delay` (s). Before and after its
+        samples it has the first or last value."""
         made = copy.copy(self)
         made.law = _moved(self.law, offset, delay, not self.constant)
         return made
 
     def check_span(self, where: str, t: Array) -> None:
-        """ValueError when the samples do not cover the simulated times."""
+        """Raises ValueError if the samples do not cover the simulated times."""
         part = self.law[0] if isinstance(self.law, tuple) else self.law
         if self.constant or not isinstance(part, _core.PiecewisePolynomial):
             return
@@ -115,8 +114,8 @@ class Law:
 
 
 def _quintics(h: Array, rows: Array) -> Array:
-    """Coefficients (6, n), highest powers first, of the polynomials of degree five over n steps h that have position,
-    velocity and acceleration of both ends; rows (n + 1, 3)."""
+    """Coefficients (6, n), highest powers first, of polynomials of degree five over n steps h with given position,
+    velocity and acceleration, rows (n + 1, 3), at both ends."""
     (q0, v0, a0), (q1, v1, a1) = rows[:-1].T, rows[1:].T
     way, rate, bend = q1 - q0 - h * (v0 + 0.5 * h * a0), h * (v1 - v0 - h * a0), h**2 * (a1 - a0)
     cube, quart = 10.0 * way - 4.0 * rate + 0.5 * bend, 7.0 * rate - 15.0 * way - bend
@@ -126,15 +125,15 @@ def _quintics(h: Array, rows: Array) -> Array:
 class Motion(Law):
     """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
 
-    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six by the one polynomial
-    through them); with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every
-    sample: smooth what is recorded with a quantised encoder first, or its second derivative is noise.
+    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six samples by one polynomial);
+    with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every sample: smooth data
+    of a quantised encoder first, or the acceleration is noise.
     `Motion(t, q, v, a)` fits position, velocity and acceleration at every sample by quintic pieces. Both have
     continuous accelerations and are evaluated in C++. `Motion(f)` takes a callable t -> (q, v, a), where v and a must
     be the derivatives of q.
     """
 
-    # by its time, q, v and a of each sample: the polynomials, at the end of the last, have it but for rounding
+    # q, v and a of each sample by its time; polynomials return them only up to rounding
     _samples: Mapping[float, tuple[float, float, float]] = MappingProxyType({})
 
     def __init__(
@@ -174,7 +173,7 @@ class Motion(Law):
         self.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
 
     def check_rates(self, where: str, t: Array) -> None:
-        """ValueError when a callable's v and a are plainly not the derivatives of its q."""
+        """Raises ValueError if a callable's v and a are clearly not the derivatives of its q."""
         if isinstance(self.law, _core.PiecewisePolynomial):
             return
         span = float(t[-1] - t[0])
@@ -187,7 +186,7 @@ class Motion(Law):
             initial=1e-12
         )
         for name, of, wrong in (("v", "q", off[:, 0]), ("a", "v", off[:, 1])):
-            if wrong.sum() > 5:  # at most of the times tried: a kink or two may be meant
+            if wrong.sum() > 5:  # at most of the times tried: single kinks are allowed
                 k = int(np.flatnonzero(wrong)[0])
                 raise ValueError(
                     f"{where}: its {name} must be the derivative of its {of}; at t = {times[k]:.6g} {name} is "
@@ -195,7 +194,7 @@ class Motion(Law):
                 )
 
     def __call__(self, t: ArrayLike) -> Any:
-        """Position, rate and acceleration (q, v, a) at time t (s); of times (nt,), three arrays (nt,)."""
+        """Position, rate and acceleration (q, v, a) at time t (s); for times (nt,) three arrays (nt,)."""
         if np.ndim(t):
             return tuple(np.array([self(x) for x in array("t", t).ravel().tolist()]).T.reshape(3, *np.shape(t)))
         return self._samples.get(float(t)) or self.law(t)  # type: ignore[arg-type]
@@ -207,15 +206,16 @@ class Motion(Law):
         return made
 
     def moved(self, offset: float = 0.0, delay: float = 0.0) -> Motion:
-        """The same motion, larger by `offset`, and later by `delay` (s): before its samples begin, and where they have
-        ended, it stands at the first value, or at the last."""
+        """The same motion, increased by `offset`, and delayed by `delay` (s). Before and after its samples it rests at
+        the first or last position."""
         made: Motion = super().moved(offset, delay)
         made._samples = {t + delay: (q + offset, v, a) for t, (q, v, a) in self._samples.items()}
         return made
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
-        """Smooth spin-up from rest at t = 0 to `speed` (rad/s, m/s) at `time` (s), then on at it (Kane et al. 1987)."""
+        """Smooth spin-up from rest at t = 0 to `speed` (rad/s, m/s) at `time` (s), then constant speed (Kane et al.
+        1987)."""
         return Motion(SpinUp(speed, time))
 
     def __repr__(self) -> str:
@@ -224,11 +224,11 @@ class Motion(Law):
 
 @dataclass(frozen=True)
 class SpinUp:
-    """Smooth spin-up from rest at t = 0, then on at its speed (Kane et al. 1987).
+    """Smooth spin-up from rest at t = 0 to a constant speed (Kane et al. 1987).
 
     Args:
         speed: rad/s, m/s.
-        time: when it is reached (s).
+        time: time at which it is reached (s).
     """
 
     speed: float
@@ -247,7 +247,7 @@ class SpinUp:
             return speed * (t - time / 2), speed, 0.0
         s = t / time
         u = 2 * math.pi * s
-        if abs(u) < 0.5:  # where the differences below would cancel: their series
+        if abs(u) < 0.5:  # a series, as the differences below would cancel
             x = u * u
             half = x * sum((-x) ** k / math.factorial(2 * k + 4) for k in range(7))
             one = x * sum((-x) ** k / math.factorial(2 * k + 3) for k in range(7))
@@ -271,7 +271,7 @@ class Scalar(Law):
             self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 
     def __call__(self, t: ArrayLike) -> Any:
-        """Its value (N, N m, V) at time t (s); of times (nt,), an array (nt,)."""
+        """The value (N, N m, V) at time t (s); for times (nt,) an array (nt,)."""
         if np.ndim(t):
             return np.array([self(x) for x in array("t", t).ravel()]).reshape(np.shape(t))
         value = self.law(t)

@@ -1,5 +1,4 @@
-"""References of control as functions of time: motions with their rates, and laws that are fitted once and evaluated in
-C++."""
+"""References of control as functions of time: motions with rates, and laws that are fitted once for C++."""
 
 from __future__ import annotations
 
@@ -16,10 +15,10 @@ from .drive import Motion, Torque
 from .motor import finite
 
 _LAW = _core.PiecewisePolynomial
-_LOOKS = 400  # places of a callable between which a jump is looked for
-_JUMP = 1e-6  # parts of a motion's range that are a jump
-_DEGREE, _DEPTH, _CLOSE = 7, 14, 1e-11  # of fitted pieces: degree, halvings, parts of the largest value
-_PIECES = 500  # that are shortened at once
+_JUMP_SAMPLES = 400  # samples of a callable in the search for a jump
+_JUMP = 1e-6  # least jump, as a part of a motion's range
+_DEGREE, _DEPTH, _CLOSE = 7, 14, 1e-11  # of fitted pieces: degree, most halvings, relative error
+_PIECES = 500  # pieces that are halved at once
 
 
 def scalar_law(field: str, value: Any) -> Torque:
@@ -51,7 +50,7 @@ def scaled(one: Torque, factor: float) -> Torque:
 
 
 def plus(one: Torque, other: Torque) -> Torque:
-    """The sum of two laws: of polynomials, in pieces that both are smooth in."""
+    """The sum of two laws; polynomials are split at the breaks of both."""
     both = (one, other)
     if not all(isinstance(x.law, _LAW) for x in both):
         return law_of(lambda t: one(t) + other(t))
@@ -64,7 +63,7 @@ def plus(one: Torque, other: Torque) -> Torque:
 
 
 def _expanded(of: Torque, breaks: Array, degree: int) -> Array:
-    """Its coefficients in the pieces between breaks, (degree + 1, pieces)."""
+    """Coefficients of a law in the pieces between breaks, (degree + 1, pieces)."""
     if of.constant:
         start, c = breaks[:-1], np.repeat(of.law.coefficients, len(breaks) - 1, axis=1)
     else:
@@ -78,13 +77,13 @@ def _expanded(of: Torque, breaks: Array, degree: int) -> Array:
 
 
 def kinks_of(law: Any) -> Array:
-    """Where no step may pass over a law of polynomials."""
+    """Times of a law of polynomials that no step may pass over."""
     found: Array = law.kinks if isinstance(law, Fitted) else law.breaks
     return found
 
 
 def along(motion: Motion, by_q: float, by_v: float) -> Torque:
-    """by_q q + by_v v of a motion, as a law of time."""
+    """by_q q + by_v v of a motion as a law of time."""
     law = motion.law
     if not isinstance(law, _LAW):
         return law_of(lambda t: float(np.dot((by_q, by_v), array(f"reference at t = {t}", law(t), (3,))[:2])))
@@ -95,8 +94,8 @@ def along(motion: Motion, by_q: float, by_v: float) -> Torque:
 
 
 def check_motion(where: str, motion: Motion, times: Array, smooth: bool = False) -> None:
-    """ValueError where a motion does not cover these times, where its rates are not the derivatives of its position, or
-    where it jumps; or its rate does, if it must be `smooth`."""
+    """Raises ValueError if a motion does not cover these times, its rates are not the derivatives of its position, or
+    it jumps (or its rate, if it must be `smooth`)."""
     motion.check_span(where, times)
     if isinstance(motion.law, _LAW) or times[0] == times[-1]:
         return
@@ -112,8 +111,8 @@ def check_motion(where: str, motion: Motion, times: Array, smooth: bool = False)
 
 
 def _jump(where: str, motion: Motion, times: Array, k: int) -> tuple[float, float] | None:
-    """Where q (k = 0) or v (k = 1) jumps most, and by how much."""
-    t = np.linspace(times[0], times[-1], _LOOKS + 1)
+    """Time and size of the largest jump of q (k = 0) or v (k = 1); None if there is none."""
+    t = np.linspace(times[0], times[-1], _JUMP_SAMPLES + 1)
     x = np.array([array(f"{where} at t = {s}", motion.law(float(s)), (3,)) for s in t])
     miss = np.diff(x[:, k]) - 0.5 * np.diff(t) * (x[1:, k + 1] + x[:-1, k + 1])
     i = int(np.abs(miss).argmax())
@@ -133,17 +132,17 @@ def _jump(where: str, motion: Motion, times: Array, k: int) -> tuple[float, floa
 
 
 class Fitted(_LAW):
-    """A law of time with more pieces than kinks.
+    """A fitted law of time, which is smooth at most of its breaks.
 
     Attributes:
-        kinks: where the function is not smooth, which no step may pass over; its own breaks may be.
+        kinks: times where the function is not smooth. No step may pass over these; over other breaks it may.
     """
 
     kinks: Array
 
 
 def smooth(motion: Motion) -> Motion:
-    """A motion of samples, as one whose samples steps may pass over."""
+    """A motion of samples that steps may pass over."""
     law = Fitted(motion.law.breaks, motion.law.coefficients)
     law.kinks = np.zeros(0)
     motion.law = law
@@ -151,11 +150,11 @@ def smooth(motion: Motion) -> Motion:
 
 
 def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) -> list[Fitted]:
-    """Polynomials of degree 7 through f (n,) -> (n, k) from begin to end, in pieces as short as they must be, one law
-    for each of its k numbers."""
+    """Piecewise polynomials of degree 7 through f (n,) -> (n, k) from begin to end, one law for each of its k numbers.
+    Pieces are halved until they fit."""
     kinks, least = np.unique(kinks), 1e-9 * (end - begin)
     kinks = kinks[(kinks > begin + least) & (kinks < end - least)]
-    kinks = kinks[np.diff(kinks, prepend=begin) > least]  # equal but for rounding
+    kinks = kinks[np.diff(kinks, prepend=begin) > least]  # equal up to rounding
     left = np.concatenate([[begin], kinks])
     width = np.diff(np.append(left, end))
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)
@@ -171,7 +170,7 @@ def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) 
         size = np.maximum(size, np.abs(y).max(axis=(0, 1)))
         c = np.linalg.solve(powers[0], y[:, : nodes.size])
         off = np.abs(powers[1] @ c - y[:, nodes.size :]).max(axis=1)
-        enough = level == _DEPTH or left.size > most  # of noise all pieces are too long
+        enough = level == _DEPTH or left.size > most  # noise needs endless halvings
         good = (off <= _CLOSE * size + 1e-300).all(axis=1) | enough
         done.append((left[good], width[good], c[good]))
         left, width = left[~good], 0.5 * width[~good]
@@ -188,15 +187,16 @@ def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) 
     return laws
 
 
-def _held(place: float) -> Motion:
-    """A place for all times, as a motion."""
+def _constant_motion(place: float) -> Motion:
+    """A constant position as a motion."""
     motion = Motion(lambda t: (place, 0.0, 0.0))
     motion.law, motion.constant = _LAW([0.0, 1.0], [[place]]), True
     return motion
 
 
 def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
-    """A Motion for each named freedom of the joints: motions or numbers, a list of them, or one where there is one."""
+    """A Motion for each named freedom of the joints, from motions or numbers: a list, or a single one for one
+    freedom."""
     given = list(reference) if isinstance(reference, (list, tuple, np.ndarray)) else [reference]
     if len(given) != len(names):
         raise ValueError(
@@ -206,4 +206,4 @@ def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
     for k, r in enumerate(given):
         if not isinstance(r, (Motion, int, float, np.number)):
             raise ValueError(f"reference[{k}] = {r!r}: must be a Motion or a number")
-    return [r if isinstance(r, Motion) else _held(finite(f"reference[{k}]", r)) for k, r in enumerate(given)]
+    return [r if isinstance(r, Motion) else _constant_motion(finite(f"reference[{k}]", r)) for k, r in enumerate(given)]

@@ -17,20 +17,20 @@ from .drive import Law, sample_times
 
 Value = ArrayLike | Callable[[float], Any]
 
-_MOST = 64  # places on an arm that are kept
-_PLACES: WeakKeyDictionary[_core.Arm, dict[Any, _core.Load]] = WeakKeyDictionary()  # every evaluation asks
+_MOST = 64  # most cached places of an arm
+_PLACES: WeakKeyDictionary[_core.Arm, dict[Any, _core.Load]] = WeakKeyDictionary()  # a cache
 
 
 class Load(Law):
     """A force and a moment on a slice, or spread along a beam (the external forces of the paper's Eq. 52, 53).
 
     Args:
-        link: which link; -1 is the last.
+        link: the link; -1 is the last.
         x: the slice at x metres along that link's beam; None is the link's end (the end effector).
         force, moment: N and N m: three numbers; with `t`, samples (nt, 3), linear in between; or a callable t -> three.
         t: times of the samples (s).
-        along: (a, b) metres instead of x: force (N/m) and moment (N) per length from a to b.
-        axes: "world", or "section" for axes that turn with the slice (a follower force).
+        along: (a, b) metres, instead of x: force (N/m) and moment (N) per length from a to b.
+        axes: "world", or "section" for axes that rotate with the slice (a follower force).
     """
 
     def __init__(
@@ -57,10 +57,11 @@ class Load(Law):
             raise ValueError(f"along = {along!r}: give x or along, not both")
         if force is None and moment is None:
             raise ValueError("force = None: give a force, a moment, or both")
-        self._steady: Array | None = None  # what does not change
+        self._steady: Array | None = None  # the constant part
         #: the arguments it was made of
         self.given: dict[str, Any] = {
-            "link": link, "x": self.x, "force": _kept("force", force), "moment": _kept("moment", moment), "t": t,
+            "link": link, "x": self.x, "force": _argument("force", force), "moment": _argument("moment", moment), "t":
+            t,
             "along": along, "axes": axes
         }  # fmt: skip
         if any(callable(value) for value in (force, moment)):
@@ -95,7 +96,7 @@ class Load(Law):
         return f"Load(link={self.link}, {where}, axes={self.axes!r})"
 
     def place(self, arm: Chain) -> _core.Load:
-        """Where it acts on an arm. ValueError when the arm has no such link or slice."""
+        """The place on an arm where it acts. ValueError if the arm has no such link or slice."""
         n, world = arm._link(self.link, "load: link"), self.axes == "world"
         known, key = _PLACES.setdefault(arm._core, {}), (n, self.x, self.along, world)
         if key not in known:
@@ -118,7 +119,7 @@ class _Wrench:
         return [float(x) for part in self.parts for x in part(t)]
 
 
-def _kept(name: str, value: Any) -> Any:
+def _argument(name: str, value: Any) -> Any:
     return value if value is None or callable(value) else array(name, value)
 
 

@@ -25,7 +25,7 @@ def positive(name: str, value: Any) -> float:
 
 
 def torque_limits(arm: Chain) -> Array:
-    """The most that what drives each rate of an arm gives together (N m, N), (nv,); infinity where there is no
+    """The largest total force of drives and controllers on each rate of an arm (N m, N), (nv,); infinity without a
     limit."""
     out = np.full(arm.nv, np.inf)
     for k, link in enumerate(arm.links):
@@ -35,8 +35,8 @@ def torque_limits(arm: Chain) -> Array:
 
 
 def reach_of(arm: Chain, columns: Array, limit: Any) -> Array:
-    """Of each output, whose generalised forces are a column (nv or more, nu): the least of its own limit and of what
-    the motors at its joints can give."""
+    """The limit of each output with generalised forces `columns` (nv or more, nu): the least of its own limit and those
+    of the motors at its joints."""
     with np.errstate(divide="ignore"):
         shares = torque_limits(arm)[:, None] / np.abs(columns[: arm.nv])
     return np.asarray(np.minimum(limit, shares.min(axis=0, initial=np.inf)))
@@ -50,7 +50,7 @@ class Motor:
 
     Args:
         torque_constant: k_t (N m/A), which is the back-EMF constant (V s/rad) too.
-        gear_ratio: n, motor turns for one of the joint.
+        gear_ratio: n, motor revolutions for one of the joint.
         efficiency: of the gear, 0 to 1.
         limit: largest current (A), or voltage (V) with `resistance`; None: no limit.
         resistance: R of the winding (ohm); None: current mode.
@@ -84,18 +84,18 @@ class Motor:
 
     @property
     def reflected_inertia(self) -> float:
-        """n² J_r (kg m²), what the joint feels of the rotor."""
+        """n² J_r (kg m²), the inertia of the rotor at the joint."""
         return self.gear_ratio**2 * self.rotor_inertia
 
     @property
     def gain(self) -> float:
-        """Torque of the joint for a unit of the controller's output (N m/A, or N m/V at rest)."""
+        """Joint torque per unit of the controller's output (N m/A, or N m/V at rest)."""
         per_ampere = self.torque_constant * self.gear_ratio * self.efficiency
         return per_ampere if self.resistance is None else per_ampere / self.resistance
 
     @property
     def braking(self) -> float:
-        """Of the back-EMF, at the joint (N m s/rad); zero in current mode."""
+        """Damping by the back-EMF at the joint (N m s/rad); zero in current mode."""
         return 0.0 if self.resistance is None else self.gain * self.torque_constant * self.gear_ratio
 
     def __repr__(self) -> str:

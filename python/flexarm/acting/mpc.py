@@ -1,4 +1,5 @@
-"""Model predictive control: at each sample the torques that follow from a plan over a horizon, within limits."""
+"""Model predictive control: each sample plans the motion over a horizon and applies the first torques, within
+limits."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque
 from .motor import positive, reach_of
 from .sampled import is_samples
-from .tracked import Called, each, extended_by, projection, rows_of
+from .tracked import CallableReference, each, extended_by, projection, rows_of
 from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
@@ -29,7 +30,7 @@ _INF = float("inf")
 
 
 class MPCWarning(UserWarning):
-    """Predictive control could not solve a sample, and went on along its last plan."""
+    """Predictive control could not solve a sample and continued with its last plan."""
 
 
 class MPC(Controller):
@@ -41,53 +42,53 @@ class MPC(Controller):
 
         weight (y - r)² + rate_weight (dy/dt - dr/dt)² + effort (u - u_held)² + rate_effort (du/dt)²
 
-    where y is what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm where it is
-    against gravity and what else is known to act. The law needs the whole state; with sensors, estimate it by a
+    where y are the tracked outputs, r is the reference, u are the joints' torques, and u_held those that hold the arm
+    in its position against gravity and other known forces. The law needs the whole state; with sensors, estimate it by
+    a
     KalmanFilter and give it to `step`. If a sample cannot be solved, the law warns once (MPCWarning) and continues with
     its last plan, within the limits: `failures` counts these samples.
 
     Args:
-        model: the arm that it knows: links and joints as the plant's, elastic coordinates of its own, such as fewer of
-            them; None: the arm that it controls. Not in files.
-        drive, loads, control: (not in files) what acts on the model beside the inputs, as of `simulate`: motions,
-            torques and voltages over the horizon; loads; controllers of an inner loop, which are not part of the law
-            itself: give them to `simulate` too. Sampled ones must be LinearControllers without sensors; the stages are
-            divided at their samples. What they remember is predicted. Samples stand still at their ends.
-        track: what the reference is of: "joints", all joint coordinates (rad, m); "tip", the three coordinates of the
+        model: the arm of the prediction: links and joints as the plant's, its own (usually fewer) elastic coordinates;
+        None: the controlled arm. Not in files.
+        drive, loads, control: (not in files) other actions on the model, as of `simulate`: motions, torques and
+            voltages over the horizon; loads; controllers of an inner loop, which are not part of the law itself: give
+            them to `simulate` too. Sampled ones must be LinearControllers without sensors; the stages are divided at
+            their samples, and their states are predicted. Laws of samples are constant outside these.
+        track: the tracked outputs: "joints", all joint coordinates (rad, m); "tip", the three coordinates of the
             last link's end in the world (m); or a list of ("joint", link), ("joint", (link, freedom)), ("tip", link),
-            ("tip", link, "x") and ("strain", link, x, "K3"). A ball has no coordinates: its arm is led by "tip".
-        reference: of what is tracked: a number, numbers (ny,), samples (t, r) with straight lines between and constant
-            values before and after, r (nt,) or (nt, ny); a Motion, or a list of ny of them; or a callable t -> (ny,)
+            ("tip", link, "x") and ("strain", link, x, "K3"). Ball joints cannot be tracked: use "tip".
+        reference: of the tracked outputs: a number, numbers (ny,), samples (t, r), linear in between and constant
+            before and after, r (nt,) or (nt, ny); a Motion, or a list of ny of them; or a callable t -> (ny,)
             numbers, or (2, ny) with their rates. It must be known up to the horizon beyond a run's end.
         weight: of (y - r)², one number or (ny,), not negative.
         rate_weight: of the rates', in s²; None: weight times (0.05 s)².
         rate: samples a second (Hz).
-        horizon: how far it looks ahead (s), at least `stages` periods.
-        stages: steps over the horizon, the first as long as a period, the next ones longer and longer.
-        blocks: over how many parts of the horizon the inputs are held, short ones first; at most `stages`.
-        terminal: for how long (s) the horizon's end counts in the cost; None: a fifth of the horizon.
-        inputs: what u are: links, (link, freedom), ("patch", link, patch), or arrays (nv,), columns of generalised
-            forces per unit of u; None: all joints that no motion prescribes, of a ball the three torques in the axes
-            that turn.
-        limit: of each |u|, one number or (nu,) (N m, N); None: the `torque_limit` of the joints that u moves, if they
-            have one. It is never exceeded, nor is that of the joints.
-        rate_limit: of each |du/dt|, one number or (nu,); None: none. It is never exceeded.
-        effort: of u², one number or (nu,); None: 0.001 of the mean weight where u moves its joint by 1 rad, or 1 m, in
-            the horizon, or is at its limit, if that is less.
+        horizon: length of the prediction (s), at least `stages` periods.
+        stages: steps over the horizon, the first as long as a period, each next one longer.
+        blocks: number of parts of the horizon with constant inputs, short ones first; at most `stages`.
+        terminal: time (s) that weights the end of the horizon in the cost; None: a fifth of the horizon.
+        inputs: the inputs u: links, (link, freedom), ("patch", link, patch), or arrays (nv,), columns of generalised
+            forces per unit of u; None: all joints without prescribed motion, of a ball the three torques in body axes.
+        limit: of each |u|, one number or (nu,) (N m, N); None: the `torque_limit` of the joints that u drives, if they
+            have one. Neither limit is ever exceeded.
+        rate_limit: of each |du/dt|, one number or (nu,); None: no limit. It is never exceeded.
+        effort: of u², one number or (nu,); None: 0.001 of the mean weight for the u that moves its joint by 1 rad, or 1
+            m, in the horizon, or for its limit, if that is less.
         rate_effort: of (du/dt)², one number or (nu,); None: effort times (20 ms)².
-        joint_limit: soft limits (lower, upper) of all joint coordinates but of balls, two numbers or two rows (nj,);
-            None: none.
-        speed_limit: soft limit of the speeds of the same, one number or (nj,); None: none.
+        joint_limit: soft limits (lower, upper) of all joint coordinates except balls, two numbers or two rows (nj,);
+            None: no limits.
+        speed_limit: soft limit of their speeds, one number or (nj,); None: no limit.
         strain_limit: soft limits of strains: a list of (link, x, strain, most) with strain "K1", "K2", "K3", "phi12",
-            "phi13" or "eps" at x metres along the link's beam, and most the largest size of it (1/m).
-        soft: what breaking a soft limit by its own size costs, for a second; None: 100 times the largest weight.
-        delay: whether torques act a period after the sample that they answer, as they do where computing takes it; the
-            motion meanwhile is predicted.
-        iterations: linearisations, with a quadratic program each, for a sample.
+            "phi13" or "eps" at x metres along the link's beam, and most its largest magnitude (1/m).
+        soft: cost of exceeding a soft limit by its own value for a second; None: 100 times the largest weight.
+        delay: whether torques act one period after their sample, which leaves time to compute; the motion in between is
+            predicted.
+        iterations: number of linearisations, with a quadratic program each, in a sample.
 
     Raises:
-        ValueError: what is wrong, by name. At the run: where the model does not fit the plant, or a controller of
-            `control` cannot be predicted.
+        ValueError: bad arguments, by name. At the run: a model that does not match the plant, or a controller of
+            `control` that cannot be predicted.
             RuntimeError: flexarm was built without it (FLEXARM_MPC=OFF).
     """
 
@@ -133,23 +134,24 @@ class MPC(Controller):
         self.iterations = whole("iterations", iterations)
         if self.iterations < 1:
             raise ValueError(f"iterations = {iterations}: must be at least 1")
-        #: how many samples could not be solved so far, in `step` and in all runs
+        #: number of samples that could not be solved so far, in `step` and in all runs
         self.failures = 0
         self._core: Any = None
         self._failed: Any = None
         self._planned = np.zeros(0), np.zeros((0, 0))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies have no plan yet."""
+        """Copies start without a plan."""
         return {**self.__dict__, "_core": None, "_failed": None}
 
     def _arguments(self) -> dict[str, Any]:
         return dict(self._given_as)
 
-    # -- what it is asked for outside a run ----------------------------------------------------------------------------
+    # -- use outside of a run
+    # -------------------------------------------------------------------------------------------
 
     def step(self, t: float, q: ArrayLike, v: ArrayLike) -> Array:
-        """Inputs u (nu,) from a state q (nq,), v (nv,) of the model at time t (s): one sample, in a loop of your own.
+        """Inputs u (nu,) from a state q (nq,), v (nv,) of the model at time t (s): one sample of your own loop.
         Controllers of the model sample from the first t on.
 
         Raises:
@@ -176,20 +178,20 @@ class MPC(Controller):
         return u
 
     def reset(self) -> None:
-        """Forgets what `step` has planned."""
+        """Deletes the plan of `step`."""
         self._core = None
 
     @property
     def plan(self) -> tuple[Array, Array]:
-        """Of the last `step`: times from the sample on (s), when the blocks begin and the horizon's end (blocks + 1,),
-        and the inputs held between, (blocks, nu)."""
+        """The plan of the last `step`: starts of the blocks and end of the horizon (s from the sample), (blocks + 1,),
+        and the constant inputs of the blocks, (blocks, nu)."""
         if self._core is None:
             raise ValueError("plan: there is none before `step`")
         return self._planned
 
     def _failing(self) -> Callable[[float, int], None]:
-        """What is called where a sample could not be solved, in one run. The core holds it, out of sight of the garbage
-        collector, and this holds the core: it must not hold this."""
+        """The callback of a run for samples that could not be solved. The core holds it, unseen by the garbage
+        collector, and this object holds the core: the callback must not hold this object."""
         first, counter = True, weakref.ref(self)
 
         def failed(t: float, status: int) -> None:
@@ -212,7 +214,7 @@ class MPC(Controller):
         rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)
                  if not isinstance(given.get(i), Motion)]  # fmt: skip
         if self.inputs is None and not rates:
-            raise ValueError("inputs = None: all joints have a motion in `drive`; name what u moves")
+            raise ValueError("inputs = None: all joints have a motion in `drive`; name the inputs u")
         return [np.eye(arm.nv)[i] for i in rates] if self.inputs is None else force_columns(arm, self.inputs)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
@@ -232,7 +234,7 @@ class MPC(Controller):
         rate_weight = self._given_as["rate_weight"]
         rate_weight = 0.05**2 * weight if rate_weight is None else each("rate_weight", rate_weight, len(rows))
         if not (weight > 0).any():
-            raise ValueError("weight: must be positive for at least one of what is tracked")
+            raise ValueError("weight: must be positive for at least one tracked output")
         limits = reach_of(arm, forces, each("limit", self._given_as["limit"], nu, above=True))
         effort = self._given_as["effort"]
         if effort is None:
@@ -270,7 +272,7 @@ class MPC(Controller):
         return [("tip", -1)] if self.track == "tip" else list(self.track)
 
     def _limited(self, model: Chain) -> list[Any]:
-        """Outputs that are kept within soft limits."""
+        """Outputs with soft limits."""
         none = (np.zeros(model.nv), None, 0.0, 0.0)
         rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)
                  if model.coordinate_of(i) >= 0]  # fmt: skip
@@ -296,13 +298,13 @@ class MPC(Controller):
         return out
 
     def _reference(self, ny: int) -> Any:
-        """A polynomial for each of what is tracked, or a callable t -> (2, ny)."""
+        """A polynomial for each tracked output, or a callable t -> (2, ny)."""
         given = self.reference
         if isinstance(given, Motion):
             given = [given]
         if isinstance(given, (list, tuple)) and any(isinstance(m, Motion) for m in given):
             if len(given) != ny or not all(isinstance(m, Motion) for m in given):
-                raise ValueError(f"reference: must be {ny} Motions, one for each of what is tracked")
+                raise ValueError(f"reference: must be {ny} Motions, one for each tracked output")
             motions = list(given)
             if all(isinstance(m.law, _core.PiecewisePolynomial) for m in motions):
                 return [m.law for m in motions]
@@ -314,7 +316,7 @@ class MPC(Controller):
                 raise ValueError(f"reference: r has shape {r.shape}: must be ({times.size},) or ({times.size}, {ny})")
             return [Torque(times, columns[:, k % columns.shape[1]]).law for k in range(ny)]
         if callable(given):
-            return Called(given, ny)
+            return CallableReference(given, ny)
         fixed = array("reference", given)
         if fixed.shape not in ((), (ny,)):
             raise ValueError(f"reference has shape {fixed.shape}: must be one number, or {ny}, one for each tracked")
@@ -322,6 +324,6 @@ class MPC(Controller):
 
 
 def _entry(given: Any) -> Any:
-    """What is named, as a file has it, or as it is."""
+    """An entry from a file (lists become tuples), or unchanged."""
     names = isinstance(given, list) and (given[:1] == ["patch"] or len(given) == 2)
     return tuple(given) if names else given

@@ -17,16 +17,16 @@ class PID(LinearController):
     Args:
         kp, ki, kd: gains, per rad (m), per rad s and per rad/s; of a torque (N m, N), or of the motor's current or
             voltage.
-        link: which joint, or (link, freedom).
+        link: the joint, or (link, freedom).
         rate: samples a second (Hz); None: continuous.
-        reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
-        filter_time: of the low pass ahead of the derivative (s); None: two samples. The low pass delays the
+        reference: of q (rad, m): a number, samples (t, r), linear in between, or a callable t -> r.
+        filter_time: time constant of the low pass before the derivative (s); None: two samples. It delays the
             derivative: gains that are stable with a measured rate, as of PD, may be unstable here.
-        delay: from a sample to its force (s); needs a rate.
-        limit: u is kept within -limit .. limit; None: the motor's.
-        motor: turns u into a torque; None: u is the torque.
-        tracking_time: s, how fast the integral is led back while u is at its limit (back-calculation; Astrom & Hagglund
-            2006): between kd/kp and kp/ki is usual, at least a sample. None: the integral winds up.
+        delay: time from a sample to its force (s); needs a rate.
+        limit: of |u|; None: the motor's.
+        motor: converts u to a torque; None: u is the torque.
+        tracking_time: time constant (s) that unwinds the integral while u is at its limit (back-calculation; Astrom &
+            Hagglund 2006): usually between kd/kp and kp/ki, at least a sample. None: no anti-windup.
     """
 
     type = "pid"
@@ -37,7 +37,7 @@ class PID(LinearController):
         filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
         tracking_time: float | None = None,
     ) -> None:  # fmt: skip
-        link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file
+        link = tuple(link) if isinstance(link, list) else link  # (link, freedom) from a file
         kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
         tf = None if filter_time is None else positive("filter_time", filter_time)
         led_back = None if tracking_time is None else positive("tracking_time", tracking_time)

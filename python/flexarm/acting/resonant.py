@@ -1,5 +1,4 @@
-"""Controllers that damp modes by what a gauge or a patch measures of them: positive position feedback, integral
-resonant control."""
+"""Controllers that damp modes with a gauge or a patch: positive position feedback, integral resonant control."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from .sampled import LinearController, as_floats
 
 
 class _Resonant(LinearController):
-    """What both share: one measurement, one force, and no reference but zero."""
+    """The base of PPF and IRC: one measurement, one force, and a constant reference."""
 
     rebuilt = True
     _given_as: dict[str, Any]
@@ -30,11 +29,11 @@ class _Resonant(LinearController):
 
 
 class PPF(_Resonant):
-    """Positive position feedback: u = gain w² / (s² + 2 zeta w s + w²) (y - reference), added with its own sign (Fanson
-    & Caughey, AIAA Journal 28, 1990). One for each mode; several add up.
+    """Positive position feedback: u = gain w² / (s² + 2 zeta w s + w²) (y - reference), with positive sign (Fanson &
+    Caughey, AIAA Journal 28, 1990). Use one for each mode; several add up.
 
-    Where y is collocated with u (the strain or voltage of a patch beside the one that acts, a joint's angle and its
-    torque) it is stable, whatever the modes, as long as gain times the static y by u is below 1. `fa.ppf` chooses that.
+    If y is collocated with u (the strain or voltage of a patch beside the actuating one, a joint's angle and its
+    torque) it is stable for any modes if gain times the static y by u is below 1. `fa.ppf` chooses such a gain.
 
     Args:
         frequency: w of the filter (rad/s), near the mode's.
@@ -43,7 +42,7 @@ class PPF(_Resonant):
         measure: a list of one entry, as of Sampled, such as [("strain", 0, 0.0, "K3")].
         actuate: a list of one entry, as of Sampled.
         rate: samples a second (Hz), by Tustin's rule with its peak at w; None: continuous.
-        reference: of y, such as its value in static balance.
+        reference: of y, such as its value in static equilibrium.
         delay, limit, motor: as of LinearController.
     """
 
@@ -69,19 +68,19 @@ class PPF(_Resonant):
 
 
 class IRC(_Resonant):
-    """Integral resonant control (Aphale, Fleming & Moheimani, Smart Materials and Structures 16, 2007): integral of
-    what is measured less `feedthrough` times u, u' = gain (y - reference - feedthrough u). It damps several modes at
+    """Integral resonant control (Aphale, Fleming & Moheimani, Smart Materials and Structures 16, 2007): integral of the
+    measurement less `feedthrough` times u, u' = gain (y - reference - feedthrough u). It damps several modes at
     once.
 
-    Where y is collocated with u it is stable as long as `feedthrough` has the sign of the static y by u and is larger.
-    `fa.irc` chooses that.
+    If y is collocated with u it is stable if `feedthrough` has the sign of the static y by u and is larger. `fa.irc`
+    chooses it.
 
     Args:
         gain: u per unit of y and second; its sign is that of the static y by u.
         feedthrough: y per unit of u, which swaps the poles and zeros of the arm.
         measure, actuate: lists of one entry, as of Sampled.
         rate: samples a second (Hz), by Tustin's rule; None: continuous.
-        reference: of y, such as its value in static balance.
+        reference: of y, such as its value in static equilibrium.
         delay, limit, motor: as of LinearController.
     """
 

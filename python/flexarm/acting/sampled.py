@@ -1,4 +1,4 @@
-"""Controllers that look at the state at a rate, and linear ones, at a rate or continuous."""
+"""Sampled controllers, and linear ones, sampled or continuous."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .following import along, check_motion, plus, scaled
 from .motor import Motor, positive, reach_of
 from .seen import Seen
 
-_MOST = 1e8  # samples of a run
+_MOST = 1e8  # most samples of a run
 
 _Reader = Callable[[float, Array, Array, Array], Array]  # (t, q, v, a) -> y
 
@@ -49,14 +49,14 @@ def _row_reader(entry: Any, arm: Chain, k: int) -> _Reader:
 
 
 def _entry(entry: Any) -> Any:
-    """An entry of `measure` or `actuate`; a file has lists for tuples."""
+    """An entry of `measure` or `actuate`; lists from files become tuples."""
     if isinstance(entry, (list, tuple)) and entry and isinstance(entry[0], str):
         return tuple(tuple(x) if isinstance(x, list) else x for x in entry)
     return entry
 
 
 def note(e: Exception, name: str, t: float) -> None:
-    """Adds to what a user's law raised which law it was, and when."""
+    """Adds the law's name and the time to an exception of a user's law."""
     text = f"raised by the law of {name} at t = {t:.9g} s"
     if sys.version_info >= (3, 11):
         e.add_note(text)
@@ -65,12 +65,12 @@ def note(e: Exception, name: str, t: float) -> None:
 
 
 def count_of(n: int) -> str:
-    """n finite numbers, in words."""
+    """"n finite numbers" in words."""
     return "one finite number" if n == 1 else f"{n} finite numbers"
 
 
-class Asked:
-    """A law as the core asks it for forces, once a sample of one run."""
+class PythonLaw:
+    """A Python law in one run: the core calls it for forces once a sample."""
 
     def __init__(
         self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: Any, size: int, name: str,
@@ -79,7 +79,7 @@ class Asked:
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.senses = senses  #: whether it reads sensors
         self.seen = Seen()
-        self.twice = False  #: whether the law must answer the same when it is asked again
+        self.twice = False  #: whether a repeated call must return the same
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
         y = self.read(t, q, v, a)
@@ -107,15 +107,15 @@ class Asked:
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
 
 
-class _Between:
-    """Shows the arm to the filters of sensors between the samples of their law, `parts` times a sample; no force."""
+class _FilterUpdates:
+    """Updates the filters of sensors between the samples of their law, `parts` times a sample; no force."""
 
     def __init__(self, samplers: list[Any], parts: int, arm: Chain, size: int) -> None:
         self.samplers, self.parts, self.nq, self.nv, self.none = samplers, parts, arm.nq, arm.nv, np.zeros(size)
         self.count = 0
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
-        if self.count % self.parts:  # else the law itself looks
+        if self.count % self.parts:  # otherwise the law itself reads
             for sampler in self.samplers:
                 sampler.observe(t, q[: self.nq], v[: self.nv], a[: self.nv])
         self.count += 1
@@ -123,18 +123,19 @@ class _Between:
 
 
 class Sampled(Controller):
-    """A law that is asked at a rate, in Python, and whose answer is held until the next.
+    """A Python law that is called at a rate; its output is held until the next sample.
 
     Args:
-        law: a callable (t, y) -> u: time (s), what is measured (ny,), and the outputs (nu,) or one number.
+        law: a callable (t, y) -> u: time (s), measurements (ny,), and the outputs (nu,) or one number.
         rate: samples a second (Hz).
-        measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge", link, patch),
+        measure: the measurements y: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge",
+            link, patch),
             ("patch_voltage", link, patch), or sensors, in order; None: the whole state [q; v].
         actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
             forces per unit of u.
-        delay: from a sample to its force (s): what computing and the bus take.
+        delay: time from a sample to its force (s), of computing and the bus.
         limit: of each |u|, one number or nu of them; None: the motor's.
-        motor: turns u into torques; None: u are torques.
+        motor: converts u to torques; None: u are torques.
     """
 
     def __init__(
@@ -163,8 +164,8 @@ class Sampled(Controller):
                 )
 
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
-        """(t, q, v, a) -> y of one run; samplers with filters are noted in `opened`."""
-        nq, nv = arm.nq, arm.nv  # behind them, q, v and a may have states of other controllers
+        """The function (t, q, v, a) -> y of one run; samplers with filters are added to `opened`."""
+        nq, nv = arm.nq, arm.nv  # q, v and a may end with states of other controllers
         if self.measure is None:
             return lambda t, q, v, a: np.concatenate([q[:nq], v[:nv]])
         readers = [_sensor_reader(e, arm, loads, opened) if hasattr(e, "sampler") else _row_reader(e, arm, k)
@@ -172,9 +173,9 @@ class Sampled(Controller):
         return lambda t, q, v, a: np.concatenate([r(t, q[:nq], v[:nv], a[:nv]) for r in readers])
 
     def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
-        """What the core asks for forces, once a sample."""
+        """The callable that the core calls for forces, once a sample."""
         read = self._reader(arm, run.loads, opened)
-        return Asked(
+        return PythonLaw(
             self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]", self._sensed()
         )
 
@@ -191,13 +192,13 @@ class Sampled(Controller):
         laws = [Sampler(start, period, self.delay, law)]
         gap = float(np.diff(run.times).max()) if len(run.times) > 1 else period
         parts = int(np.ceil(period / gap - 1e-6))
-        if opened and parts > 1:  # filters see the arm as often as the result will show it
-            laws.insert(0, Sampler(start, period / parts, 0.0, _Between(opened, parts, arm, arm.nv + run.total)))
+        if opened and parts > 1:  # filters are updated as often as in `Sensor.read`
+            laws.insert(0, Sampler(start, period / parts, 0.0, _FilterUpdates(opened, parts, arm, arm.nv + run.total)))
         return braking_laws(arm, self.motor, units.T), laws
 
 
 def _columns_of(t: Any, r: Any, ny: int) -> list[Any]:
-    """Samples (t, r) of a reference, linear in between, as a law of time for each of its ny numbers."""
+    """Samples (t, r) of a reference, linear in between, as ny laws of time."""
     times, values = sample_times(array("reference: t", t)), array("reference: r", r)
     if values.shape == times.shape:
         values = np.repeat(values[:, None], ny, axis=1)
@@ -207,7 +208,7 @@ def _columns_of(t: Any, r: Any, ny: int) -> list[Any]:
 
 
 def _followed(motion: Motion, arm: Chain, measure: Any) -> list[Torque]:
-    """A motion as the reference of what is measured: q of joints, v of rates."""
+    """A motion as the reference of measurements: q of joints, v of rates."""
     kinds = [e[0] if isinstance(e, tuple) and len(e) == 2 else e for e in measure or ["the whole state"]]
     for k, kind in enumerate(kinds):
         if kind not in ("joint", "rate") or len(measured_rows(arm, [measure[k]])[0]) > 1:
@@ -223,26 +224,25 @@ def _no_law(t: float, y: Array) -> float:
 
 
 class LinearController(Sampled):
-    """A linear law with memory: PID, lead-lag, observers. Sampled, w = u0 + C x + D e and x+ = A x + B e; or
-    continuous, with x' = A x + B e, then its states are integrated together with the arm. e = reference - y; it begins
-    with x = 0; u is w, kept within the limit.
+    """A linear law with memory: PID, lead-lag, observers. Sampled: w = u0 + C x + D e and x+ = A x + B e. Continuous:
+    x' = A x + B e, integrated together with the arm. e = reference - y; x starts at 0; u is w within the limit.
 
     Args:
-        A, B, C, D: as `rate` asks for, or a python-control or SciPy system, or a tuple (A, B, C, D), as `A` alone: a
-            continuous one is discretised with `method` where there is a rate. An empty A, [], is of a law without
-            memory, u = u0 + D e.
+        A, B, C, D: matrices, discrete if there is a `rate`; or as `A` alone a python-control or SciPy system, or a
+            tuple (A, B, C, D), which is discretised with `method` if it is continuous and there is a rate. An empty A,
+            [], is a law without memory, u = u0 + D e.
         rate: samples a second (Hz); None: continuous.
         measure: as of Sampled, None: the whole state [q; v]; sensors need a rate.
         actuate, limit, motor: as of Sampled. delay: needs a rate.
-        reference: of y: a number, an array (ny,), samples (t, r) with straight lines between, a callable t -> (ny,), or
-            a Motion, which gives q to ("joint", link) and v to ("rate", link).
+        reference: of y: a number, an array (ny,), samples (t, r), linear in between, a callable t -> (ny,), or a
+            Motion, which gives q to ("joint", link) and v to ("rate", link).
         method: of SciPy's cont2discrete: "bilinear" (Tustin), "zoh", ...
-        u0: what is always added (nu,), such as what holds the arm against gravity; None: zero.
-        anti_windup: W (nx, nu), given as A and B are, for x+ (or x') = A x + B e + W (u - w): what a limit does to the
+        u0: constant part of u (nu,), such as the torque against gravity; None: zero.
+        anti_windup: W (nx, nu), given like A and B, for x+ (or x') = A x + B e + W (u - w): effect of a limit on the
             states (Astrom & Hagglund, Advanced PID Control, 2006, ch. 3.5; Astrom & Wittenmark, Computer-Controlled
-            Systems, 1997, ch. 9.4). An observer's is the B of its model, which then sees the force that is applied; of
-            an integral see `LinearController.pid`. None: zero, the states wind up at a limit. The `torque_limit` of
-            the joints that it drives counts as a limit of u here.
+            Systems, 1997, ch. 9.4). For an observer, W is the B of its model, which then uses the applied force; for an
+            integral see PID. None: zero, the states wind up at a limit. The `torque_limit` of driven joints counts as a
+            limit of u here.
 
     It runs in C++ unless it reads sensors or a callable.
     """
@@ -280,7 +280,7 @@ class LinearController(Sampled):
         return {**given, "rate": None if self.continuous else self.rate} if "rate" in given else given
 
     def _linear_rows(self, arm: Chain) -> tuple[Array, Array]:
-        """y by q and by v, of the arm."""
+        """Derivatives of y by q and by v."""
         by_q, by_v = measured_rows(arm, self.measure)
         if len(by_q) != self.B.shape[1]:
             raise ValueError(f"measure: gives {len(by_q)} numbers; B has {self.B.shape[1]} columns")
@@ -343,11 +343,11 @@ class LinearController(Sampled):
             ).law  # fmt: skip
 
         def law(column: Array, by_x: Array, by_e: Array, constant: float, limit: float) -> Feedback:
-            """constant + by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
+            """The law constant + by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
             return Feedback(column, by_e @ by_q, rates, offset(by_e, float(constant)), limit)
 
-        # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit, and within what its joint's motor gives
+        # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit and its motor's
         size, gain = arm.nv + run.total, gain_of(self.motor)
         reach, limit = reach_of(arm, gain * units, self.limit), np.broadcast_to(self.limit, units.shape[1])
         W = np.where(np.isfinite(reach), self.anti_windup, 0.0)
@@ -363,7 +363,7 @@ class LinearController(Sampled):
 
 
 def as_floats(rate: Any, delay: Any, limit: Any) -> tuple[float | None, float, float | None]:
-    """The arguments of a law that is made anew of them: a whole number, too, can vary."""
+    """The arguments of a law as floats, so that integers can vary too."""
     rate = None if rate is None else positive("rate", rate)
     return rate, number("delay", delay), None if limit is None else positive("limit", limit)
 
@@ -379,9 +379,9 @@ def is_samples(reference: Any) -> bool:
 def _matrices(
     A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str, windup: Any
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """A, B, C, D and what a limit does to the states, sampled every dt, or, where that is None, continuous."""
+    """A, B, C, D and the anti-windup matrix, sampled every dt, or continuous if dt is None."""
     if (isinstance(A, np.ndarray) and A.size == 0) or (isinstance(A, list) and A in ([], [[]])):
-        d = np.atleast_2d(array("D", D))  # of a law without memory, which is D alone
+        d = np.atleast_2d(array("D", D))  # D alone, a law without memory
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((d.shape[0], 0)), d
     continuous = B is None
     if continuous:

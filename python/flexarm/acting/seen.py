@@ -1,4 +1,4 @@
-"""What a sampled law was asked and answered, and the linear law that this shows it to be."""
+"""Inputs and outputs of a sampled law, and the linear law that fits them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from .._check import Array
 
-_SEEN = 400  # samples of a law that are kept, the first ones
-_FIT = 1e-3  # parts of a law's answers that a linear one may miss
-_PAST = 3  # samples back that a law is tried to remember
+_SEEN = 400  # stored samples of a law, the first ones
+_FIT = 1e-3  # relative error of a linear fit
+_PAST = 3  # most past samples in a fit
 
 
 class Seen:
-    """What a sampled law was asked and answered, before its limit."""
+    """Inputs and outputs of a sampled law, before its limit."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[Array, Array]] = []
@@ -22,13 +22,13 @@ class Seen:
             self.asked.append((y, u))
 
     def law(self) -> tuple[Array, Array, Array, Array] | None:
-        """A, B, C, D of x+ = A x - B y, u = C x - D y, where that is what the law did most of the time; else None: it
-        is not linear, remembers more than three samples, or has seen too little."""
+        """A, B, C, D of x+ = A x - B y, u = C x - D y, if that fits most samples; else None: the law is not linear,
+        remembers more than three samples, or has too few."""
         if len(self.asked) < 2:
             return None
         y, u = (np.diff(np.array(x, dtype=float), axis=0) for x in zip(*self.asked, strict=True))
         for past in range(min(_PAST + 1, len(y))):
-            for told in (0, past)[: 1 + (past > 0)]:  # of its own answers
+            for told in (0, past)[: 1 + (past > 0)]:  # past outputs
                 late = [x[past - k : len(x) - k] for x, n in ((y, past), (u, told)) for k in range(1, n + 1)]
                 found = _fit(np.hstack([y[past:], *late]), u[past:])
                 if found is not None:
@@ -37,13 +37,13 @@ class Seen:
 
 
 def _fit(y: Array, u: Array) -> Array | None:
-    """D of u = D y, where that holds in most rows."""
+    """D of u = D y, if that holds in most rows; else None."""
     size = np.abs(y).max(axis=0)
     used = np.flatnonzero(size > 0.0)
     rows, keep = y[:, used] / size[used], np.ones(len(y), bool)
-    weight = np.linalg.norm(rows, axis=1)  # early and late samples alike, whatever has grown between
+    weight = np.linalg.norm(rows, axis=1)  # equal weight of early and late samples, even if they grow
     keep &= weight > 0.0
-    for _ in range(3):  # a reference that jumps spoils some
+    for _ in range(3):  # a jump of the reference makes outliers
         if keep.sum() < max(rows.shape[1] + 3, 0.6 * len(y)):
             return None
         left, right = rows[keep] / weight[keep, None], u[keep] / weight[keep, None]
@@ -60,7 +60,7 @@ def _fit(y: Array, u: Array) -> Array | None:
 
 
 def _remembering(found: Array, ny: int, past: int) -> tuple[Array, Array, Array, Array]:
-    """The law u = found [y; earlier y; earlier u], whose states are the earlier ones."""
+    """The law u = found [y; past y; past u]; its states are the past values."""
     nu, D, C = len(found), -found[:, :ny], found[:, ny:]
     A, B = np.zeros((C.shape[1],) * 2), np.zeros((C.shape[1], ny))
     first, second = ny * past, nu * past

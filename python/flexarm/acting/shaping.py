@@ -1,4 +1,4 @@
-"""Command shaping: a command replaced by delayed shares of itself, so that the vibration they start cancels.
+"""Command shaping: a command is split into delayed parts whose vibrations cancel.
 
 N. C. Singer and W. P. Seering, "Preshaping command inputs to reduce system vibration", Journal of Dynamic Systems,
 Measurement, and Control 112 (1990), 76-82.
@@ -19,7 +19,7 @@ import flexarm._core as _core
 from .._check import Array, array, choice, number
 from .drive import Motion, Torque, sample_times
 
-#: how many times "zv" each kind is, convolved with itself
+#: number of "zv" shapers whose convolution gives each kind
 KINDS = {"zv": 1, "zvd": 2, "zvdd": 3}
 Command = TypeVar("Command", bound=Motion | Torque)
 
@@ -30,7 +30,7 @@ class Shaper:
 
     Args:
         times: s, increasing from 0, (n,).
-        amplitudes: their shares of the command, which sum to 1, (n,).
+        amplitudes: shares of the command, with sum 1, (n,).
     """
 
     times: Sequence[float]
@@ -48,33 +48,33 @@ class Shaper:
 
     @property
     def impulses(self) -> tuple[tuple[float, float], ...]:
-        """(time (s), amplitude) of each."""
+        """(time (s), amplitude) of each impulse."""
         return tuple(zip(self.times, self.amplitudes, strict=True))
 
     @property
     def duration(self) -> float:
-        """By how much it lengthens a command (s)."""
+        """The time that it adds to a command (s)."""
         return self.times[-1]
 
     def __mul__(self, other: Shaper) -> Shaper:
-        """Both, one after the other: what either cancels stays cancelled."""
+        """Both shapers in series: the zeros of both remain."""
         if not isinstance(other, Shaper):
             return NotImplemented
         found: dict[float, float] = {}
         for t, share in sorted((t + s, a * b) for t, a in self.impulses for s, b in other.impulses):
             last = next(reversed(found), -math.inf)
-            same = t - last <= 1e-15 * (1 + abs(t))  # equal but for rounding; a mode of w keeps w times this
+            same = t - last <= 1e-15 * (1 + abs(t))  # equal up to rounding; a mode of w keeps w times this
             found[last if same else t] = share + (found[last] if same else 0.0)
         return Shaper(tuple(found), tuple(found.values()))
 
     def residual(self, frequency: ArrayLike, damping_ratio: float = 0.0) -> Any:
-        """Vibration left at the last impulse, as a share of what the whole command at once would start.
+        """Residual vibration at the last impulse, over that of the unshaped command.
 
         Args:
-            frequency: undamped, of the vibration (rad/s), of any shape. damping_ratio: of it.
+            frequency: undamped frequency (rad/s), an array of any shape. damping_ratio: of the vibration.
 
         Returns:
-            The share, of that shape: 0 at the design point, 1 without a shaper.
+            The ratio, in the same shape: 0 at the design point, 1 without a shaper.
         """
         w, zeta = array("frequency", frequency), _ratio(damping_ratio)
         if not (w > 0).all():
@@ -88,9 +88,9 @@ class Shaper:
         """A sampled command, shaped.
 
         Args:
-            t: times (s), increasing, (nt,); let them go on for `duration` after the command has ended.
+            t: times (s), increasing, (nt,); they should extend `duration` beyond the end of the command.
             y: the command, linear in between, (nt,) or (nt, k).
-            before: what it is before t[0]; y[0] if None.
+            before: its value before t[0]; y[0] if None.
 
         Returns:
             The shaped command at the same times, of y's shape.
@@ -109,13 +109,12 @@ class Shaper:
     def shape(self, command: Command, *, start: float = 0.0, before: float | None = None) -> Command:
         """A Motion or a Torque, shaped; of the same kind, and as smooth. Samples stay samples, evaluated in C++.
 
-        Before it starts, a motion rests where it starts. After its samples, one that ends at rest stays there, so that
-        the shaped one ends `duration` later; of one that does not, the shaped one ends with the samples. A torque of
-        samples keeps its last value.
+        Before its start, a motion rests at its first position. If it ends at rest, it stays there, and the shaped one
+        ends `duration` later; otherwise the shaped one ends with the samples. A torque of samples keeps its last value.
 
         Args:
-            command: what would drive the joint.
-            start: when a callable, or a constant Torque, sets in (s); samples start with the first.
+            command: the unshaped drive of the joint.
+            start: start time of a callable or constant Torque (s); samples start with the first.
             before: the torque before it starts (N, N m), zero if None; not of a Motion.
 
         Raises:
@@ -136,10 +135,10 @@ def input_shaper(kind: str, frequency: float, damping_ratio: float = 0.0) -> Sha
 
     Args:
         kind: "zv": no vibration at the design point, two impulses, half a period long; "zvd": its derivative by
-            frequency is zero, too, so that it forgives a wrong frequency: three impulses, a whole period; "zvdd": and
-            its second derivative: four impulses, one and a half periods.
-        frequency: undamped, of the mode (rad/s), such as `arm.modes(lock=[0]).frequencies[0]`: with the joint
-            locked where its motion is prescribed, or held by a stiff servo.
+            frequency is zero, too, for robustness against a wrong frequency: three impulses, a whole period; "zvdd":
+            its second derivative, too: four impulses, one and a half periods.
+        frequency: undamped, of the mode (rad/s), such as `arm.modes(lock=[0]).frequencies[0]`: with the joint locked if
+            its motion is prescribed or a stiff servo holds it.
         damping_ratio: of the mode, from 0 to below 1.
     """
     choice("kind", kind, KINDS)
@@ -164,7 +163,7 @@ def _ratio(damping_ratio: Any) -> float:
 
 @dataclass(frozen=True)
 class _Delayed:
-    """Shares of a law t -> values, each later than the last; before `start` the law is `before`."""
+    """Delayed shares of a law t -> values; before `start` the law is `before`."""
 
     law: Any
     impulses: tuple[tuple[float, float], ...]
@@ -179,7 +178,7 @@ class _Delayed:
 
 
 def _spread(breaks: Array, shaper: Shaper) -> Array:
-    """Where the pieces of the shaped one begin and end: those of every copy, without those that rounding doubles."""
+    """Breaks of the shaped law: those of every delayed copy, without duplicates by rounding."""
     all_of_them = np.sort((breaks[:, None] + np.array(shaper.times)).ravel())
     apart = np.diff(all_of_them) > 1e-12 * (1 + np.ptp(all_of_them))
     return np.asarray(all_of_them[np.append(True, apart)])
@@ -202,7 +201,7 @@ def _shaped_motion(shaper: Shaper, motion: Motion, start: float) -> Motion:
     def held(t: float) -> Any:
         return (last[0], 0.0, 0.0) if still and t >= end else motion(t)
 
-    # every piece has degree five at most, so its ends' q, v and a are all of it
+    # pieces have degree five at most: q, v and a at both ends define them
     times = _spread(breaks, shaper)
     times = times if still else times[times <= end]
     delayed = _Delayed(held, shaper.impulses, begin, rest)
@@ -222,7 +221,7 @@ def _shaped_torque(shaper: Shaper, torque: Torque, start: float, before: float) 
 
     delayed = _Delayed(held, shaper.impulses, begin, before)
     times = _spread(breaks, shaper)
-    if constant:  # stands for all times: a piece before it sets in, and one after the last impulse
+    if constant:  # constant: a piece before its start, and one after the last impulse
         times = np.concatenate([[begin - 1.0], times, [times[-1] + 1.0]])
     width = np.diff(times)
     third, two_thirds = (np.array([delayed(float(t)) for t in times[:-1] + part * width]) for part in (1 / 3, 2 / 3))

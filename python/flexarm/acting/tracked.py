@@ -1,4 +1,4 @@
-"""What predictive control tracks: references, rows of outputs, and a model's coordinates by those of its arm."""
+"""Outputs of predictive control: references, rows of outputs, and the model's coordinates by those of its arm."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _INF = float("inf")
 _WORLD = {"x": 0, "y": 1, "z": 2}
 
 
-class Called:
-    """A callable reference t -> (ny,), its rates by central differences, or t -> (2, ny), as (2, ny)."""
+class CallableReference:
+    """A callable reference t -> (2, ny); for t -> (ny,) the rates are central differences."""
 
     def __init__(self, law: Callable[[float], Any], ny: int) -> None:
         self.law, self.ny = law, ny
@@ -39,14 +39,14 @@ class Called:
 
 
 def extended_by(reference: Any, more: int) -> Any:
-    """A reference with zeros for outputs that only have limits."""
+    """A reference with appended zeros for outputs that only have limits."""
     if isinstance(reference, list):
         return reference + [Torque(0.0).law] * more
     return lambda t: np.pad(reference(t), ((0, 0), (0, more)))
 
 
 def each(field: str, given: Any, count: int, above: bool = False) -> Array:
-    """Numbers that are not negative, one for each; of limits (`above`) positive, None: none."""
+    """Checked numbers, one for each: not negative, or for limits (`above`) positive; None: no limit."""
     if above and given is None:
         return np.full(count, _INF)
     x = np.asarray(given, dtype=float) if above else array(field, given)
@@ -80,13 +80,13 @@ def rows_of(model: Chain, field: str, entry: Any) -> list[Any]:
 
 
 def _by_rate(model: Chain, by_q: Array) -> Array:
-    """What is by coordinates, by their rates; a ball's have none."""
+    """Derivatives by coordinates as those by rates; a ball's have none."""
     at = [model.coordinate_of(i) for i in range(model.nv)]
     return np.array([by_q[k] if k >= 0 else 0.0 for k in at])
 
 
 def projection(arm: Chain, model: Chain) -> tuple[Array, Array]:
-    """A model's coordinates, and its rates, by those of the arm: joints as they are, strains of beams by least
+    """Matrices from an arm's coordinates and rates to a model's: joints are equal, strains of beams fit by least
     squares."""
     if arm.links == model.links:
         return np.eye(arm.nq), np.eye(arm.nv)

@@ -1,4 +1,4 @@
-"""Voltages of piezo patches, and what else of a patch acts on an arm (paper Eq. 61)."""
+"""Voltages of piezo patches, and the forces of patches on an arm (paper Eq. 61)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_patch(key: Any) -> bool:
 
 
 def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
-    """Drives of joints, and of patches."""
+    """The drives of joints, and those of patches."""
     if not isinstance(drive, Mapping):
         return drive, {}
     joints = {k: law for k, law in drive.items() if not is_patch(k)}
@@ -35,7 +35,7 @@ def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
 
 
 def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Drive]:
-    """What the core takes of the voltages of patches, keyed by ("patch", link, patch)."""
+    """The core's drives for voltages of patches, keyed by ("patch", link, patch)."""
     out: dict[int, Any] = {}
     for key, law in drives.items():
         if len(key) != 3:

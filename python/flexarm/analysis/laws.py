@@ -14,7 +14,7 @@ import flexarm._core as _core
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
 from ..acting.motor import reach_of, torque_limits
-from ..acting.sampled import Asked, LinearController, Sampled, count_of, note
+from ..acting.sampled import LinearController, PythonLaw, Sampled, count_of, note
 from ..acting.seen import Seen
 from ..parts.chain import Chain
 
@@ -216,7 +216,7 @@ def held_law(
             raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
         matrices = _felt_part(c.A, c.B, c.C, c.D)
     elif seen:
-        found = law.seen.law() if isinstance(law, Asked) else None
+        found = law.seen.law() if isinstance(law, PythonLaw) else None
         if found is None:
             return None
         matrices = found

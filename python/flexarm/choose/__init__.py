@@ -1,8 +1,9 @@
-"""Which model is cheapest within a tolerance: models are run, their errors and times measured, and one is chosen.
+"""Choice of the cheapest model within a tolerance: models are run, their errors and times measured, one is chosen.
 
-Shared, from low to high: coordinates (states of one arm in those of another), models (a scene's models as data), times
-and measures (when and what is compared), integrators (their settings), trials (runs, timed, within a budget).
-`economize`: symmetry and indicators (estimates before a run), steps, findings (what is known), decisions (what can be
-left out: a new one goes there), descent (leaving it out), economize_search, economize, adapt (runs that change over).
+From low to high: coordinates (states of one arm in those of another), models (a scene's models as data), times and
+measures (the compared quantity), integrators (settings), trials (timed runs in a budget).
+`economize`: symmetry and indicators (estimates before a run), steps, findings (results so far), decisions (parts that a
+model may lack; add new ones there), descent, economize_search, economize,
+adapt (switches models).
 `chart`: chart_search, chart.
 """

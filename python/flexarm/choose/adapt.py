@@ -1,4 +1,4 @@
-"""Runs that go on with a richer arm where a monitor says that the lean one is out of its range."""
+"""Runs that switch to a richer arm when a monitor reports that the lean one is out of its range."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
 
 
 def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progress: bool = False) -> Result:
-    """A run of the lean scene, and from the last output time before a monitor speaks up one with a richer arm.
+    """Runs the lean scene; from the last output time before a monitor reports, continues with a richer arm.
 
     Args:
-        arm: has the lean arm's coordinates, and more. options: of its simulation.
+        arm: the richer arm, with all coordinates of the lean one. options: of its simulation.
     """
     first = _simulated(lean, progress)
     left = watch.left(first)

@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-_DOUBTFUL = 1e-2  # of the span: a truth that is known no better is called not converged
-_SHOWN = 6  # failed or skipped runs listed one by one
+_DOUBTFUL = 1e-2  # of the span: a truth with a larger uncertainty counts as not converged
+_SHOWN = 6  # most failed or skipped runs in the list
 
 
 @dataclass(repr=False)
 class Chart:
-    """What `chart` found. `print(chart)` shows the table.
+    """The result of `chart`. `print(chart)` shows the table.
 
     Attributes:
         scene: the scene.
         quantity: "tip", "joint" or "strain".
-        rows: every run, also those that failed, were skipped or cut off, with the reason.
-        truth: the truth, or None if no run came to an end.
+        rows: every run; of failed, skipped or cut ones with the reason.
+        truth: the truth, or None if no run was completed.
         complete: False after Ctrl-C.
         budget, used: wall time allowed and used (s).
     """
@@ -60,7 +60,7 @@ class Chart:
 
     @property
     def _graded(self) -> list[Run]:
-        """Runs with an error, without the truth's own."""
+        """Runs with an error, without those of the truth's model and setting."""
         if self.truth is None:
             return []
         it = self.truth.row
@@ -89,11 +89,11 @@ class Chart:
         return Models(self.scene).at(row.model, row.options)
 
     def table(self) -> str:
-        """What to take for 1e-2 to 1e-6, how far the truth is converged, and what failed or was skipped."""
+        """Recommended runs for 1e-2 to 1e-6, the convergence of the truth, and failed or skipped runs."""
         done, failed, skipped, cut = (self.with_status(s) for s in ("ok", "failed", "skipped", "cut"))
         lines = []
         if not self.complete:
-            lines.append("PARTIAL: interrupted; this is what was done until then.")
+            lines.append("PARTIAL: interrupted; these are the completed runs.")
         truth = self.truth
         span = "" if truth is None else ", span " + ", ".join(f"{s:.4g} {u}" for u, s in truth.span.items())
         runs = f"{len(done)} run{'s' * (len(done) != 1)} in {self.used:.1f} s of {self.budget:g} s"
@@ -135,13 +135,12 @@ class Chart:
         given_up = [r.time for r in self.with_status("cut")]
         return plot_lines(
             lines, front, list(LINES), unsure, f"Largest error of the {self.quantity} (share of its span, {spans})",
-            f"{self.scene.name}: models and integrators", self._doubts(), given_up,
+            f"{self.scene.name}: models and integrators", self._cautions(), given_up,
         )  # fmt: skip
 
-    def _doubts(self) -> list[str]:
-        """What a reader of the picture must know: an interruption, a truth that is not converged, runs without an
-        error."""
-        said = [] if self.complete else ["PARTIAL: interrupted; this is what was done until then."]
+    def _cautions(self) -> list[str]:
+        """Warnings in the picture: an interruption, a truth that is not converged, runs without an error."""
+        said = [] if self.complete else ["PARTIAL: interrupted; these are the completed runs."]
         unsure = self.truth.uncertainty if self.truth else math.inf
         if unsure > _DOUBTFUL:
             near = f"is only known to {unsure:.1e} of the span" if unsure < math.inf else "may be far from it"
@@ -248,7 +247,7 @@ def _advice(chart: Chart, truth: Truth) -> list[str]:
 
 
 def _models(chart: Chart, truth: Truth) -> list[str]:
-    """Orders at the truth's modes, and modes at its order, at its tolerance."""
+    """Rows of orders with the truth's modes, and of modes with its order, at its tolerance."""
     it = truth.row
     same = [r for r in chart.rows if r.choice == it.choice and r.value == it.value]
     modes = [r for r in same if r.model.order == it.model.order and r is not it]
@@ -263,7 +262,7 @@ def _models(chart: Chart, truth: Truth) -> list[str]:
 
 
 def _left_out(rows: list[Run], word: str) -> list[str]:
-    """One line for each model and integrator, its settings together."""
+    """One line for each model and integrator, with all its settings."""
     groups: dict[tuple[str, str, str], list[Run]] = {}
     for r in rows:
         groups.setdefault((r.model.label, r.choice, r.setting), []).append(r)
@@ -284,20 +283,21 @@ def _left_out(rows: list[Run], word: str) -> list[str]:
 def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "tip", progress: bool = False) -> Chart:
     """Charts speed against accuracy on a scene.
 
-    Runs the scene at orders 0 to 3 and exact, with 1 to n + 2 modes per strain where the scene has n, in every basis
-    that may stand in, and with every integrator at looser and tighter settings; not all of them, but first the orders,
-    then the modes of those orders that no other beats in time and error, then the integrators on those models that no
-    other beats. Errors are largest distances from the richest converged model, which has n + 4
-    Legendre polynomials where these may stand in, over the quantity's span.
+    Runs the scene at orders 0 to 3 and exact, with 1 to n + 2 modes per strain where the scene has n, in every possible
+    basis, and with every integrator at looser and tighter settings. Not all combinations are run: first the orders,
+    then the modes of the best orders (no other beats them in time and error), then the integrators on the best models.
+    Errors are largest distances from the richest converged model, which has n + 4 Legendre polynomials where these are
+    possible, over the quantity's span.
 
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
-        budget: wall time (s). Runs predicted to exceed what is left of it are skipped, and say so.
-        quantity: what is compared: "tip", the position of the arm's end (m); "joint", the coordinates of those joints
+        budget: wall time (s). Runs predicted to exceed the remaining time are skipped and listed.
+        quantity: the compared quantity: "tip", the position of the arm's end (m); "joint", the coordinates of those
+            joints
             that are not prescribed (rad, m); "strain", of every beam at its clamp (1/m, rad).
-        progress: shows a bar on stderr, or lines where that is no terminal.
+        progress: shows a bar on stderr, or lines if that is no terminal.
 
-    Ctrl-C ends it early: the chart holds what was done, and says that it is partial.
+    Ctrl-C ends it early: the chart holds the completed runs, and says that it is partial.
 
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.

@@ -1,4 +1,4 @@
-"""Which runs `flexarm chart` makes, and in which order."""
+"""The runs of `flexarm chart`, and their order."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .trials import Budget, Run, Trials
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to
 _AGREE = 1e-8
-_FINEST = 3e-7  # no line goes below this error
-_WORST = 0.1  # models further off are not timed at other settings
-_FIRST, _NEXT = 0.2, 0.1  # share of the budget that a run for the truth may take
-_SPARE = 2  # modes more that the truth has in Legendre polynomials
-_AWAY = 100.0  # an error that counts as a failure
-_FAILURES = 8  # halvings (decades) in a row that may fail
+_FINEST = 3e-7  # lines end at this error
+_WORST = 0.1  # models of a larger error are not timed at other settings
+_FIRST, _NEXT = 0.2, 0.1  # most share of the budget for a run: the first for a truth, others
+_EXTRA_MODES = 2  # additional modes of the truth in Legendre polynomials
+_DIVERGED = 100.0  # a larger error counts as a failure
+_FAILURES = 8  # most failures in a row, at halved steps or a decade of rtol each
 _SAMPLES = 501  # times at which trajectories are compared
-_REPEATS = 3  # of short runs, whose least time counts
+_REPEATS = 3  # of short runs; the least time counts
 
 
 def best(rows: Iterable[Run], least: float = 0.0) -> list[Run]:
-    """The rows that no other one beats in both time and error, fastest first; errors below `least` count as that."""
+    """The rows that no other beats in both time and error, fastest first; errors below `least` count as `least`."""
     graded = sorted((r.time, max(r.error, least), k, r) for k, r in enumerate(rows) if r.error is not None)
     front: list[Run] = []
     lowest = np.inf
@@ -43,19 +43,19 @@ def best(rows: Iterable[Run], least: float = 0.0) -> list[Run]:
 
 @dataclass(frozen=True)
 class Truth:
-    """What errors are measured against, and how far it is converged.
+    """The run from which errors are measured, and its convergence.
 
     Attributes:
-        row: the run: the richest model, at a tolerance that no longer matters.
+        row: the run: the richest model, at a tolerance of negligible error.
         span: by unit, the largest range of any one component of the quantity.
-        modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
-            for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
-        basis: the same from the richest run in the scene's basis, where the truth is in Legendre polynomials, and inf
-            where it should be, but is not: modes of a free beam converge slowly under a payload, and one less says
-            little of that. None where Legendre polynomials may not stand in, or stand in already.
-        pieces: the same from the beams in pieces, where their strains jump, which smooth modes follow slowly; inf where
-            that was not run. None where none jumps.
-        poorer: what those other runs are, in words.
+        modes, order, tolerance: distance over the span between this run and the next poorer in modes (one less for each
+            strain), in order, and in tolerance (or step); None if there is none, inf if it was not run.
+        basis: the same to the richest run in the scene's basis, if the truth is in Legendre polynomials; inf if it is
+            not, though possible: modes of a free beam converge slowly under a payload, which one mode less hardly
+            shows. None if Legendre polynomials are impossible, or the scene has them.
+        pieces: the same to the beams in pieces, if strains jump (smooth modes converge slowly there); inf if that was
+            not run. None if no strain jumps.
+        poorer: labels of those other runs.
     """
 
     row: Run
@@ -69,8 +69,8 @@ class Truth:
 
     @property
     def uncertainty(self) -> float:
-        """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more, and
-        another basis that is poorer tells nothing."""
+        """The largest of the distances that bound the truth's error. With exact rotation, `order` does not count; with
+        the scene's basis in Legendre polynomials, neither does `basis`."""
         order = None if self.row.model.order == "exact" else self.order
         basis = None if self.row.model.basis else self.basis
         return max((d for d in (self.modes, order, self.tolerance, basis, self.pieces) if d is not None), default=0.0)
@@ -82,27 +82,27 @@ class Truth:
 
 
 class ChartSearch:
-    """Runs models of a scene with all integrators, keeping every row.
+    """Runs models of a scene with all integrators, and stores every row.
 
     Args:
         scene: the scene.
         quantity: "tip", "joint" or "strain".
         budget: wall time (s).
-        tell: called with (seconds used, what is being done).
+        tell: called with (seconds used, present activity).
 
     Attributes:
         rows: all runs so far.
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
         poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), in the scene's basis
             ("basis"), and of beams in pieces ("pieces"), which is richer.
-        bases: those that models are charted in; "": the scene's.
+        bases: the bases of the chart; "": the scene's.
     """
 
     def __init__(self, scene: Scene, quantity: str, budget: float, tell: Callable[[float, str], None]) -> None:
         self.scene, self.tell = scene, tell
         self.models, self.measure, self.budget = Models(scene), Measure(scene, quantity), Budget(budget)
         times = scene.t[some_rows(len(scene.t), _SAMPLES)]
-        self.trials = Trials(self.models, self.measure, times, Budget(), keep=False)  # each run has its share of ours
+        self.trials = Trials(self.models, self.measure, times, Budget(), keep=False)  # `run` gives each its share
         self.truth: Run | None = None
         self.looser: Run | None = None
         self.tolerance = np.inf
@@ -121,7 +121,7 @@ class ChartSearch:
         return self.budget.used
 
     def __call__(self) -> None:
-        """All of it: truth, orders, modes, integrators and their settings, and the close calls again."""
+        """Runs truth, orders, modes, integrators and their settings, and repeats runs of nearly equal time."""
         if not self.reference():
             return
         survivors = self.rank()
@@ -131,7 +131,7 @@ class ChartSearch:
         self.settle()
 
     def conclude(self) -> Truth | None:
-        """The truth, and how far it is converged; None if there is none."""
+        """The truth with its convergence; None if there is none."""
         if self.truth is None:
             return None
         poorer = {name: row.model.label for name, row in self.poorer.items() if row.error is not None}
@@ -155,33 +155,33 @@ class ChartSearch:
         return self.models.arm(row.model).nv
 
     def predict(self, row: Run) -> float:
-        """Wall time (s) of a run, from those like it; 0 if there are none."""
+        """Predicted wall time (s) of a run, from similar ones; 0 if there are none."""
         nv = self.size(row)
         like = [r for r in self.rows if r.choice == row.choice]
         rank = {r: self.orders.index(r.model.order) for r in [row, *like]}
-        # where an easier one was cut off, this one takes at least as long
+        # if an easier run was cut off, this one takes at least as long
         easier = (r for r in like if r.value >= row.value and self.size(r) <= nv and rank[r] <= rank[row])
         cut = [r.time for r in easier if r.status == "cut"]
         done = [r for r in like if r.status == "ok"]
         own = [r for r in done if r.model == row.model]
         if own:
             near = min(own, key=lambda r: abs(np.log(r.value / row.value)))
-            growth = near.value / row.value  # as the number of steps, but for a method of order p by its 1 / (p + 1)
+            growth = near.value / row.value  # like the number of steps, or for order p its power 1 / (p + 1)
             order = row.options.get("max_order", 5) if row.setting == "rtol" else 0
             return max([*cut, float(near.time * growth ** (1 / (1 + order)))])
         above = [r for r in done if r.value == row.value and rank[r] >= rank[row]]
         return max([*cut, min((r.time * (nv / max(1, self.size(r))) ** 2 for r in above), default=0.0)])
 
     def planned(self, model: Model, choice: str, value: float) -> Run:
-        """A run, not yet made, or as it was made before."""
+        """The record of this run if it was made before, or a new one."""
         run = Run(model, line_options(self.scene, choice, float(value)), choice, True)
         return self.trials.runs.get(run.key, run)
 
     def skip(self, row: Run, guess: float, reason: str) -> Run:
-        return self.trials.note(replace(row, status="skipped", time=guess, reason=reason))
+        return self.trials.store(replace(row, status="skipped", time=guess, reason=reason))
 
     def run(self, model: Model, choice: str, value: float, share: float) -> Run:
-        """This run, made now unless it was made before, or is predicted to take more than its share of the budget."""
+        """Makes this run, unless it was made before or is predicted to take more than its share of the budget."""
         allowed = min(share * self.budget.seconds, self.budget.left)
         row = self.planned(model, choice, value)
         if row.key in self.trials.runs and (row.status in ("ok", "failed") or row.time >= allowed):
@@ -206,23 +206,23 @@ class ChartSearch:
             return
         row.error = self.trials.distance(row, self.truth)
         row.absolute = self.measure.by_unit(row.values, self.truth.values)
-        if not row.error < _AWAY:
+        if not row.error < _DIVERGED:
             row.status, row.reason = "failed", f"the motion ran away, to {row.error:.1e} times the span"
             row.error, row.absolute = None, {}
 
-    def again(self, row: Run) -> None:
-        """Times a row once more and keeps its best time, if the budget allows."""
+    def time_again(self, row: Run) -> None:
+        """Times a row once more and keeps its best time, if the budget suffices."""
         if 1.5 * row.time < self.budget.left:
-            self.trials.again(row, self.budget.left, _REPEATS)
+            self.trials.time_again(row, self.budget.left, _REPEATS)
 
     # -- stages ------------------------------------------------------------------------------------------------------
 
     def reference(self) -> bool:
-        """Finds the truth: the richest model that can be run, at a tolerance that no longer matters."""
+        """Finds the truth: the richest model that can be run, at a tolerance of negligible error."""
         for order in reversed(self.orders):
             for basis in ("legendre", "") if "legendre" in self.bases else ("",):
                 for shift in reversed(self.shifts[-3:]):
-                    if self._converge(self.model(order, shift + _SPARE * bool(basis), basis)):
+                    if self._converge(self.model(order, shift + _EXTRA_MODES * bool(basis), basis)):
                         for row in self.rows:
                             self.grade(row)
                         return True
@@ -231,12 +231,12 @@ class ChartSearch:
         return False
 
     def model(self, order: int | str, shift: int, basis: str) -> Model:
-        """The scene's own, with all beams changed alike."""
+        """The scene's own model with this order, shift and basis for all beams."""
         model = self.models.uniform(order, shift)
         return self.models.rebased(model, basis) if basis else model
 
     def _converge(self, model: Model) -> bool:
-        high = BY_TOLERANCE | OVER_OUTPUTS  # of high order, so first
+        high = BY_TOLERANCE | OVER_OUTPUTS  # of high order: first
         for choice in sorted(INTEGRATORS, key=lambda choice: choice not in high):
             before: Run | None = None
             failures = 0
@@ -265,11 +265,11 @@ class ChartSearch:
         return self.truth is not None
 
     def rank(self) -> list[tuple[Model, float]]:
-        """The models worth timing, fastest first, each with its own error: orders first, then fewer modes."""
+        """The models to time, fastest first, each with its own error. Runs the orders first, then fewer modes."""
         assert self.truth is not None
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
-        spare = _SPARE * bool(rich.basis)
+        spare = _EXTRA_MODES * bool(rich.basis)
         shifts = self.shifts[: self.shifts.index(rich.shift - spare) + 1]
         if len(orders) > 1:
             self.poorer["order"] = self.run(rich.but(order=orders[-2]), choice, value, _FIRST)
@@ -300,17 +300,17 @@ class ChartSearch:
         return [(r.model, r.error) for r in by_time if r.error is not None]
 
     def own_model(self) -> Model | None:
-        """The scene's own, unless its beams have different orders."""
+        """The scene's own model; None if its beams have different orders."""
         if self.orders == ["as given"]:
             return self.models.given
         return self.models.given if len({beam.order for beam in self.models.given.elastic}) == 1 else None
 
     def line(self, model: Model, choice: str, own_error: float) -> None:
-        """One line of the chart: tighter settings until the model's own error is all that is left."""
+        """Runs one line of the chart: tighter settings until only the model's own error remains."""
         floor = max(1.1 * own_error, _FINEST)
         failures = stale = 0
         lowest = np.inf
-        patience = 30 if model == self.own_model() else 3  # the scene's own model is shown even where it is beaten
+        patience = 30 if model == self.own_model() else 3  # keep a slow line of the scene's own model
         for value in line_settings(self.scene, choice):
             row = self.planned(model, choice, value)
             guess = self.predict(row)
@@ -320,7 +320,7 @@ class ChartSearch:
                 self.skip(row, guess, f"predicted {guess:.2g} s, where {other} has no more error")
                 return
             good = min((r.time for r in self.rows if r.error is not None and r.error <= floor), default=np.inf)
-            enough = (patience * good + 0.1) / self.budget.seconds  # what takes longer than that would be beaten, too
+            enough = (patience * good + 0.1) / self.budget.seconds  # a slower run would be beaten, too
             row = self.run(model, choice, value, min(_NEXT, enough))
             if row.status in ("skipped", "cut"):
                 return
@@ -335,10 +335,10 @@ class ChartSearch:
                 return
 
     def settle(self) -> None:
-        """Times the rows on or near the front once more, so that a busy moment does not decide between them."""
+        """Times the rows on or near the front once more, to reduce noise of the timing."""
         rows = [r for r in self.rows if r is not self.truth and not r.model.pieces]
         graded = [(r, max(r.error, _FINEST)) for r in rows if r.error is not None]
         for row, error in graded:
             if not any(e <= error and 1.5 * r.time < row.time for r, e in graded):
                 self.tell(self.used, f"again: {row.label}")
-                self.again(row)
+                self.time_again(row)

@@ -1,4 +1,4 @@
-"""States and runs of one arm in the coordinates of another: those of the same name keep their values."""
+"""States and runs of one arm in the coordinates of another: coordinates of the same name keep their values."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..arm import Arm
 from ..parts.beam import STRAINS, Beam
 from ..run.result import Result
 
-#: A beam, or each of its pieces, with where it begins (m).
+#: The pieces of a beam (or the whole beam), each with its start along the beam (m).
 Parts: TypeAlias = Sequence[tuple[float, Beam]]
 
 
 def carried(values: Array, names: tuple[str, ...], others: tuple[str, ...], start: Array) -> Array:
-    """Values (..., n) of the coordinates `names` as values (..., m) of the coordinates `others`: those of the same name
-    keep theirs, new ones have those of `start` (m,)."""
+    """Values (..., n) of the coordinates `names` as values (..., m) of `others`: coordinates of the same name keep
+    their values, new ones take those of `start` (m,)."""
     out = np.tile(start, (*values.shape[:-1], 1)) if values.ndim > 1 else np.array(start)
     at = {name: k for k, name in enumerate(names)}
     pairs = [(k, at[name]) for k, name in enumerate(others) if name in at]
@@ -33,22 +33,22 @@ def carried_q(q: Array, of: Arm, arm: Arm) -> Array:
 
 
 def carried_v(v: Array, of: Arm, arm: Arm) -> Array:
-    """Rates, or what belongs to rates, (..., of.nv) as another arm's (..., arm.nv)."""
+    """Rates or generalized forces (..., of.nv) as another arm's (..., arm.nv)."""
     return carried(v, of.coordinates, arm.coordinates, np.zeros(arm.nv))
 
 
 def restated(x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, float]]], rates: bool = False) -> Array:
     """Coordinates (nq,), or rates (nv,), for another model of an arm.
 
-    Joints keep theirs. Elastic coordinates keep theirs by strain and number, new ones are zero; in another basis, or in
-    pieces, they are those whose strains along the beam are nearest to the given ones.
+    Joint coordinates keep their values. Elastic coordinates keep them by strain and number, new ones are zero; in
+    another basis, or in pieces, their strains along the beam fit the given ones by least squares.
 
     Args:
-        parts: of each link of the one arm, the links of the other that it is there, and where (m) they begin.
+        parts: for each link of `of`, the links of `arm` that represent it, and where (m) they begin.
     """
 
     def first(a: Arm, k: int) -> tuple[int, int]:
-        """Where a link's joint begins, and its elastic coordinates."""
+        """First indices of a link's joint coordinates and of its elastic coordinates."""
         joint = a.links[k].joint
         at = a._core.first(k) if rates else a._core.first_q(k)
         return at, at + (joint.nv if rates else joint.nq)
@@ -76,8 +76,8 @@ def _same(of: Beam, to: Beam) -> Array:
 
 
 def nearest(of: Parts, to: Parts) -> Array:
-    """Elastic coordinates of one beam (or of its pieces, one after the other) by those of another, of the strains that
-    are nearest to the other's along the beam."""
+    """Matrix from the elastic coordinates of one beam (or of its pieces in turn) to those of another whose strains
+    along the beam are nearest."""
     x, weights = np.polynomial.legendre.leggauss(40)
     rows = []
     for start, beam in max(of, to, key=len):
@@ -89,7 +89,7 @@ def nearest(of: Parts, to: Parts) -> Array:
 
 
 def _strains(parts: Parts, x: float) -> Array:
-    """Of a place (m), per elastic coordinate of all parts."""
+    """Strains at x (m) per elastic coordinate of all parts."""
     here = max(k for k, (start, _) in enumerate(parts) if start <= x)
     rows = [np.zeros((len(STRAINS), beam.ne)) for _, beam in parts]
     start, beam = parts[here]
@@ -99,7 +99,7 @@ def _strains(parts: Parts, x: float) -> Array:
 
 @dataclass
 class Embedded:
-    """A run of one arm, in the coordinates of another."""
+    """A run of one arm in the coordinates of another."""
 
     t: Array
     q: Array
@@ -115,5 +115,5 @@ def embed(result: Result, arm: Arm, rows: Any = slice(None)) -> Embedded:
 
 
 def some_rows(n: int, most: int) -> Array:
-    """At most so many of n rows, evenly, the first and the last among them."""
+    """Indices of at most `most` of n rows, evenly spaced, with the first and the last."""
     return np.unique(np.linspace(0, n - 1, most).astype(int))

@@ -1,9 +1,9 @@
-"""What `economize` decides, a class for each: modes, order, rotary inertia, Gauss points.
+"""The decisions of `economize`, a class for each: modes, order, rotary inertia, Gauss points.
 
-A new decision is a class here, named in DECISIONS. What is there or not of a link, such as friction in its joint, is a
-LinkFeature: it says which links have it, and what such a link is without it. The way down then tries to leave it out,
-the table has a row of it, and the saved scene is without it. The indicators estimate what leaving it out costs, from
-forces at an instant; of what has none there, as dry friction has, `poorer` gives nothing to estimate.
+A new decision is a class here, named in DECISIONS. An optional part of a link, such as friction in its joint, is a
+LinkFeature: it says which links have it, and returns such a link without it. The descent then tries to leave it out,
+the table has a row for it, and the saved scene lacks it. The indicators estimate the error of leaving it out from
+forces at an instant. For a part without such a force at rest, such as dry friction, `poorer` returns nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..parts.link import Link
 from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
 from .models import ORDERS, Model, Models, lowest_order
 
-UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
+UNLIKELY = 2.5  # times the tolerance: orders of a larger estimated error are not tried
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Choice:
 
     Attributes:
         where: "link 0", or "arm". what: such as "bending_y". chosen: such as "2", "none", "exact".
-        without: what leaving it out costs (of what is in: its last mode, or the next poorer order), or costs now (of
-            what is out), in the terms of the tolerance; None where that is not found.
-        how: where that number is from: "run", "estimate", or "symmetry" (then it is zero); where there is none, why:
-            such as "not run alone", of what was left out only together with something else.
-        time: of one evaluation of the dynamics, the share that it takes (of what is in), or that it would add.
+        without: error of leaving it out, in the unit of the tolerance (for an included choice: of leaving out its last
+            mode, or of the next lower order); None if not found.
+        how: source of that number: "run", "estimate", or "symmetry" (then it is zero); without a number, the reason,
+            such as "not run alone" for a part that was only left out together with others.
+        time: share of one evaluation of the dynamics that it takes (if included), or would add (if not).
         inside: whether it is in the lean model.
     """
 
@@ -48,10 +48,10 @@ class Choice:
 
 
 class Decision:
-    """Something that is decided for each group of links alike."""
+    """A decision that is taken for each group of equal links."""
 
     def groups(self, models: Models) -> list[list[int]]:
-        """The links that it is decided for."""
+        """The groups of links for which it is decided."""
         return models.groups
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
@@ -59,16 +59,16 @@ class Decision:
         return {}
 
     def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        """(name, model, estimated error) of single steps down that save time."""
+        """(name, model, estimated error) of single reducing steps that save time."""
         yield from ()
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
-        """What was chosen, for the table; `where` are these links in words."""
+        """Rows of the table of choices; `where` names these links."""
         yield from ()
 
 
 class Modes(Decision):
-    """How many shape functions each strain of a beam has; none at all: the beam is rigid."""
+    """The number of shape functions of each strain of a beam. Without any, the beam is rigid."""
 
     def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
         for s, n in enumerate(() if found.models.pinned else model.counts(group[0])):
@@ -97,7 +97,7 @@ class Modes(Decision):
 
 
 class Order(Decision):
-    """Of the rotation of a beam's sections."""
+    """The order of the rotation of a beam's sections."""
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         return {order: model.but(order=order) for order in ORDERS[:-1]}
@@ -109,7 +109,7 @@ class Order(Decision):
         return ORDERS if beam is None else ORDERS[ORDERS.index(lowest_order(beam)) :]
 
     def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
-        """The next poorer order that is cheaper, and the model with it."""
+        """The next lower order that is cheaper, and the model with it."""
         beam, known = model.beam(group[0]), self.known(found, group)
         for order in reversed(() if beam.rigid else known[: known.index(beam.order)]):
             lower = model.but(group, order=order)
@@ -141,10 +141,10 @@ class Order(Decision):
 
 
 class Switch(Decision):
-    """Something that is there or not.
+    """A part of the model that is included or not.
 
     Attributes:
-        name: what it is called in the table.
+        name: its name in the table.
     """
 
     name: str
@@ -153,7 +153,7 @@ class Switch(Decision):
         raise NotImplementedError
 
     def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        """The model with it, or without."""
+        """The model with this part (on), or without."""
         raise NotImplementedError
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
@@ -174,14 +174,14 @@ class Switch(Decision):
             yield Choice(where, self.name, "yes", error, how, share(model, other), True)
         elif math.isfinite(estimate):
             yield Choice(where, self.name, "no", estimate, ESTIMATE, share(other, model), False)
-        else:  # something cannot do without
+        else:  # another part needs it
             now, then = found.known(model), found.known(other)
             lost = None if now is None or then is None else abs(now - then)
             yield Choice(where, self.name, "no", lost, ALONE if lost is None else RUN, share(other, model), False)
 
 
 class RotaryInertia(Switch):
-    """Of a beam's slices. Torsion and shear cannot do without."""
+    """Rotary inertia of a beam's slices. Torsion and shear need it."""
 
     name = "rotary inertia"
 
@@ -193,13 +193,13 @@ class RotaryInertia(Switch):
 
 
 class LinkFeature(Switch):
-    """Something of a link, beam or not, that the scene has."""
+    """An optional part of a link, with or without a beam."""
 
     def has(self, link: Link) -> bool:
         raise NotImplementedError
 
     def leave_out(self, link: Link) -> Link:
-        """The link without it."""
+        """The link without this part."""
         raise NotImplementedError
 
     def groups(self, models: Models) -> list[list[int]]:
@@ -214,7 +214,7 @@ class LinkFeature(Switch):
 
 
 class GaussPoints(Decision):
-    """How many slices a beam has. They are left out last; see Descent.slices."""
+    """The number of a beam's slices. They are reduced last; see Descent.slices."""
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, gauss = found.lean.model, found.lean.model.beam(group[0]).gauss
@@ -234,5 +234,5 @@ class GaussPoints(Decision):
         yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, how, time, False)
 
 
-#: In the order of the table.
+#: All decisions, in the order of the table.
 DECISIONS: list[Decision] = [Modes(), Order(), RotaryInertia(), GaussPoints()]

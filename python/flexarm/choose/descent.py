@@ -1,4 +1,4 @@
-"""The way down: coordinates, orders and integrators left out one after the other, each step verified by a run."""
+"""The descent: coordinates, orders and integrators are reduced one after the other, each step verified by a run."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap
 from .models import ORDERS, BeamModel, Model
 from .trials import Run
 
-_GOAL = 0.7  # of the tolerance: what the models may use up; the rest is for the integrator and what is not known
-_WITHIN = 0.85  # of the tolerance: what the integrator may bring it to
-_HOPELESS = 20.0  # times the tolerance: coordinates that are estimated to do more are not left out
+_GOAL = 0.7  # of the tolerance: share for the model; the rest is for the integrator and unknown errors
+_RUN_SHARE = 0.85  # of the tolerance: limit of the error with the integrator's
+_HOPELESS = 20.0  # times the tolerance: coordinates of a larger estimated effect stay
 
 
 class Descent:
-    """From one reference.
+    """The descent from one reference model.
 
     Args:
-        found: the reference, and what the indicators said. tell: called with what is being done.
+        found: the reference, and the estimates of the indicators. tell: called with the present activity.
     """
 
     def __init__(self, found: Findings, tell: Callable[[str], None]) -> None:
@@ -35,7 +35,7 @@ class Descent:
         found.sizes = self.find_sizes()
 
     def likely(self) -> Model:
-        """The reference at order 2, or else 3, if that is cheaper, and is estimated to be good enough and is."""
+        """The reference with order 2, or else 3, if that is cheaper and its estimated and true errors are small."""
         reference = self.reference.model
         for order in (2, 3):
             model = reference.but(order=order)
@@ -45,9 +45,9 @@ class Descent:
         return reference
 
     def orders(self, start: Model, few: Model) -> Iterator[Model]:
-        """The reduced model with poorer orders that are cheaper and still meet the goal, at most two, the poorest
-        first. Where such an order leaves no room for so few modes, they are chosen anew."""
-        given, goal = 0, _GOAL * self.tol
+        """The reduced model with lower orders that are cheaper and meet the goal: at most two, the lowest first. If the
+        error of an order is too large with so few modes, the modes are chosen anew."""
+        count, goal = 0, _GOAL * self.tol
         top = max((ORDERS.index(beam.order) for beam in few.beams if beam is not None), default=0)
         for order in ORDERS[:top]:
             model, full, about = few.but(order=order), start.but(order=order), self.by_order.get(order, 0.0)
@@ -59,12 +59,12 @@ class Descent:
                 yield self.fewer(full)
             else:
                 continue
-            given += 1
-            if given == 2:
+            count += 1
+            if count == 2:
                 return
 
     def find_sizes(self) -> Sizes:
-        """By (first link of the group, strain, number), how far that coordinate alone moves the quantity."""
+        """By (first link of the group, strain, number), the change of the quantity by that coordinate alone."""
         r = self.reference.result
         assert r is not None
         arm = r.arm
@@ -73,7 +73,7 @@ class Descent:
         sense = self.trials.measure.sense(self.models.at(self.reference.model, {}), run.q)
         names, out = keys(arm), {}
         by_rate = [arm.coordinate_of(i) for i in range(arm.nv)]
-        M = arm.mass_matrix(run.q[len(rows) // 2]) if self.trials.measure.what == "joint" else None
+        M = arm.mass_matrix(run.q[len(rows) // 2]) if self.trials.measure.quantity == "joint" else None
         joints = [i for i, key in enumerate(names) if key[0] < 0]
         for group in self.models.groups:
             for s, count in enumerate(self.reference.model.counts(group[0])):
@@ -81,15 +81,14 @@ class Descent:
                     x = np.zeros((len(rows), arm.nv))
                     for i in [names.index((k, s, n)) for k in group]:
                         x[:, i] = run.q[:, by_rate[i]]
-                        if M is not None and joints:  # what the joints give way to, with momentum kept
+                        if M is not None and joints:  # the joints' reaction, with momentum kept
                             push = np.linalg.solve(M[np.ix_(joints, joints)], M[joints, i])
                             x[:, joints] -= np.outer(x[:, i], push)
                     out[group[0], s, n] = sense.size(x)
         return out
 
     def fewer(self, start: Model) -> Model:
-        """Leaves out coordinates, those that move the quantity least first, as many as the goal allows; by bisection,
-        each step verified."""
+        """Leaves out as many coordinates as the goal allows, the least important first, by verified bisection."""
         tails = []
         for group, s, n in self.models.items(start):
             parts = [self.found.sizes.get((group[0], s, i), 0.0) for i in range(1, n + 1)]
@@ -119,7 +118,7 @@ class Descent:
         return without(low)
 
     def polish(self, model: Model) -> Model:
-        """Single steps down, as long as one meets the goal."""
+        """Takes single reducing steps as long as one meets the goal."""
         goal = _GOAL * self.tol
         failed: set[Any] = set()
         better = True
@@ -135,13 +134,13 @@ class Descent:
         return model
 
     def moves(self, model: Model) -> Iterator[tuple[Any, Model, float]]:
-        """(name, model, estimated error) of all single steps down that save time."""
+        """(name, model, estimated error) of all single reducing steps that save time."""
         for decision in DECISIONS:
             for group in decision.groups(self.models):
                 yield from decision.moves(self.found, model, group)
 
     def sliced(self, model: Model, share: float) -> Model:
-        """The model with this share of the Gauss points that its bases ask for."""
+        """The model with this share of the Gauss points that its bases require."""
         links = self.models.arm(model).links
 
         def fewer(k: int, beam: BeamModel) -> BeamModel:
@@ -152,7 +151,7 @@ class Descent:
         return model.each(fewer)
 
     def slices(self, model: Model) -> Model:
-        """Fewer Gauss points, where that changes next to nothing, and no run warns of it."""
+        """Takes fewer Gauss points if the run hardly changes and no new warning appears."""
         before = self.trials.run(model)
         for share in (0.7, 0.5):
             lower = self.sliced(model, share)
@@ -165,7 +164,7 @@ class Descent:
         return model
 
     def reduce(self) -> Model:
-        """The cheapest model within the goal that is found on the way."""
+        """The cheapest model found within the goal."""
         self.tell("fewer coordinates")
         start = self.likely()
         few = self.fewer(start)
@@ -173,14 +172,14 @@ class Descent:
         found = found or [self.polish(few)]
         model = found[0]
         for other in found[1:]:
-            if self.trials.cost(other) < 0.85 * self.trials.cost(model):  # a busy moment does not decide between equals
+            if self.trials.cost(other) < 0.85 * self.trials.cost(model):  # timing noise must not decide
                 model = other
         return self.slices(model)
 
     # -- the integrator ----------------------------------------------------------------------------------------------
 
     def settings(self, model: Model) -> Iterator[list[dict[str, Any]]]:
-        """Of each integrator, settings in the order of trying: steps from short to long, tolerances from loose."""
+        """Settings of each integrator in the order of trial: steps from short to long, tolerances from loose."""
         scene = self.models.scene
         step = float(self.trials.setting.get("step", longest_gap(scene)))
         for integrator in IN_TURN:
@@ -188,33 +187,33 @@ class Descent:
                 yield settings_to_try(scene, integrator, step)
 
     def integrate(self, model: Model) -> tuple[Run, list[Run]]:
-        """The fastest run of the model, with all output times, that keeps to 0.85 of the tolerance; and all tried."""
+        """The fastest run of the model, with an error below 0.85 of the tolerance, and all runs tried."""
         tried: list[Run] = []
         for line in self.settings(model):
             for options in line:
                 best = min((x.time for x in tried if self._good(x)), default=np.inf)
                 integrator = options["integrator"]
-                if integrator not in BY_TOLERANCE | OVER_OUTPUTS:  # four evaluations a step at least
+                if integrator not in BY_TOLERANCE | OVER_OUTPUTS:  # at least four evaluations a step
                     steps = float(np.ptp(self.models.scene.t)) / options["step"]
                     if 4 * steps * self.trials.cost(model) > best:
                         break
                 trial = self.trials.run(model, options, whole=True, most=max(0.2, 3 * best))
                 same = integrator in OVER_OUTPUTS and any(x.steps == trial.steps for x in tried)
                 if same and trial.values is not None:
-                    break  # samples cut longer steps into these
+                    break  # sampling times cut longer steps into these
                 tried.append(trial)
                 meets = self._good(trial)
                 time = trial.time if trial.values is not None else np.inf
                 if meets == (integrator in BY_TOLERANCE) or time > 1.5 * best:
-                    break  # a longer step is worse still, a tighter tolerance dearer
+                    break  # a longer step has a larger error, a tighter tolerance takes longer
         good = sorted((x for x in tried if self._good(x)), key=lambda x: x.time)
         if not good:
             trial = self.trials.run(model, self.trials.setting, whole=True)
             return trial, [*tried, trial]
         for trial in good[:3]:
             if trial.time < 1.5 * good[0].time:
-                self.trials.again(trial)
+                self.trials.time_again(trial)
         return min(good, key=lambda x: x.time), tried
 
     def _good(self, trial: Run) -> bool:
-        return self.trials.distance(trial, self.found.judge) <= _WITHIN * self.tol
+        return self.trials.distance(trial, self.found.judge) <= _RUN_SHARE * self.tol

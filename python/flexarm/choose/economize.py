@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Plan:
-    """What `economize` decided. `print(plan)` shows the table.
+    """The result of `economize`. `print(plan)` shows the table.
 
     Attributes:
-        given: the scene as it was. scene: the same with the lean model and its integrator. arm: that model.
+        given: the scene as given. scene: the same with the lean model and its integrator. arm: that model.
         rich: the scene with the model that the plan was checked against.
         quantity: "tip", "joint", "strain", or the name of the callable.
-        tol: the tolerance, over the quantity's span, or (absolute) in its unit. span: by unit, how far it moves.
+        tol: the tolerance, over the quantity's span, or (absolute) in its unit. span: by unit, the quantity's range.
         certified: whether the check agreed: the lean run is within `tol` of the enriched model, and the reference,
-            against which the choices were made, within a third of it, and what symmetry leaves out does not grow
+            against which the choices were made, within a third of it, and motions that symmetry excludes do not grow
             within the run. reasons: why not.
-        error: largest distance of the lean run from the check's, in the terms of `tol`.
-        time: wall time of the lean run (s). seconds: that deciding took. runs: simulations that it took.
+        error: largest distance of the lean run from the check's, in the unit of `tol`.
+        time: wall time of the lean run (s). seconds, runs: wall time and simulations used for deciding.
         choices: every choice; see Choice.
-        watch: limits for `result.check(plan.watch)`: the range that the lean run has used, and half as much.
+        watch: limits for `result.check(plan.watch)`: the range of the lean run, and half as much beyond.
     """
 
     given: Scene
@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def arm(self) -> Arm:
-        """The lean arm: no coordinate that the scene does not need."""
+        """The lean arm, with only the coordinates that the scene needs."""
         return self.scene.arm
 
     @property
@@ -84,7 +84,7 @@ class Plan:
         return self.table()
 
     def table(self) -> str:
-        """The model, the check, and every choice with the error of leaving it out and the time of putting it in."""
+        """The model, the check, and every choice with the error without it and the time of including it."""
         rows = [["", "choice", "", "error without", "from", "time", ""]]
         last = ""
         for c in self.choices:
@@ -95,8 +95,7 @@ class Plan:
         return "\n".join([*_head(self), "", *_speed(self), "", *table, *notes, "", *_indicators(self)])
 
     def plot(self) -> Figure:
-        """Error against wall time of all runs that deciding took, with the scene as it was given, run for it, and
-        the chosen model."""
+        """Error against wall time of all runs made, of the scene as given (run now), and of the chosen model."""
         found, trials = self._found, self._search.trials
         given = self._given_run()
 
@@ -117,7 +116,7 @@ class Plan:
         )  # fmt: skip
 
     def _given_run(self) -> Run | None:
-        """The scene as it was given: its own model, integrator and output times; None where it cannot be run."""
+        """A run of the scene as given: its own model, integrator and output times; None if it cannot be run."""
         options = {"integrator": "ida", **self.given.options}
         try:
             given = self._search.trials.run(self._search.models.given, options, whole=True)
@@ -129,18 +128,18 @@ class Plan:
         """Writes the lean scene as a scene file that `load` reads back. Functions of time are sampled.
 
         Raises:
-            ValueError: what no scene file can hold; see Scene.save.
+            ValueError: a part that no scene file can hold; see Scene.save.
         """
         word = "certified" if self.certified else f"NOT CERTIFIED: {'; '.join(self.reasons)}"
         self.scene.save(path, f"Made by flexarm economize: {self.quantity} within {_tolerance(self)}, {word}.")
 
     def run(self, adapt: bool = False, t: Any = None, progress: bool = False) -> Result:
-        """Simulates the lean scene, watched.
+        """Simulates the lean scene with the monitors of `watch`.
 
         Args:
-            adapt: where a monitor speaks up, goes on with a richer arm from the output time before. The
-                result is then in the richer arm's coordinates throughout, those that the lean arm lacks zero until
-                then. Scenes whose controllers have a memory, or sample, begin anew with the richer arm.
+            adapt: if a monitor reports, continue with a richer arm from the output time before. The result is then in
+                the richer arm's coordinates throughout; those that the lean arm lacks are zero until then. Scenes with
+                controllers that have a memory, or sample, begin anew with the richer arm.
             t: other output times (s), say a longer run. None: the scene's.
 
         Warns:
@@ -149,7 +148,7 @@ class Plan:
         scene = self.scene if t is None else replace(self.scene, t=np.asarray(t, dtype=float))
         if not adapt:
             return watched(scene, self.watch, progress)
-        # a richer arm takes over with a jump, as it has what the lean one never bent: fast modes must bear that and die
+        # the change to a richer arm is a jump that excites its fast modes: the integrator must damp them
         step = min(float(np.median(np.diff(scene.t))), self.rich.options.get("step", np.inf)) / 2
         options = {"integrator": "implicit", "step": step, "spectral_radius": 0.9}
         richer = self._search.models.arm(self._search.richer(self._found.lean.model))
@@ -170,7 +169,7 @@ class Plan:
 
 
 def _order(model: Model) -> int | str:
-    """Of its bending beams, for the picture; "mixed" where they differ."""
+    """The order of its elastic beams, for the picture; "mixed" if they differ."""
     orders = {beam.order for beam in model.elastic}
     return "mixed" if len(orders) > 1 else model.order
 
@@ -186,8 +185,8 @@ _NOTE = """\
 error without: a choice that is in: the error without its last mode, or at the next poorer order.
                A choice that is out: the error that leaving it out costs now.
                An integrator: the whole error of the run.
-time:          what an evaluation of the dynamics (of integrators: the run) takes, or would take more."""
-_LEFT_OUT = f"{ALONE}: left out together with something else; what it costs is in the error of the plan."
+time:          share of the time of an evaluation of the dynamics (of integrators: of the run)."""
+_LEFT_OUT = f"{ALONE}: left out only together with others; its error is in the error of the plan."
 
 
 def _number(x: float | None) -> str:
@@ -195,7 +194,7 @@ def _number(x: float | None) -> str:
 
 
 def _share(choice: Choice) -> str:
-    """What it takes, of what is in; what it would add, of what is out."""
+    """Share of the time of an evaluation: taken by an included choice, or added by another."""
     if choice.time is None or (choice.time == 0.0 and choice.inside):
         return ""
     return f"{100 * choice.time:+.0f} %"
@@ -240,11 +239,11 @@ def _indicators(plan: Plan) -> list[str]:
     return lines
 
 
-# -- what each choice costs and saves -------------------------------------------------------------------------------
+# -- error and time of each choice -----------------------------------------------------------------------------------
 
 
 def choices_of(found: Findings) -> list[Choice]:
-    """Every choice, with the error of leaving it out and the time of putting it in: link by link, then of the arm."""
+    """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
     model = found.lean.model
     rows: list[Choice] = []
     about = [(group, decision) for decision in DECISIONS for group in decision.groups(found.models)]
@@ -257,7 +256,7 @@ def choices_of(found: Findings) -> list[Choice]:
 
 
 def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
-    """Whether beams bend in a plane, or in space."""
+    """The row that tells whether beams bend in a plane or in space."""
     names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
     if not any(names):
         return []
@@ -281,8 +280,8 @@ def _setting(found: Findings, trial: Run) -> Choice:
 
 
 def speed_of(found: Findings) -> dict[str, dict[str, float | int]]:
-    """Of the scene's own model, the lean and the rich one: coordinates, time (s) and floating point operations of one
-    evaluation of the dynamics."""
+    """Coordinates, time (s) and floating point operations of one evaluation of the dynamics: of the scene's own model,
+    the lean and the rich one."""
     out: dict[str, dict[str, float | int]] = {}
     for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
         arm = found.models.arm(model)
@@ -315,9 +314,10 @@ def economize(
 ) -> Plan:
     """The cheapest model of a scene whose error over the scene's run is below a tolerance.
 
-    First indicators: what symmetry rules out, and what a run of the scene's own model leaves unbalanced in a richer
-    one. Then a way down from what these say may matter, each step verified by simulation. Then one check against an
-    enriched model, not on the path: more modes, every strain that moves at all, exact rotation, finer steps.
+    First come indicators: coordinates that symmetry keeps at rest, and residual forces of a run of the scene's own
+        model in a richer one. Then follows a descent from the coordinates that may matter, each step verified by
+        simulation, and one check against an independent, enriched model: more modes, every strain that moves, exact
+        rotation, finer steps.
 
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
@@ -325,9 +325,9 @@ def economize(
         quantity: "tip", the position of the arm's end; "joint", the coordinates of those joints that are not
             prescribed; "strain", the curvatures of every beam at its clamp (and shear angles and stretches, where the
             scene's own beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
-        time_budget: seconds for deciding; None: as many as it takes. What is found until then is not certified.
+        time_budget: seconds for deciding; None: no limit. A plan that the limit cuts short is not certified.
         atol: an absolute tolerance in the quantity's SI unit, in place of tol: atol=1e-3 is a millimetre of the tip.
-        progress: shows what is being done on stderr: a bar, or lines where that is no terminal.
+        progress: shows the present activity on stderr: a bar, or lines if that is no terminal.
 
     Returns:
         Plan: `.arm`, `.scene`, `.certified`, `.choices`, `.save("lean.toml")`, `.plot()`.
@@ -360,4 +360,4 @@ def economize(
 
 
 def _quiet(doing: str) -> None:
-    """Where nobody looks."""
+    """Shows nothing."""

@@ -1,4 +1,4 @@
-"""How `economize` decides: indicators first, then models verified by simulation, then a check off the path."""
+"""The search of `economize`: indicators first, then models verified by simulation, then an independent check."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from .symmetry import excited, growth
 from .times import times_to_compare
 from .trials import Budget, OutOfTime, Run, Trials
 
-_SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
-_AGREE = 1 / 3  # of the tolerance: how close reference and check must be
-_BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
-_NEAR = 0.6  # of the tolerance: how close smooth shapes must come to a beam in pieces
-_ROUNDS = 3  # references, at most
+_SMALL = 1 / 30  # of the tolerance: coordinates of a smaller estimated effect are not in the reference
+_AGREE = 1 / 3  # of the tolerance: largest distance between reference and check
+_REMAINDER = 1.5  # times the gap: error that may remain beyond the check, if convergence is slow
+_NEAR = 0.6  # of the tolerance: largest distance of smooth shapes from a beam in pieces
+_ROUNDS = 3  # most references
 #: strains whose modes are the fastest
 _EXTENSION = STRAINS.index("extension")
 _FAST = (*(s for s, name in enumerate(STRAINS) if name.startswith("shear")), _EXTENSION)
-_CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
-_GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
+_MANY_ROWS = 1601  # rows for a second test of growth, if fewer show some
+_GROWTH = 100.0  # of motions that symmetry excludes, within the run: above it the run is unstable
 
 
 class EconomizeSearch:
     """Decides for one scene.
 
     Args:
-        scene: the scene. measure: what matters. tol: its tolerance. budget: time for deciding.
-        tell: called with what is being done.
+        scene: the scene. measure: the quantity. tol: its tolerance. budget: time for deciding. tell: called with the
+            present activity.
     """
 
     def __init__(
@@ -54,20 +54,21 @@ class EconomizeSearch:
     ) -> None:
         self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
         self.models = Models(scene)
-        # a user's own function of a Result may count on the scene's output times
+        # a user's own function of a Result may rely on the scene's output times
         own = scene.t[some_rows(len(scene.t), 400)]
-        self.trials = Trials(self.models, measure, own if callable(measure.what) else times_to_compare(scene.t), budget)
+        times = own if callable(measure.quantity) else times_to_compare(scene.t)
+        self.trials = Trials(self.models, measure, times, budget)
         self.reached: dict[int, Array] = {}
         self.rebase = False
 
     # -- models ------------------------------------------------------------------------------------------------------
 
     def enriched(self, extra: int, than: Model | None = None, all_strains: bool = False) -> Model:
-        """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation.
+        """A model with `extra` modes more than the scene of every strain that symmetry allows, and exact rotation.
 
         Args:
-            all_strains: what it leaves out, too.
-            than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
+            all_strains: include the strains that symmetry keeps at rest.
+            than: have more modes of every strain than this model, too, in Legendre polynomials where possible.
         """
         many = sum(beam is not None for beam in self.models.given.beams) > 4
         bends = [field.bending for field in _core.STRAIN_FIELDS]
@@ -90,19 +91,19 @@ class EconomizeSearch:
         return self._based(model) if than is None else self._rebased(model)
 
     def richer(self, lean: Model) -> Model:
-        """The enriched model whose coordinates have those of the lean one among them."""
+        """The enriched model, with all coordinates of the lean one."""
         model = self._rebased(self.enriched(0)) if lean.basis else self.enriched(0)
         return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
 
     def _rebased(self, model: Model) -> Model:
-        """In Legendre polynomials, unless something reads the elastic coordinates by number."""
+        """The model in Legendre polynomials, unless something reads the elastic coordinates by number."""
         return model if self.models.pinned else self.models.rebased(model)
 
     def _based(self, model: Model) -> Model:
         return self._rebased(model) if self.rebase else model
 
     def find_symmetry(self) -> None:
-        """Which strains of which links nothing excites, not even by way of others."""
+        """Finds the strains of each link that are excited, directly or through others."""
         few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
         scene = self.models.at(few, {})
         moves = excited(scene)
@@ -115,7 +116,7 @@ class EconomizeSearch:
                 n = link.beam.counts.get(name, 0)
                 reached[s], at = moves[at : at + n].any(), at + n
             found[k] = reached if not self.models.pinned else np.array(self.models.given.counts(k)) > 0
-        for group in self.models.groups:  # chosen alike, so reached alike
+        for group in self.models.groups:  # one choice for a group: excited in one link counts for all
             together = np.any([found[k] for k in group], axis=0)
             self.reached |= {k: together for k in group}
 
@@ -130,8 +131,8 @@ class EconomizeSearch:
         return self.models.given.each(moving)
 
     def find_basis(self) -> None:
-        """Whether Legendre polynomials serve better than the scene's basis, at the same count: where their first
-        frequency, which Ritz's method has from above, is lower by what matters; and under patches that are driven."""
+        """Decides whether Legendre polynomials replace the scene's basis, at the same count: if their first frequency
+        (an upper bound, by Ritz's method) is lower by more than the tolerance allows, or patches are driven."""
         own = self._own()
         other = self._rebased(own)
         if other == own:
@@ -142,8 +143,8 @@ class EconomizeSearch:
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
-    def look(self, rich: Model, base: Run) -> Estimates:
-        """From a run of the base, what each coordinate of the rich model and each order matters."""
+    def estimate(self, rich: Model, base: Run) -> Estimates:
+        """Estimates the effect of each coordinate of the rich model and of each order from a run of the base."""
         assert base.result is not None
         scene, arm = self.models.at(rich, {}), base.result.arm
         found = Indicators(scene, base.result, self.measure, {})
@@ -152,11 +153,11 @@ class EconomizeSearch:
         by_order, without = self._poorer(base)
         w = first_frequency(arm)
         most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
-        spin, turn = ({k: x for (what, k), x in most.items() if what == kind} for kind in ("spin", "rotation"))
+        spin, turn = ({k: x for (name, k), x in most.items() if name == kind} for kind in ("spin", "rotation"))
         return Estimates(share, by_order, without, spin, turn, w)
 
     def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
-        """What each order is off by, and what leaving out costs, by name."""
+        """Estimated errors of each order, and of each decision's variants by name."""
         assert base.result is not None
         exact = base.model.but(order="exact", rotary=True, gauss=None)
         if not exact.elastic:
@@ -167,13 +168,13 @@ class EconomizeSearch:
                 try:
                     variants[name] = self.models.arm(model)
                 except ValueError:
-                    continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
+                    continue  # torsion and shear need rotary inertia; order 0 may lack inertia
         found = Indicators(self.models.at(exact, {}), base.result, self.measure, variants).variants
         by_order = {order: found.pop(order) for order in ORDERS if order in found}
         return {**by_order, "exact": 0.0}, found
 
     def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
-        """Of the rich model, what the indicators say may matter; never less than the base."""
+        """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
         small, share = _SMALL * self.tol, estimates.share
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
@@ -188,7 +189,7 @@ class EconomizeSearch:
     # -- all together ------------------------------------------------------------------------------------------------
 
     def start(self) -> Run:
-        """A first run, of the scene's own model if it can be run."""
+        """A first run: of the scene's own model if it can be run, else of that with exact rotation."""
         own = self.own()
         exact = own.but(order="exact")
         for model in dict.fromkeys((own, exact)):
@@ -201,7 +202,7 @@ class EconomizeSearch:
         raise ValueError(f"scene: cannot be run to this tolerance: {why}")
 
     def __call__(self) -> Findings:
-        """Decides. OutOfTime in the middle leaves what was found until then, not certified."""
+        """Decides. After OutOfTime the result so far is returned, not certified."""
         self.find_symmetry()
         self.find_basis()
         try:
@@ -224,7 +225,7 @@ class EconomizeSearch:
         return found
 
     def find_unstable(self, found: Findings) -> None:
-        """Whether what symmetry leaves out would stay small, were it touched."""
+        """Tests whether disturbances of motions that symmetry excludes stay small."""
         if self.models.pinned or found.reference.result is None:
             return
         rich, lean = self.enriched(0, all_strains=True), found.reference.model
@@ -239,22 +240,22 @@ class EconomizeSearch:
             grown = growth(scene, found.reference.result, moves)
             if grown > _GROWTH:
                 grown = growth(scene, found.reference.result, moves, 241)
-            if grown > _GROWTH:  # rows too few for what rings drive up what does not grow
-                grown = growth(scene, self.trials.closely(found.reference, _CLOSE), moves, _CLOSE)
+            if grown > _GROWTH:  # too few rows for fast vibrations show false growth
+                grown = growth(scene, self.trials.at_rows(found.reference, _MANY_ROWS), moves, _MANY_ROWS)
         except ValueError as e:
-            found.notes.append(f"whether what symmetry leaves out is stable could not be told: {e}")
+            found.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
             return
         if grown > _GROWTH:
             left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
             found.reasons.append(
                 f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
-                f"but a disturbance of them grows {grown:.2g} times within the run; put in what disturbs them"
+                f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
             )
 
     def checked(self, rich: Model, found: Findings) -> Run:
-        """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
-        it, because friction switches while fast shear must be followed, say, shear and extension are left out, if they
-        are estimated to matter little; a note tells."""
+        """A run of the enriched model with finer steps at all output times. If no integrator completes it (for example
+        with switching friction and fast shear), shear and extension are left out if their estimated effect is small; a
+        note tells."""
         reference = found.reference
         options, found.notes = finer(self.trials, reference), found.notes[: bool(self.models.start.note)]
         lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _FAST), default=0.0)
@@ -266,27 +267,27 @@ class EconomizeSearch:
         without_fast = rich.each(without_more)
         check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
-            check = self.hard(rich, reference)
+            check = self.retried(rich, reference)
         if check.values is None and without_fast != rich and lost <= _SMALL * self.tol:
             check = self.trials.run(without_fast, options, whole="step" in options, most=self.patience())
-            check = check if check.values is not None else self.hard(without_fast, reference)
+            check = check if check.values is not None else self.retried(without_fast, reference)
             found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
 
     def worth_a_check(self, rich: Model, found: Findings) -> Model:
-        """The enriched model without more extension than the reference has, where that is estimated to matter little: a
-        beam that hardly stretches asks for steps that nothing else needs, as a constraint does."""
+        """The enriched model with the extension of the reference, if more has a small estimated effect: a beam that is
+        stiff in extension needs very short steps."""
         lost = max((x for (_, s, _), x in found.estimates.share.items() if s == _EXTENSION), default=0.0)
         if lost > _SMALL * self.tol:
             return rich
         return rich.each(lambda k, b: b.with_count(_EXTENSION, found.reference.model.counts(k)[_EXTENSION]))
 
     def patience(self) -> float:
-        """Seconds for one more attempt at a run that has failed."""
+        """Time limit (s) for one more attempt at a run that has failed."""
         return max(5.0, 0.5 * self.trials.seconds)
 
-    def hard(self, model: Model, other: Run) -> Run:
-        """A run of a model that the integrator cannot do, with finer steps, or steps of variable length."""
+    def retried(self, model: Model, other: Run) -> Run:
+        """A run of a model that fails with the present setting: with finer steps, or with variable steps."""
         setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
         steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
         for options in (*steps, slow, {**slow, "max_order": 2}):
@@ -298,13 +299,13 @@ class EconomizeSearch:
     def _decide(self, found: Findings) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
-        found.estimates = self.look(rich, found.base)
+        found.estimates = self.estimate(rich, found.base)
         relevant = self.relevant(rich, found.base.model, found.estimates)
         reference = self.trials.run(relevant, most=max(10.0, 100.0 * found.base.time))
         if reference.values is None:
-            reference = self.hard(reference.model, reference)
+            reference = self.retried(reference.model, reference)
         if reference.values is None:
-            reference = found.base  # the check tells what that is worth
+            reference = found.base  # the check measures its error
         if self.models.jumps:
             self._in_pieces(found, reference)
             return
@@ -318,7 +319,7 @@ class EconomizeSearch:
             reference, self.trials.setting = found.check, found.check.options
 
     def _descended(self, found: Findings, rich: Model) -> bool:
-        """The way down, and its check; whether they agree."""
+        """Makes the descent and its check; returns whether they agree."""
         found.reasons, found.check = [], None
         down = Descent(found, self.tell)
         model = down.reduce()
@@ -330,12 +331,12 @@ class EconomizeSearch:
             found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
             return False
         if not (differs(check, found.judge) and differs(check, found.lean)):
-            found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
+            found.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
             found.check = None
             return False
         found.off = self.trials.distance(found.lean, check)
         found.gap = self.trials.distance(found.judge, check)
-        if found.off + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+        if found.off + _REMAINDER * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
             return True
         found.reasons = [
             f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
@@ -344,9 +345,10 @@ class EconomizeSearch:
         return False
 
     def _in_pieces(self, found: Findings, reference: Run) -> None:
-        """Where strains jump, smooth shapes agree with each other before they are right: errors are taken from beams in
-        pieces, from the start, and so is the check. The reference has as many modes as it takes to come near these."""
-        if self.models.pinned or callable(self.measure.what):
+        """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
+        taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
+        come near these."""
+        if self.models.pinned or callable(self.measure.quantity):
             why = self.models.pinned or "the quantity is a function, which may count on the links"
             found.reasons.append(f"{self.advice}; the check cannot, as {why}")
             return
@@ -364,7 +366,7 @@ class EconomizeSearch:
             if near:
                 break
             reference = self.trials.run(self.enriched(2 * k + 1, found.reference.model))
-        found.judge = judge if near else found.reference  # that is too far off, and the check says so
+        found.judge = judge if near else found.reference  # too far from the pieces: the check reports it
         many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
         more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
         if not self._descended(found, more) and found.check is not None:
@@ -372,7 +374,7 @@ class EconomizeSearch:
 
     @property
     def advice(self) -> str:
-        """For a scene with beams that have jumps."""
+        """Advice for a scene with beams whose strains jump."""
         return (
             f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
             "Arm([*fa.split(link), ...])"

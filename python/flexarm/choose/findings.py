@@ -1,4 +1,4 @@
-"""What `economize` finds out of a scene's models: estimates of those not run, errors of those run, what was chosen."""
+"""Findings of `economize` about a scene's models: estimates before runs, errors of runs, the chosen model."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..parts.beam import STRAINS
 from .models import Model, Models
 from .trials import OutOfTime, Run, Trials
 
-RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # where a number is from
-ALONE = "not run alone"  # of two models that differ in nothing else, one was not run
-_SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
+RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # the source of a number
+ALONE = "not run alone"  # one of two models that differ in this alone was not run
+_SPIN = 0.5  # of the first frequency: above it order 1 is not allowed, as it softens
 
-#: By (link, strain, number of the mode, from 1), how far a coordinate moves the quantity, over its span.
+#: By (link, strain, number of the mode, from 1): change of the quantity by that coordinate, over its span.
 Sizes: TypeAlias = dict[tuple[int, int, int], float]
 
 
@@ -34,11 +34,11 @@ def keys(arm: Arm) -> list[tuple[int, int, int]]:
 
 @dataclass
 class Estimates:
-    """What the indicators say, before the models that they are about have been run.
+    """Estimates of the indicators, before the models are run.
 
     Attributes:
-        share: what each coordinate of the enriched model adds to the quantity.
-        by_order: by order, what it is off by. without: by name, what leaving something else out costs.
+        share: contribution of each coordinate of the enriched model to the quantity.
+        by_order: error by order. without: by name, the error of leaving out another part of the model.
         spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
             sections against its base, the largest (rad). first_frequency: rad/s.
     """
@@ -53,18 +53,18 @@ class Estimates:
 
 @dataclass
 class Findings:
-    """What decisions go by, and what was decided.
+    """Results that decisions use, and the decisions.
 
     Attributes:
         trials: runs of the models. tol: the tolerance.
-        base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
-            all output times and the chosen integrator. judge: what errors are taken from on the way down: the
-            reference, or, where strains jump, its beams in pieces.
-        estimates: what the indicators said. sizes: how far each coordinate of the reference moves the quantity.
-        dormant: by link, strains that nothing excites.
+        base: the scene's own model without coordinates that symmetry keeps at rest. reference, check: rich runs. lean:
+            the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
+            the reference, or, if strains jump, its beams in pieces.
+        estimates: of the indicators. sizes: change of the quantity by each coordinate of the reference.
+        dormant: by link, strains that are not excited.
         off: error of the lean run against the check. gap: between reference and check.
         settings: runs of the lean model with other integrators.
-        reasons: why it is not certified. notes: what the check lacks.
+        reasons: why the plan is not certified. notes: limits of the check.
     """
 
     trials: Trials
@@ -92,11 +92,11 @@ class Findings:
 
     @property
     def rich(self) -> Run:
-        """What errors are taken from: the check, or the reference where there is none."""
+        """The run from which final errors are taken: the check, or the reference if there is none."""
         return self.check or self.reference
 
     def error(self, model: Model) -> float:
-        """Of a model against the judge, by simulation; inf where it cannot be run."""
+        """Error of a model against the judge, by simulation; inf where it cannot be run."""
         if self.models.usable(model):
             return np.inf
         try:
@@ -106,7 +106,7 @@ class Findings:
             return np.inf
 
     def known(self, model: Model, any_gauss: bool = True) -> float | None:
-        """The error of a model that was run, with as many Gauss points or (any_gauss) others."""
+        """Error of a model that was run with its or (any_gauss) other Gauss points; None if it was not run."""
         for trial in self.trials.runs.values():
             same = trial.options == self.trials.setting and trial.values is not None
             if same and (trial.model.but(gauss=None) == model.but(gauss=None) if any_gauss else trial.model == model):
@@ -114,19 +114,19 @@ class Findings:
         return None
 
     def without(self, lower: Model, estimate: float) -> tuple[float, str]:
-        """What a poorer model is off by, and where that is from: a run, if it takes no longer than some lean ones, or
-        else the estimate."""
+        """Error of a poorer model, and its source: a run, if that is not much longer than a lean one, or the
+        estimate."""
         known = self.known(lower)
         if known is not None:
             return known, RUN
-        try:  # a lean run more
+        try:  # one more lean run
             trial = self.trials.run(lower, most=max(0.2, 3 * self.lean.time))
         except (OutOfTime, ValueError):
             return estimate, ESTIMATE
         return (estimate, ESTIMATE) if trial.status == "cut" else (self.trials.distance(trial, self.judge), RUN)
 
     def size(self, group: list[int], strain: int, n: int) -> float:
-        """What the n-th coordinate of a strain does to the quantity."""
+        """Change of the quantity by the n-th coordinate of a strain."""
         share = self.estimates.share
         return self.sizes.get((group[0], strain, n), max((share.get((k, strain, n), 0.0) for k in group), default=0.0))
 

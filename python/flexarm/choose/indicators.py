@@ -1,9 +1,9 @@
-"""A priori indicators: what a richer model would change of a run, before the richer model is run.
+"""A priori indicators: estimated changes of a run by a richer model, before the richer model is run.
 
-A run of one model is put into the equations of a richer one. What is left over, the residual, is the force that the
-richer model's coordinates feel and the poorer model does not answer; the linear response to it, modes and spectrum of
-the excitation included, estimates what leaving them out costs. One inverse dynamics for each row and one linear
-stepping of small matrices: less than a run.
+A run of one model is put into the equations of a richer one. The residual is the force on the richer model's
+coordinates that the poorer model does not balance. The linear response to it, with the modes and the spectrum of the
+excitation, estimates the error of leaving them out. The cost is one inverse dynamics for each row and one linear
+integration of small matrices: less than a run.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from ..scene.scene import Scene
 from .coordinates import Embedded, carried_v, embed, some_rows
 from .measures import Measure
 
-_ROWS = 121  # of a run, at which residuals are taken
+_ROWS = 121  # rows of a run for the residuals
 
 
 def prescribed_rates(scene: Scene) -> list[int]:
-    """Rates whose motion is given."""
+    """Indices of rates with prescribed motion."""
     laws = scene.arm.by_rate("drive", split_drives(scene.drive)[0])
     return [i for i, law in laws.items() if isinstance(law, Motion)]
 
@@ -46,7 +46,7 @@ def _feedback(scene: Scene) -> list[Any]:
 
 
 def _forces(scene: Scene, arm: Arm, run: Embedded) -> Array:
-    """Inverse dynamics along a run, less the loads and the patches' forces, (nt, nv)."""
+    """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
     patched = bool(split_drives(scene.drive)[1])
     if not scene.loads and not patched:
         return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a))
@@ -57,13 +57,13 @@ def _forces(scene: Scene, arm: Arm, run: Embedded) -> Array:
     return np.array(out)
 
 
-def _stepped(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
-    """x (nt, n, m) of M x'' + D x' + K x = f from rest, f (nt, n, m), by Newmark's steps with some damping of what is
-    too fast for them: those coordinates follow f at once, as they should."""
+def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
+    """x (nt, n, m) of M x'' + D x' + K x = f from rest, f (nt, n, m), by Newmark's method with numerical damping of
+    modes too fast for dt: their coordinates follow f quasi-statically."""
     gamma, beta = 0.55, 0.276
     size = 1.0 / np.sqrt(np.diag(M) + beta * dt**2 * np.abs(np.diag(K)))
     S = size[:, None] * (M + gamma * dt * D + beta * dt**2 * K) * size
-    inverse = size[:, None] * np.linalg.inv(S) * size  # scaled and small; used for every step
+    inverse = size[:, None] * np.linalg.inv(S) * size  # scaled, small, used for every step
     x, v, a = (np.zeros(forces.shape[1:]) for _ in range(3))
     out = np.zeros(forces.shape)
     for k in range(1, len(forces)):
@@ -76,15 +76,15 @@ def _stepped(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
 
 
 class Indicators:
-    """What a richer arm would change of a run.
+    """Estimated changes of a run by a richer arm.
 
     Args:
-        rich: the scene with the richer arm. result: a run of a poorer one. measure: of what matters, with its span.
-        variants: arms with the richer one's coordinates, poorer in something else (order, rotary inertia).
+        rich: the scene with the richer arm. result: a run of a poorer one. measure: the quantity, with its span.
+        variants: arms with the richer one's coordinates, poorer in another property (order, rotary inertia).
 
     Attributes:
-        share: of each coordinate of the richer arm, what it would add to the quantity, over its span, (nv,).
-        variants: by name, what each of these differs from the richer one by.
+        share: contribution of each coordinate of the richer arm to the quantity, over its span, (nv,).
+        variants: by name, the estimated difference of each variant from the richer arm.
     """
 
     def __init__(self, rich: Scene, result: Result, measure: Measure, variants: dict[Any, Arm]) -> None:
@@ -128,5 +128,5 @@ class Indicators:
             at2 = np.ix_(free, free)
             dt = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
             with np.errstate(all="ignore"):
-                x[:, free] = _stepped(M[at2], D[at2], K[at2], dt, forces[:, free])
+                x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
         return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)

@@ -1,7 +1,7 @@
-"""Integrators and their settings, as arguments of `simulate`: which there are to try, from loose to tight.
+"""Integrators and their settings to try, as arguments of `simulate`, from loose to tight.
 
-The names are those of INTEGRATORS in run/simulation.py: a new integrator joins by itself, and its row there says
-whether it takes steps or a tolerance.
+The names are those of INTEGRATORS in run/simulation.py, whose rows say whether an integrator takes steps or a
+tolerance.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fi
 #: The fixed-step integrators that step over output times.
 OVER_OUTPUTS = frozenset({"gauss"})
 
-#: Those of high order first.
+#: Integrators of high order first.
 IN_TURN = sorted(INTEGRATORS, key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
 
-#: What the chart draws a line for, by name: arguments of `simulate`.
+#: The chart's lines, by name: arguments of `simulate`.
 LINES: dict[str, dict[str, Any]] = {
     **{name: {"integrator": name} for name in INTEGRATORS},
     "ida, BDF 2": {"integrator": "ida", "max_order": 2},
 }
 
-DENSE = 60  # coordinates up to which Gauss collocation, whose matrices are dense, is taken
+DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
 
 
 def longest_gap(scene: Scene) -> float:
-    """Between output times (s)."""
+    """The longest gap between output times (s)."""
     return float(np.diff(scene.t).max())
 
 
@@ -49,7 +49,8 @@ def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
 
 
 def line_settings(scene: Scene, line: str, rtols: Sequence[float] = ()) -> list[float]:
-    """Of a line, from loose to tight; no step is longer than the gap between output times, where those are all met."""
+    """Settings of a line, from loose to tight. Steps fit between output times if the integrator stops at all of
+    these."""
     integrator, gap = LINES[line]["integrator"], longest_gap(scene)
     if integrator in BY_TOLERANCE:
         return list(rtols or 10.0 ** -np.arange(2, 12))
@@ -62,7 +63,7 @@ def by_tolerance(rtol: float, integrator: str = "ida") -> dict[str, Any]:
 
 
 def settings_to_try(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
-    """Of an integrator, what `economize` tries in turn: steps from short, this one, to long, tolerances from loose."""
+    """Settings of an integrator for `economize` in order of trial: steps from `step` to long, tolerances from loose."""
     if integrator in BY_TOLERANCE:
         return [by_tolerance(rtol, integrator) for rtol in (1e-3, 1e-4, 1e-5)]
     if integrator not in OVER_OUTPUTS:
@@ -72,7 +73,7 @@ def settings_to_try(scene: Scene, integrator: str, step: float) -> list[dict[str
 
 
 def setting_words(options: dict[str, Any]) -> str:
-    """Such as "gauss, step 0.05 s"."""
+    """The setting in words, such as "gauss, step 0.05 s"."""
     if "step" in options:
         return f"{options['integrator']}, step {options['step']:.3g} s"
     return f"{options['integrator']}, rtol {options['rtol']:.3g}" if "rtol" in options else str(options["integrator"])

@@ -1,4 +1,4 @@
-"""What is compared of runs: its values along a run, its span, distances, and how coordinates move it."""
+"""The compared quantity of runs: its values along a run, span, distances, and sensitivity to coordinates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Sense:
     maps: list[Array]
 
     def size(self, x: Array) -> float:
-        """The largest change of the quantity, over its span, of small motions x (nt, nv)."""
+        """The largest change of the quantity, over its span, by small motions x (nt, nv)."""
         norms = [np.linalg.norm(np.einsum("tpcn,tn->tpc", np.broadcast_to(m, (len(x), *m.shape[1:])), x), axis=-1)
                  for m in self.maps]  # fmt: skip
         return float(max((n.max(initial=0.0) for n in norms), default=0.0))
@@ -36,24 +36,24 @@ class Measure:
     """A quantity of a scene's runs whose error matters.
 
     Args:
-        scene: whose joints and beams it is about. what: "tip", "joint", "strain", or a callable of a Result that
+        scene: defines the joints and beams. quantity: "tip", "joint", "strain", or a callable of a Result that
             returns an array (nt,) or (nt, k).
         atol: an absolute tolerance, in the quantity's unit; None: errors are relative to the span.
 
     Attributes:
-        span: by unit; what errors are divided by.
-        ranges: by unit, how far the quantity moves.
+        span: by unit, the divisor of errors.
+        ranges: by unit, the range of the quantity.
     """
 
-    def __init__(self, scene: Scene, what: str | Callable[[Result], Any], atol: float | None = None) -> None:
-        if not callable(what):
-            choice("quantity", what, MEASURES)
-        self.what, self.scene, self.atol = what, scene, atol
+    def __init__(self, scene: Scene, quantity: str | Callable[[Result], Any], atol: float | None = None) -> None:
+        if not callable(quantity):
+            choice("quantity", quantity, MEASURES)
+        self.quantity, self.scene, self.atol = quantity, scene, atol
         self.span: dict[str, float] = {}
 
     @property
     def name(self) -> str:
-        return getattr(self.what, "__name__", "quantity") if callable(self.what) else self.what
+        return getattr(self.quantity, "__name__", "quantity") if callable(self.quantity) else self.quantity
 
     def _joints(self, arm: Arm) -> dict[str, list[tuple[int, int]]]:
         """By unit, (index in q, index in v or -1) of the joint coordinates that are not prescribed."""
@@ -74,7 +74,7 @@ class Measure:
         return [k for k, link in enumerate(self.scene.arm.links) if link.beam is not None]
 
     def _strains(self) -> dict[str, slice]:
-        """By unit, which strains count: shear angles and stretches only where the scene's own beams have them."""
+        """Compared strains by unit: shear angles and stretches only if the scene's own beams have them."""
         has = {name for link in self.scene.arm.links if link.beam is not None for name in link.beam.counts}
         out = {"1/m": slice(0, 3)}
         if has & {"shear_y", "shear_z"}:
@@ -82,17 +82,17 @@ class Measure:
         return {**out, "1": slice(5, 6)} if "extension" in has else out
 
     def values(self, result: Result, first: Sequence[int] | None = None) -> dict[str, Array]:
-        """By unit, (nt, places, components). `first`: of an arm whose beams are in pieces, the first of each link."""
+        """Values by unit, (nt, places, components). `first`: for beams in pieces, the first piece of each link."""
         arm = result.arm
-        if callable(self.what):
-            y = np.asarray(self.what(result), dtype=float)
+        if callable(self.quantity):
+            y = np.asarray(self.quantity(result), dtype=float)
             if y.ndim not in (1, 2) or len(y) != len(result.t):
-                raise ValueError(f"quantity = {self.what!r}: gave shape {y.shape}; must be ({len(result.t)},) or "
+                raise ValueError(f"quantity = {self.quantity!r}: gave shape {y.shape}; must be ({len(result.t)},) or "
                                  f"({len(result.t)}, k), a row for each time of the result")  # fmt: skip
             return {"": y.reshape(len(y), 1, -1)}
-        if self.what == "tip":
+        if self.quantity == "tip":
             return {"m": arm.frame(result.q)[0][:, None, :]}
-        if self.what == "joint":
+        if self.quantity == "joint":
             return {u: result.q[:, [i for i, _ in at], None] for u, at in self._joints(arm).items()}
         beams = self._beams()
         if not beams:
@@ -104,8 +104,8 @@ class Measure:
         return {unit: both[:, :, rows] for unit, rows in self._strains().items()}
 
     def set_span(self, values: dict[str, Array]) -> None:
-        """Fixes what errors are divided by: by unit, the largest range of any one component, units in which nothing
-        moves left out (or, with atol, 1: errors are then in the quantity's unit).
+        """Sets the divisors of errors: by unit, the largest range of any one component, without units of constant
+        values (with atol, 1: errors are then in the quantity's unit).
 
         Raises:
             ValueError: nothing moves.
@@ -116,39 +116,39 @@ class Measure:
         if not self.ranges:
             why = "nothing moves" if values else "there is none that is not prescribed"
             raise ValueError(f"quantity = {self.name!r}: {why} in this scene; take another")
-        # shear angles beside curvatures, say: a unit that all but stands still does not set the scale
+        # a unit with almost no motion, such as shear angles beside curvatures, must not set the scale
         self.span = {u: 1.0 for u in self.ranges} if self.atol is not None else dict(self.ranges)
 
     def by_unit(self, a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
-        """Largest distance over all times and places, in its unit."""
+        """Largest distance over all times and places, by unit."""
         return {u: float(np.linalg.norm(a[u] - b[u], axis=-1).max()) for u in self.span}
 
     def distance(self, a: dict[str, Array], b: dict[str, Array]) -> float:
-        """Largest distance over all times and places, over the span: the largest of the units'."""
+        """Largest distance over all times, places and units, over the span."""
         return max(d / self.span[u] for u, d in self.by_unit(a, b).items())
 
     def sense(self, scene: Scene, q: Array) -> Sense:
-        """How small motions about q (nt, nq) change the quantity. Of a callable, how they change the tip."""
+        """Sensitivity of the quantity to small motions about q (nt, nq); for a callable, that of the tip."""
         arm = scene.arm
-        if self.what == "joint":
+        if self.quantity == "joint":
             unit = np.eye(arm.nv)
             maps = [np.array([unit[i] if i >= 0 else 0 * unit[0] for _, i in at])[None, :, None, :] / self.span[u]
                     for u, at in self._joints(arm).items() if u in self.span]  # fmt: skip
             return Sense(maps)
-        if self.what == "strain":
+        if self.quantity == "strain":
             E = np.asarray(arm._core.rates(arm.zero, np.zeros(arm.nv))[2])
             beams = [k for k in self._beams() if arm.links[k].beam.ne]  # type: ignore[union-attr]
             S = np.array([arm.strain(E.T, k, 0.0) for k in beams]).transpose(0, 2, 1)  # strains are linear in q
             return Sense([S[None, :, rows] / self.span[u] for u, rows in self._strains().items() if u in self.span])
         J = arm.jacobian(q)[:, None, :3, :]
-        if self.what == "tip":
+        if self.quantity == "tip":
             return Sense([J / self.span["m"]])
         moved = float(np.ptp(arm.frame(q)[0], axis=0).max()) or 1.0
         return Sense([J / moved * self.ranges[""] / self.span[""]])
 
     def kinematic(self, scene: Scene, other: Arm, q: Array) -> float:
-        """How far the quantity of another arm with the same coordinates is off at the same q."""
-        if self.what != "tip":
+        """Difference of the quantity between this arm and another with the same coordinates, at the same q."""
+        if self.quantity != "tip":
             return 0.0
         away = np.linalg.norm(scene.arm.frame(q)[0] - other.frame(q)[0], axis=1)
         return float(away.max()) / self.span["m"]

@@ -1,4 +1,4 @@
-"""Models of a scene's arm as data: how each beam is modelled, richer and poorer neighbours, the scene with a model."""
+"""Models of a scene's arm as data: the model of each beam, richer and poorer neighbours, the scene with a model."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .pieces import Pieces, jumps
 from .starts import Start
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
-_MANY = 4  # more beams than this are treated alike where they are alike
+_MANY = 4  # with more beams than this, equal ones get equal models
 
 
 def read_scene(scene: Scene | str | Path) -> Scene:
-    """A scene, or that of a scene file or of a shipped scene's name, whose runs models are compared by."""
+    """The given scene, or the one of a scene file or of a shipped scene's name."""
     if isinstance(scene, (str, Path)):
         return load(scene)
     if not isinstance(scene, Scene):
@@ -36,17 +36,17 @@ def read_scene(scene: Scene | str | Path) -> Scene:
 
 
 class Feature(Protocol):
-    """Something of a link that a model may be without."""
+    """An optional part of a link, which a model may lack."""
 
     name: str
 
     def leave_out(self, link: Link) -> Link:
-        """The link without it."""
+        """The link without this part."""
 
 
 @dataclass(frozen=True)
 class BeamModel:
-    """How one beam is modelled.
+    """The model of one beam.
 
     Attributes:
         counts: shape functions of each of STRAINS; all zero: rigid.
@@ -63,7 +63,7 @@ class BeamModel:
     basis: str | None = None
 
     def __post_init__(self) -> None:
-        if self.rigid:  # nothing turns in a rigid beam: all orders are the same
+        if self.rigid:  # all orders of a rigid beam are the same
             object.__setattr__(self, "order", 1)
             object.__setattr__(self, "gauss", None)
             object.__setattr__(self, "basis", None)
@@ -74,7 +74,7 @@ class BeamModel:
 
     @property
     def label(self) -> str:
-        """Such as "order 2, bending_y 3, torsion 1"."""
+        """The model in words, such as "order 2, bending_y 3, torsion 1"."""
         used = ", ".join(f"{s} {n}" for s, n in zip(STRAINS, self.counts, strict=True) if n)
         rest = ("", ", no rotary inertia")[not self.rotary] + (f", {self.gauss} Gauss points" if self.gauss else "")
         used += f" ({self.basis})" if self.basis else ""
@@ -86,14 +86,14 @@ class BeamModel:
 
 @dataclass(frozen=True)
 class Model:
-    """How a scene's arm is modelled.
+    """The model of a scene's arm.
 
     Attributes:
-        beams: one for each link; None where it has no beam.
-        without: (link, feature) that are left out.
-        pieces: whether its beams are cut where their strains jump, and have as many modes in each piece as the beam has
-            over that length, and some.
-        shift: how many modes each strain has above (below) the scene's, where all beams are changed alike.
+        beams: the model of each link's beam; None if it has no beam.
+        without: the (link, feature) that are left out.
+        pieces: whether its beams are cut where their strains jump; each piece has a few more modes than the beam has
+            over that length.
+        shift: number of modes of each strain above (below) the scene's, if all beams are changed alike.
     """
 
     beams: tuple[BeamModel | None, ...]
@@ -102,18 +102,18 @@ class Model:
     shift: int = field(default=0, compare=False)
 
     def each(self, change: Callable[[int, BeamModel], BeamModel]) -> Model:
-        """The model with each beam changed: (link, how it is modelled) -> how it is to be."""
+        """The model with each beam changed by `change`: (link, beam model) -> beam model."""
         return replace(self, beams=tuple(b and change(k, b) for k, b in enumerate(self.beams)))
 
     def but(self, links: list[int] | None = None, **change: Any) -> Model:
-        """The model with something else for these links' beams (None: for all): fields of BeamModel."""
+        """The model with changed fields of BeamModel for these links' beams (None: for all)."""
         return self.each(lambda k, b: replace(b, **change) if links is None or k in links else b)
 
     def with_count(self, links: list[int], strain: int, n: int) -> Model:
         return self.each(lambda k, b: b.with_count(strain, n) if k in links else b)
 
     def beam(self, link: int) -> BeamModel:
-        """Of a link that has a beam."""
+        """The beam model of a link that has a beam."""
         beam = self.beams[link]
         assert beam is not None
         return beam
@@ -126,16 +126,16 @@ class Model:
     def elastic(self) -> list[BeamModel]:
         return [b for b in self.beams if b is not None and not b.rigid]
 
-    # of models whose beams are changed alike:
+    # for models whose beams are changed alike:
 
     @property
     def order(self) -> int | str:
-        """Of the rotation of the beams' sections; "as given" if the arm has no elastic coordinates."""
+        """Order of the rotation of the beams' sections; "as given" if the arm has no elastic coordinates."""
         return next((b.order for b in self.elastic), "as given")
 
     @property
     def basis(self) -> str:
-        """Of the shape functions; "": the scene's."""
+        """Basis of the shape functions; "": the scene's."""
         return next((b.basis for b in self.elastic if b.basis), "")
 
     @property
@@ -146,7 +146,7 @@ class Model:
 
     @property
     def label(self) -> str:
-        """Such as "order 2, 3 modes (legendre)"."""
+        """The model in words, such as "order 2, 3 modes (legendre)"."""
         if not self.modes:
             return "the rigid arm"
         basis = f" ({self.basis})" if self.basis else ""
@@ -157,8 +157,8 @@ class Model:
 
 
 def lowest_order(beam: Beam) -> int | str:
-    """The poorest that it may have: a series about a straight beam is not about a curved one, and up to order 2
-    sections have their centres of mass on the axis."""
+    """The lowest order a beam may have: curved beams need "exact", since series are about a straight beam; sections
+    with centres of mass off the axis need 3."""
     if beam.curvature is not None:
         return "exact"
     sections = beam.section.sections if isinstance(beam.section, Taper) else [beam.section]
@@ -166,7 +166,7 @@ def lowest_order(beam: Beam) -> int | str:
 
 
 def resists(beam: Beam, strain: str) -> bool:
-    """Whether it is known how stiff it is against a strain."""
+    """Whether the stiffness of a beam against a strain is known."""
     if beam.material is not None:
         sheared = beam.material.poisson_ratio is not None or beam.material.shear_modulus is not None
         return sheared or not strain.startswith(("torsion", "shear"))
@@ -181,8 +181,8 @@ def model_of(beam: Beam | None) -> BeamModel | None:
 
 
 def beam_at(beam: Beam, model: BeamModel, tip: RigidBody | None = None) -> Beam:
-    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; its order
-    is as high as it must be. Modes of the loaded basis are those with this tip."""
+    """The beam with this model, at least of the lowest order it may have. The user's own strain shapes are removed from
+    the last on, never added to. Modes of the loaded basis are those with this tip."""
     modes: dict[str, Any] = {}
     for strain, n in zip(STRAINS, model.counts, strict=True):
         own = beam.modes.get(strain)
@@ -197,7 +197,7 @@ def beam_at(beam: Beam, model: BeamModel, tip: RigidBody | None = None) -> Beam:
 
 
 def damping_in(beam: Beam, other: Beam) -> list[list[float]]:
-    """The damping matrix of another beam in the coordinates of this one: of the strains nearest to its own."""
+    """The damping matrix of another beam in the coordinates of this one, by the nearest strains."""
     P = nearest([(0.0, beam)], [(0.0, other)])
     D = P.T @ np.array(other.damping) @ P
     return [[float(v) for v in row] for row in 0.5 * (D + D.T)]
@@ -208,9 +208,9 @@ class Models:
 
     Attributes:
         given: the scene's own model.
-        groups: lists of links whose beams are chosen alike: one each, but where many beams are equal.
-        pinned: why the modes cannot be changed, if something reads the elastic coordinates by number; else "".
-        jumps: by link, where along its beam (m) strains jump or have corners. start: how the scene starts.
+        groups: lists of links whose beams get equal models: one link each, or, of many beams, all with equal ones.
+        pinned: why the modes must stay: something reads the elastic coordinates by number; else "".
+        jumps: by link, places along its beam (m) where strains jump or have corners. start: of the scene.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -241,12 +241,12 @@ class Models:
         return ""
 
     def own_shapes(self, link: int, strain: int) -> bool:
-        """Whether the shapes of a strain are the user's own: they are never added to."""
+        """Whether the shapes of a strain are the user's own; none are ever added to these."""
         beam = self.scene.arm.links[link].beam
         return beam is not None and isinstance(beam.modes.get(STRAINS[strain]), tuple)
 
     def most(self, link: int) -> tuple[int | None, ...]:
-        """How many shapes each strain can have at most: None: any number."""
+        """The largest possible number of shapes of each strain; None: no limit."""
         beam = self.scene.arm.links[link].beam
         assert beam is not None
         free = (resists(beam, s) for s in STRAINS)
@@ -275,8 +275,8 @@ class Models:
         return list(range(1 - max(n for *_, n in used), 1 if own else 3))
 
     def uniform(self, order: int | str, shift: int) -> Model:
-        """The scene's own with this order for all beams, and so many modes more for each strain in use (at least
-        one)."""
+        """The scene's own model with this order for all beams, and `shift` modes more (at least 1) of each strain in
+        use."""
 
         def change(k: int, beam: BeamModel) -> BeamModel:
             wanted = [n and max(1, n + shift) for n in beam.counts]
@@ -286,8 +286,7 @@ class Models:
         return replace(self.given.each(change), shift=shift)
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
-        """The model in another basis, where that may stand in: Legendre polynomials do; "clamped-free"; or "loaded",
-        with the tip of the last link."""
+        """The model in another basis if possible: "legendre", "clamped-free", or (last link with its tip) "loaded"."""
         links = self.scene.arm.links
 
         def change(k: int, b: BeamModel) -> BeamModel:
@@ -312,7 +311,7 @@ class Models:
     # -- the scene with a model --------------------------------------------------------------------------------------
 
     def arm(self, model: Model) -> Arm:
-        """The arm so modelled. ValueError where such an arm cannot be."""
+        """The arm with this model. ValueError if such an arm is impossible."""
         if model.pieces:
             return self._in_pieces(model).arm
         if model not in self._arms:
@@ -337,7 +336,7 @@ class Models:
         return self._pieces[model]
 
     def first(self, model: Model) -> list[int]:
-        """Of each link of the scene's arm, the link that has its joint in the model's."""
+        """For each link of the scene's arm, the link of the model's arm that has its joint."""
         return self._in_pieces(model).first if model.pieces else list(range(len(self.scene.arm.links)))
 
     def at(self, model: Model, options: dict[str, Any]) -> Scene:
@@ -354,7 +353,7 @@ class Models:
         return replace(scene, q0=q0, v0=v0, options=options)
 
     def usable(self, model: Model) -> str:
-        """Why the scene's controllers or sensors cannot do with this model; "" if they can."""
+        """The reason why the scene's controllers or sensors cannot work with this model; "" if they can."""
         if not self.scene.control and not self.scene.sensors:
             return ""
         try:
@@ -367,7 +366,7 @@ class Models:
         return ""
 
     def label(self, model: Model) -> str:
-        """What the model is, link by link."""
+        """The model in words, link by link."""
         parts = []
         for group in self.groups:
             name = self.scene.arm.names[group[0]] + (f" and {len(group) - 1} like it" if len(group) > 1 else "")

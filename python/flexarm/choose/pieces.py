@@ -1,5 +1,5 @@
-"""A scene with its beams in pieces, cut where strains jump or have corners: smooth shapes follow those slowly, so that
-two models with such shapes agree with each other before either is right. Pieces, each smooth, converge fast."""
+"""A scene with its beams cut into pieces where strains jump or have corners. Smooth shape functions converge slowly
+there: two models with them agree before either is accurate. Each piece is smooth and converges fast."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from ..parts.taper import Taper
 from ..scene.scene import Scene
 from .coordinates import nearest
 
-_NEAR = 1e-9  # of a beam's length: places that are one
+_NEAR = 1e-9  # of a beam's length: closer places count as one
 _SIZES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")
 _LEAST = {s: 3 if s.startswith("bending") else 2 for s in STRAINS}  # shape functions of a piece
 
 
 def jumps(scene: Scene) -> dict[int, list[float]]:
     """By link, places along its beam (m) where a strain jumps or has a corner: ends of patches that stiffen the beam or
-    that something drives, corners of a taper, and loads. Not where its shapes are the user's own."""
+    are driven, corners of a taper, and loads. Beams with the user's own shapes are not cut."""
     arm, out = scene.arm, {}
     loads = [(arm._link(load.link), load.along or (load.x,)) for load in scene.loads]
     for k, link in enumerate(arm.links):
@@ -53,7 +53,7 @@ def jumps(scene: Scene) -> dict[int, list[float]]:
 
 
 def _corners(taper: Taper) -> list[float]:
-    """Where the logarithm of a rigidity changes its slope by more than one per length."""
+    """Places where the slope of a rigidity's logarithm changes by more than one per length."""
     rows = []
     for section in taper.sections:
         if isinstance(section, SectionMatrix):
@@ -67,7 +67,7 @@ def _corners(taper: Taper) -> list[float]:
 
 @dataclass(eq=False)
 class Pieces:
-    """The links of an arm in pieces, and where what belonged to a link belongs.
+    """The links of an arm cut into pieces, with the map from each link to its pieces.
 
     Attributes:
         whole: the arm with whole beams. arm: the same in pieces.
@@ -82,8 +82,8 @@ class Pieces:
 
     @classmethod
     def of(cls, whole: Arm, places: Mapping[int, Sequence[float]]) -> Pieces:
-        """The arm with its beams cut at these places (m), by link, and as many shape functions in each as its beam has
-        over that length, and some."""
+        """The arm with its beams cut at these places (m), by link. Each piece has a few more shape functions than its
+        beam has over that length."""
         links: list[Link] = []
         first, starts = [], []
         for k, link in enumerate(whole.links):
@@ -100,11 +100,11 @@ class Pieces:
         return range(self.first[link], self.first[link] + len(self.starts[link]))
 
     def joint(self, key: Any) -> Any:
-        """A joint's key: a link, or (link, freedom)."""
+        """The key of a joint, a link or (link, freedom), for the arm in pieces."""
         return (self.joint(key[0]), *key[1:]) if isinstance(key, tuple) else self.first[self.whole._link(key)]
 
     def place(self, link: Any, x: float | None) -> tuple[int, float | None]:
-        """A place on a link; None is its end."""
+        """A place on a link for the arm in pieces; x = None is its end."""
         k = self.whole._link(link)
         if x is None:
             return self._pieces(k)[-1], None
@@ -112,7 +112,7 @@ class Pieces:
         return self.first[k] + n, x - self.starts[k][n]
 
     def patches(self, link: Any, patch: int) -> list[tuple[str, int, int]]:
-        """The patches that one of a link has become."""
+        """The patches of pieces that represent a patch of a link."""
         k = self.whole._link(link)
         beam, out = self.whole.links[k].beam, []
         assert beam is not None
@@ -125,10 +125,10 @@ class Pieces:
     # -- a scene -----------------------------------------------------------------------------------------------------
 
     def scene(self, scene: Scene) -> Scene:
-        """The scene on this arm, without its sensors, its start left to `Start`.
+        """The scene on this arm, without its sensors; `Start` sets the initial state.
 
         Raises:
-            ValueError: it has what cannot be told of pieces.
+            ValueError: a part of the scene has no equivalent on pieces.
         """
         drive: dict[Any, Any] = {}
         for key, law in scene.drive.items():
@@ -159,7 +159,7 @@ class Pieces:
         made, where = copy.copy(law), f"control[{k}] = {law!r}"
         if isinstance(made, StrainFeedback):
             made.beam, made.x = self.place(made.link if made.beam is None else made.beam, made.x)  # type: ignore[assignment]
-            made.pose = None if made.pose is None else self._posed(made.pose)
+            made.pose = None if made.pose is None else self._pose(made.pose)
         if isinstance(made, _JointLaw):
             made.link = self.joint(made.link)
         elif isinstance(made, Sampled):
@@ -171,8 +171,8 @@ class Pieces:
             raise ValueError(f"{where}: acts on coordinates by number")
         return made
 
-    def _posed(self, pose: Array) -> Array:
-        """The same joint positions."""
+    def _pose(self, pose: Array) -> Array:
+        """The pose with the same joint positions, for the arm in pieces."""
         out = self.arm.zero
         for k, link in enumerate(self.whole.links):
             old, new = self.whole._core.first_q(k), self.arm._core.first_q(self.first[k])
@@ -187,7 +187,7 @@ class Pieces:
             return kind, *self.place(entry[1], entry[2]), entry[3]
         parts = self.patches(*entry[1:]) if kind in ("charge", "patch_voltage") else []
         if len(parts) != 1:
-            raise ValueError(f"{where}: measures what cannot be told of pieces, {entry!r}")
+            raise ValueError(f"{where}: has no equivalent on beams in pieces, got {entry!r}")
         return kind, *parts[0][1:]
 
     def _actuated(self, where: str, entry: Any) -> Any:
@@ -199,8 +199,8 @@ class Pieces:
         return self.joint(entry)
 
     def _damping(self) -> Array:
-        """Of the rates of what is cut, the damping that no single piece can have: a ratio of the modes of a beam, and a
-        matrix of its coordinates."""
+        """Damping matrix for beams whose damping no single piece can have: a damping ratio of modes, or a matrix of
+        elastic coordinates."""
         D = np.zeros((self.arm.nv, self.arm.nv))
         for k, link in enumerate(self.whole.links):
             beam, cut = link.beam, self._pieces(k)
@@ -231,7 +231,7 @@ def _cut(link: Link, starts: Sequence[float]) -> list[Link]:
 
 
 def _modal(parts: Sequence[Beam], ratio: float) -> Array:
-    """The damping of the clamped beam of these parts, with this ratio in each mode."""
+    """Damping matrix of the clamped beam of these parts, with this ratio in each mode."""
     from scipy.linalg import block_diag, eigh  # slow to import
 
     clamped = Arm([Link(Fixed(), None, part) for part in parts])

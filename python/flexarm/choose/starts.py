@@ -1,4 +1,4 @@
-"""Where the models of a scene start: one that starts in balance starts in its own, whatever the model."""
+"""Initial states of a scene's models: if the scene starts in equilibrium, each model starts in its own equilibrium."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..run.start import NEAR, acting, sagging, state
 from ..scene.scene import Scene
 from .coordinates import restated
 
-_FAR = 0.5  # one that is farther is not meant to be in balance
-_STILL = 1e-3  # rad or m: by how much a joint that is in balance may move when it is let go
+_FARTHEST_START = 0.5  # a start farther than this is not meant to be in equilibrium
+_REST_MOTION = 1e-3  # rad or m: tolerated motion of a joint in equilibrium when it is released
 
 
 class Start:
-    """How a scene starts.
+    """The initial state of a scene, and of its models.
 
     Attributes:
-        distance: of the elastic coordinates from their balance at the joints' positions and rates, over the sag, in the
-            norm of their elastic energy; inf where there is none, or the scene's q0 is a word.
-        balanced: whether every model starts in a balance of its own. free: with its joints free.
+        distance: of the elastic coordinates from equilibrium at the joints' positions and rates, over the sag, in the
+            norm of elastic energy; inf if there is no equilibrium, or q0 is a word.
+        balanced: whether every model starts in its own equilibrium. free: also with released joints.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -38,17 +38,17 @@ class Start:
         if not at.any() or v[at].any():
             return
         try:
-            sag, self.distance = _held(scene, q, v)
+            sag, self.distance = _joints_held(scene, q, v)
         except ValueError:
             return
         self.balanced = self.distance < NEAR
         self.extra = q - sag
-        self.free = self.balanced and not v.any() and not scene.control and _stays(scene, sag)
+        self.free = self.balanced and not v.any() and not scene.control and _stays_at_rest(scene, sag)
 
     @property
     def note(self) -> str:
-        """What a reader of a plan must know of the start; "" if nothing."""
-        if NEAR <= self.distance < _FAR:
+        """A note on the start for a reader of a plan; "" if there is none."""
+        if NEAR <= self.distance < _FARTHEST_START:
             return (
                 f"the start is {100 * self.distance:.2g} % of the sag from balance in the scene's own model; other "
                 "models begin with the same strains, and vibrate otherwise; if balance is meant, say q0 = "
@@ -62,7 +62,7 @@ class Start:
         """q0 and v0 of the scene with another model of its arm; `parts` as of `restated`.
 
         Raises:
-            ValueError: that model has no such balance.
+            ValueError: that model has no such equilibrium.
         """
         given, arm = self.scene, scene.arm
         v0 = None if given.v0 is None else restated(given.v0, given.arm, arm, parts, rates=True)
@@ -75,18 +75,18 @@ class Start:
             return q0, v0
         q, v = state(arm, q0, v0, scene.drive, scene.loads, float(scene.t[0]))
         try:
-            sag = _released(scene, q) if self.free else _held(scene, q, v)[0]
+            sag = _joints_released(scene, q) if self.free else _joints_held(scene, q, v)[0]
         except ValueError as e:
             raise ValueError(f"q0: is in balance in the scene's own model, in this one is none: {e}") from None
         return sag + restated(self.extra + given.arm.zero, given.arm, arm, parts) - arm.zero, v0
 
 
-def _held(scene: Scene, q: Array, v: Array) -> tuple[Array, float]:
+def _joints_held(scene: Scene, q: Array, v: Array) -> tuple[Array, float]:
     return sagging(scene.arm, q, v, scene.drive, scene.loads, float(scene.t[0]))
 
 
-def _released(scene: Scene, q: Array) -> Array:
-    """q in balance with its joints free, but for those whose motion is prescribed."""
+def _joints_released(scene: Scene, q: Array) -> Array:
+    """q in equilibrium with all joints released except those of prescribed motion."""
     t, arm = float(scene.t[0]), scene.arm
     tau, volts = acting(arm, scene.drive, t)
     held = [key for key, law in scene.drive.items() if isinstance(law, Motion)]
@@ -95,10 +95,10 @@ def _released(scene: Scene, q: Array) -> Array:
         return arm.equilibrium(q, tau, held, loads=scene.loads, t=t, voltages=volts or None)
 
 
-def _stays(scene: Scene, q: Array) -> bool:
-    """Whether joints that are let go stay where they are."""
+def _stays_at_rest(scene: Scene, q: Array) -> bool:
+    """Whether released joints stay at rest."""
     try:
-        found = _released(scene, q)
+        found = _joints_released(scene, q)
     except ValueError:
         return False
-    return bool(np.abs(found - q).max() < _STILL)
+    return bool(np.abs(found - q).max() < _REST_MOTION)

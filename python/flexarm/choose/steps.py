@@ -1,4 +1,4 @@
-"""Steps so short that they do not matter: the setting with which `economize` compares models, and finer ones."""
+"""Steps short enough for a negligible error: the setting with which `economize` compares models, and finer ones."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .models import Model
 from .times import callables, probes
 from .trials import Run, Trials
 
-_GROWN = 1.6  # times as many steps: less, and a run in shorter steps is the same run
-_FEWER = 3  # stages of Gauss collocation, by which four of them are checked
-_HALVINGS, _PATIENCE = 12, 3.0  # of the first step, and seconds for those that fail
+_MORE_STEPS = 1.6  # least ratio of step counts for a run to count as one with shorter steps
+_CHECK_STAGES = 3  # stages of the Gauss collocation that checks the one of four stages
+_HALVINGS, _PATIENCE = 12, 3.0  # of the first step, and seconds for failing steps
 
 
 def first_step(scene: Scene, tol: float) -> float:
-    """The first step to try (s): a quarter of the run, or less where Gauss' points of such steps would miss what a
-    callable does, as its integral tells, which samples have their steps end at."""
+    """The first step to try (s): a quarter of the run, or less where the Gauss points of such steps miss a callable's
+    changes. Its integral tells; steps end at the samples of controllers."""
     start, span = float(scene.t[0]), float(np.ptp(scene.t))
     step, least = span / 4, span / 4 / 2**9
     laws = callables(scene)
@@ -48,8 +48,8 @@ def first_step(scene: Scene, tol: float) -> float:
 
 
 def settle(trials: Trials, model: Model, tol: float) -> Run | None:
-    """Finds the integrator and its setting whose own error no longer matters (tol / 10) with this model, for all
-    runs that are compared; the run with it, or None."""
+    """Finds an integrator and a setting whose error is negligible (tol / 10) with this model, for all compared runs.
+    Returns the run with it, or None."""
     if trials.models.arm(model).nv <= DENSE:
         before: Run | None = None
         wasted = 0.0
@@ -60,12 +60,12 @@ def settle(trials: Trials, model: Model, tol: float) -> Run | None:
             if trial.values is None:
                 wasted += trials.seconds - spent
                 if wasted > _PATIENCE:
-                    break  # a motion for variable steps
+                    break  # the motion needs variable steps
                 period = 2 * np.pi / first_frequency(trials.models.arm(model))
-                step = min(step, period) / 2 if period > 0 else step / 2  # what vibrates far needs short steps
+                step = min(step, period) / 2 if period > 0 else step / 2  # large vibrations need short steps
                 continue
-            if cut(trials, trial):  # half the step might be the same steps
-                before = trials.run(model, {**trial.options, "stages": _FEWER})
+            if cut(trials, trial):  # half the step might give the same steps
+                before = trials.run(model, {**trial.options, "stages": _CHECK_STAGES})
                 trial, before = before, trial
             if before is not None and differs(trial, before) and _close(trials, trial, before, tol):
                 trials.setting = before.options
@@ -91,33 +91,33 @@ def _close(trials: Trials, a: Run, b: Run, tol: float) -> bool:
 
 
 def mean_step(trials: Trials, trial: Run) -> float:
-    """Of the steps that a run of a fixed-step method set out to take (s), which samples may have cut: at most the
-    step that was asked for. (Each that was halved, because its equations could not be solved, is one.)"""
+    """Mean step (s) of a fixed-step run, at most the requested one, since sampling times may cut steps. (A step that
+    was halved, because its equations could not be solved, counts once.)"""
     tried = trial.steps - trial.halved
     return min(float(trial.options["step"]), float(trials.t[-1] - trials.t[0]) / max(1, tried))
 
 
 def cut(trials: Trials, trial: Run) -> bool:
-    """Whether samples cut the steps of a run of a fixed-step method."""
-    return mean_step(trials, trial) * _GROWN < float(trial.options["step"])
+    """Whether sampling times cut the steps of a fixed-step run."""
+    return mean_step(trials, trial) * _MORE_STEPS < float(trial.options["step"])
 
 
 def differs(trial: Run, other: Run) -> bool:
-    """Whether a run can tell the error of another one's steps: by another method, another order, or more steps."""
+    """Whether a run can show the step error of another: it has another method, another order, or more steps."""
     if any(trial.options.get(k) != other.options.get(k) for k in ("integrator", "stages")):
         return True
-    return "step" not in trial.options or trial.steps >= _GROWN * other.steps
+    return "step" not in trial.options or trial.steps >= _MORE_STEPS * other.steps
 
 
 def finer(trials: Trials, trial: Run) -> dict[str, Any]:
-    """A setting that differs in all that the present one vouches for: another number of stages, because samples may cut
-    some steps however long they are asked for, and shorter steps than those that this run in it really took. Where
-    most of its steps are cut, the number of stages alone: that is cheaper, and no less honest."""
+    """A setting independent of this run's: another number of stages, because sampling times may cut steps of any
+    requested length, and steps shorter than those that this run took. Where most of its steps were cut, only the number
+    of stages changes: that is cheaper, and checks as much."""
     if "step" in trials.setting:
         step, before = mean_step(trials, trial), "stages" in trials.setting
-        stages = {} if before else {"stages": _FEWER}
+        stages = {} if before else {"stages": _CHECK_STAGES}
         rest = {k: v for k, v in trials.setting.items() if k != "stages"}
         if cut(trials, trial) and not before:
             return {**rest, **stages}
-        return {**rest, "step": step / (_GROWN if before else 3), **stages}
+        return {**rest, "step": step / (_MORE_STEPS if before else 3), **stages}
     return {**trials.setting, **by_tolerance(trials.setting["rtol"] / 10)}

@@ -1,4 +1,4 @@
-"""What moves at all, and whether what symmetry leaves at rest would stay there, were it touched."""
+"""Coordinates that move at all, and the stability of those that symmetry keeps at rest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .times import probes
 
 
 def _driven(scene: Scene) -> NDArray[np.bool_]:
-    """Rates that something acts on, or that do not start at rest."""
+    """Mask of rates with a drive, controller, patch or motion at the start."""
     arm = scene.arm
     active = np.zeros(arm.nv, dtype=bool)
     joints, patches = split_drives(scene.drive)
@@ -30,7 +30,7 @@ def _driven(scene: Scene) -> NDArray[np.bool_]:
         moved = scene.q0 != arm.zero
         for i in range(arm.nv):
             active[i] |= arm.coordinate_of(i) >= 0 and moved[arm.coordinate_of(i)]
-        # a ball that starts turned: its quaternion stays, the others move about it
+        # a ball joint with an initial rotation keeps it; other coordinates move about it
     if patches:
         active = active | (arm.patch_matrix != 0.0).any(axis=1)
     for c in scene.control:
@@ -40,7 +40,7 @@ def _driven(scene: Scene) -> NDArray[np.bool_]:
 
 
 def _acting(scene: Scene) -> tuple[list[Any], Array]:
-    """Places of the loads, and by how much each of their components ever acts, (n, 6)."""
+    """Places of the loads, and the largest magnitude of each component over time, (n, 6)."""
     most = []
     for load in scene.loads:
         breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
@@ -50,8 +50,8 @@ def _acting(scene: Scene) -> tuple[list[Any], Array]:
 
 
 def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
-    """Which rates of the scene's arm move at all, (nv,): those that are driven, and those that random motions of these
-    push. Where a scene is symmetric, as one in a plane is, the others have no force, not a small one."""
+    """Mask (nv,) of rates that move at all: the driven ones, and those on which random motions of these exert a force.
+    In a symmetric scene, such as a planar one, the force on all others is exactly zero."""
     rng, arm, active = np.random.default_rng(seed), scene.arm, _driven(scene)
     start = arm.zero if scene.q0 is None else scene.q0
     reach = np.where([any(s in name for s in STRAINS) for name in arm._core.coordinates], 0.01, 0.5)
@@ -74,12 +74,12 @@ def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
 
 
 def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: int = 31) -> float:
-    """By how much the linear motion of what `excited` leaves out grows within a run, in the norm of its kinetic and
-    elastic energy: 1 where it only vibrates, some units where it drifts, many where the run goes on beside it only as
-    long as nothing touches it, as a strut does above its buckling load.
+    """Growth factor within a run of small motions of the rates that `excited` leaves out, in the norm of kinetic and
+    elastic energy: 1 if they only vibrate, a few if they drift, large if the run is unstable against small
+    disturbances, like a strut above its buckling load.
 
     Args:
-        scene: with the arm that has these coordinates, too. result: a run of a poorer one. most_rows: of it.
+        scene: with an arm that has these coordinates. result: a run of a poorer one. most_rows: the most rows used.
     """
     arm, out = scene.arm, np.flatnonzero(~moves)
     if not out.size or len(result.t) < 2:
@@ -94,9 +94,9 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
     elastic, eye = stiff[np.ix_(out, out)], np.eye(2 * n)
     mean: Array
     ahead, behind = np.minimum(np.arange(len(run.t)) + 1, len(run.t) - 1), np.maximum(np.arange(len(run.t)) - 1, 0)
-    mean_a = (run.v[ahead] - run.v[behind]) / (run.t[ahead] - run.t[behind])[:, None]  # ringing has no stiffness
+    mean_a = (run.v[ahead] - run.v[behind]) / (run.t[ahead] - run.t[behind])[:, None]  # not of fast vibration
     rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
-    stiffening: Array = np.zeros((n, n))  # of loads and of spin, where it is most
+    stiffening: Array = np.zeros((n, n))  # of loads and spin, at their largest
     for K, _, _ in rows:
         w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
         positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
@@ -106,12 +106,12 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
     state: Array = np.linalg.inv(norm)  # columns of unit energy
     most, fast = 1.0, 0.0
     for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
-        for share in (0.25, 0.75):  # trapezoidal: no mode that is too fast for it grows or shrinks
+        for share in (0.25, 0.75):  # trapezoidal rule: modes too fast for it neither grow nor decay
             mean = float(step) / 4 * ((1 - share) * before + share * after)
             state = np.asarray(np.linalg.solve(eye - mean, state + mean @ state))
         size = float(np.linalg.norm(norm @ state, 2)) if np.isfinite(state).all() else np.inf
         most = max(most, size)
-        if np.linalg.eigvalsh(K + K.T)[0] < 0:  # nor what grows too fast for it: that counts apart
+        if np.linalg.eigvalsh(K + K.T)[0] < 0:  # growth too fast for the rule is counted apart
             rate = float(step) * float(np.linalg.eigvals(before).real.max())
             fast += rate if rate > 2.0 else 0.0
         if not size < 1e12:
@@ -122,8 +122,8 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
 def _tangent(
     scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array]:
-    """Stiffness, mass, and A in d/dt [x; y] = A [x; y] of small motions x and their rates y of the coordinates `out`,
-    which have no force on the run: by differences of the inverse dynamics, which are odd in x and y."""
+    """Stiffness, mass, and A in d/dt [x; y] = A [x; y] for small motions x of the coordinates `out` and their rates y.
+    No force acts on them along the run. By differences of the inverse dynamics, which are odd in x and y."""
     arm, n, eps = scene.arm, len(out), 1e-5
     E = np.asarray(arm._core.rates(q, v)[2])
     units = np.eye(arm.nv)[out]
@@ -132,7 +132,7 @@ def _tangent(
     r = arm._core.inverse_dynamics(qs, vs, np.tile(a, (2 * n, 1)), *at_time(arm, scene.loads, t))
     K, D = (np.asarray(part)[:, out].T / eps for part in (r[:n], r[n:]))
     M = arm._core.mass_matrix(q)[np.ix_(out, out)]
-    turn = np.zeros((n, n))  # of the axes that a ball's rates are about, as it turns
+    turn = np.zeros((n, n))  # of the axes of a ball's rates, as it rotates
     rates = np.asarray(arm._core.rates(q, v)[0])
     for _, at in arm.quaternions():
         turned = [i for i in range(arm.nv) if E[at, i].any()]

@@ -1,4 +1,4 @@
-"""When runs are looked at: times of comparison, runs at other times than their own, and what Python's functions do."""
+"""Times of comparison, interpolation of runs to other times, and samples of the scene's Python functions."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _PROBES = 4000
 
 
 def times_to_compare(t: Array) -> Array:
-    """The first and the last output time, some of the others, and as many times between them, each drawn from its own
-    part of the run: no vibration has its zeros at all of them."""
+    """The first and the last output time, some of the others, and as many times between them, each drawn at random from
+    its own part of the run, so that no vibration has zeros at all of them."""
     rng = np.random.default_rng(19)
     part = (np.arange(_ROWS) + rng.random((2, _ROWS))) / _ROWS
     own = t if len(t) <= _ROWS else t[np.unique(np.append(part[0] * len(t), [0, len(t) - 1]).astype(int))]
@@ -42,7 +42,7 @@ def thinned(result: Result, t: Array) -> Result:
 
 def between(result: Result, t: Array) -> Result:
     """A result at other times within its own: polynomials of degree five through coordinates, rates and accelerations
-    at both ends (of balls, whose second derivatives are not at hand, of degree three); forces in straight lines."""
+    at both ends (degree three for quaternions, without second derivatives); forces by linear interpolation."""
     if np.isin(t, result.t).all():
         return thinned(result, t)
     arm, old = result.arm, result.t
@@ -51,9 +51,9 @@ def between(result: Result, t: Array) -> Result:
 
     def through(x: Array, dx: Array, ddx: Array | None) -> Array:
         rise = x[k + 1] - x[k]
-        c, d = h * dx[k] - rise, h * dx[k + 1] - rise  # what a straight line leaves of the slopes
+        c, d = h * dx[k] - rise, h * dx[k + 1] - rise  # slopes less the straight line's
         out = x[k] + u * rise + u * (1 - u) * ((1 - u) * c - u * d)
-        if ddx is not None:  # what the cubic leaves of the curvatures
+        if ddx is not None:  # curvatures less the cubic's
             e, f = h**2 * ddx[k] + 4 * c + 2 * d, h**2 * ddx[k + 1] - (2 * c + 4 * d)
             out = out + u**2 * (1 - u) ** 2 / 2 * ((1 - u) * e + u * f)
         return np.asarray(out)
@@ -70,7 +70,7 @@ def between(result: Result, t: Array) -> Result:
 
 
 def probes(scene: Scene) -> Array:
-    """Times (s) at which functions of time in Python are looked at."""
+    """Times (s) at which functions of time in Python are sampled."""
     return np.asarray(scene.t[0] + np.ptp(scene.t) * np.sort(np.random.default_rng(4).random(_PROBES)))
 
 

@@ -1,4 +1,4 @@
-"""Runs of a scene's models, timed, each made once, within a budget of wall time."""
+"""Timed runs of a scene's models within a budget of wall time. Each is made once."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .measures import Measure
 from .models import Model, Models
 from .times import between, thinned
 
-_LONG = 0.3  # seconds after which a run is not repeated
-_ROUNDS = 5  # of the timing of an evaluation
-_EQUAL = 0.05  # of the time of an evaluation: a model that saves less, were all beams changed, is not cheaper
+_LONG = 0.3  # s: longer runs are not repeated
+_ROUNDS = 5  # timings of an evaluation
+_EQUAL = 0.05  # of an evaluation's time: least saving, with all beams changed, that counts as cheaper
 
 
 class OutOfTime(Exception):
@@ -31,7 +31,7 @@ class OutOfTime(Exception):
 
 
 class Budget:
-    """Wall time that may be used, from now on (s)."""
+    """Wall time (s) that may be used from now on."""
 
     def __init__(self, seconds: float = np.inf) -> None:
         self.seconds, self._started = seconds, time.perf_counter()
@@ -46,11 +46,11 @@ class Budget:
 
 
 def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Result, float, str]:
-    """Runs a scene: the result, its time (s), and what RangeWarning would say. The time is the lesser of the
-    simulation's wall time and what this thread has used of the processor, which a busy machine does not lengthen.
+    """Runs a scene: returns the result, its time (s), and the messages of RangeWarning. The time is the lesser of the
+    wall time and the processor time of this thread, which other processes do not lengthen.
 
     Args:
-        look: called now and then; may raise OutOfTime.
+        look: called at times during the run; may raise OutOfTime.
     """
     used = time.thread_time()
     given = {**scene.given(), **scene.options}
@@ -62,22 +62,22 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
 
 @dataclass(eq=False)
 class Run:
-    """A run of a model in some setting, or what became of it.
+    """A run of a model with a setting, or the record of a failed or skipped one.
 
     Attributes:
         model: the model.
         options: the arguments of `simulate`.
-        choice: its integrator's line in a chart, a key of LINES.
-        whole: whether it had all the scene's output times, too, or those of comparison alone.
+        choice: the chart line of its integrator, a key of LINES.
+        whole: whether it had all output times of the scene, or only the times of comparison.
         status: "ok", "failed", "skipped" (not begun) or "cut" (given up); `reason` says why.
         time: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut.
-        steps, evaluations: of the integrator; so many of the steps were `halved` others.
-        warning: what RangeWarning would say, if a beam bent further than its order is good for.
-        error: in a chart, the largest distance from the truth over the quantity's span; None if not known.
+        steps, evaluations: of the integrator; `halved` counts steps that were halved.
+        warning: messages of RangeWarning, if a beam bent beyond the range of its order.
+        error: in a chart, the largest distance from the truth over the quantity's span; None if unknown.
         absolute: the same by unit, such as {"m": 1e-5}.
-        values: what is compared, at the times of comparison; None where the run failed.
-        full: of a whole run that is kept, the same at all the scene's output times and those of comparison.
-        result: at the times of comparison, where it is kept.
+        values: the compared quantity at the times of comparison; None if the run failed.
+        full: for a kept whole run, the quantity at all output times of the scene and those of comparison.
+        result: at the times of comparison, if kept.
     """
 
     model: Model
@@ -104,12 +104,12 @@ class Run:
 
     @property
     def setting(self) -> str:
-        """What its integrator is set by: "rtol" or "step"."""
+        """The argument that sets its integrator: "rtol" or "step"."""
         return "rtol" if "rtol" in self.options else "step"
 
     @property
     def value(self) -> float:
-        """Its rtol, or its step (s)."""
+        """The value of its rtol, or of its step (s)."""
         return float(self.options[self.setting])
 
     @property
@@ -127,14 +127,14 @@ class Trials:
     """Runs of the models of a scene.
 
     Args:
-        models: the models. measure: what is compared. t: the times at which runs are compared.
-        budget: the time for all of them. keep: whether results are kept, not the values alone.
+        models: the models. measure: the compared quantity. t: the times at which runs are compared.
+        budget: the time for all runs. keep: whether results are kept beside the values.
 
     Attributes:
         all: the times of comparison and all of the scene's output times.
-        runs: all that were made, by what tells them apart. seconds: spent in them.
-        setting: arguments of `simulate` with which models are compared.
-        busy: how many times as long as it took on this thread the last run lasted: other work slows it.
+        runs: all runs made, by `Run.key`. seconds: spent in them.
+        setting: arguments of `simulate` for comparing models.
+        busy: wall time of the last run over its time on this thread; above 1 if other processes slow it.
         states: a run at whose states evaluations of the dynamics are timed.
     """
 
@@ -153,15 +153,15 @@ class Trials:
         self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf,
         choice: str = "", often: int = 1, tell: Callable[[], None] = lambda: None,
     ) -> Run:  # fmt: skip
-        """This run, made now unless it was made before.
+        """The run of this model with this setting, made now unless it was made before.
 
         Args:
-            options: of simulate; None: those with which models are compared.
-            whole: with all output times: as a user runs it, so that its steps are those of the user's run. What lies
-                between them is interpolated, where output times inside of a step would shorten it.
-            most: seconds after which it is given up.
-            often: how often short runs are repeated, for the least time.
-            tell: called now and then, to keep a progress bar alive.
+            options: of simulate; None: `setting`.
+            whole: with all output times, so that its steps are those of a user's run. Values between output times are
+                interpolated if more output times would shorten the steps.
+            most: time limit of the run (s).
+            often: number of repetitions of short runs, of which the least time counts.
+            tell: called at times during the run, to update a progress bar.
 
         Raises:
             OutOfTime: the budget is used up.
@@ -175,9 +175,9 @@ class Trials:
         started = time.perf_counter()
         try:
             scene = self.models.at(model, run.options)
-            inside = run.options["integrator"] in OVER_OUTPUTS  # the steps of others depend on the output times
+            inside = run.options["integrator"] in OVER_OUTPUTS  # other integrators' steps depend on output times
             times = self.t if not whole else self.all if inside else scene.t
-            self._read(run, self._timed(run, replace(scene, t=times), most, often, tell))
+            self._read(run, self._run_timed(run, replace(scene, t=times), most, often, tell))
         except OutOfTime:
             if self.budget.left < 0:
                 raise
@@ -188,16 +188,16 @@ class Trials:
             run.status, run.reason = "failed", str(e)
         finally:
             self.seconds += time.perf_counter() - started
-        return self.note(run)
+        return self.store(run)
 
-    def note(self, run: Run) -> Run:
-        """Keeps a run, as the last of all."""
+    def store(self, run: Run) -> Run:
+        """Stores a run as the latest."""
         self.runs.pop(run.key, None)
         self.runs[run.key] = run
         return run
 
-    def _timed(self, run: Run, scene: Scene, most: float, often: int, tell: Callable[[], None]) -> Result:
-        """Runs it, again while it is short, and notes its best time."""
+    def _run_timed(self, run: Run, scene: Scene, most: float, often: int, tell: Callable[[], None]) -> Result:
+        """Runs it, repeats it while it is short, and stores its best time."""
         started = time.perf_counter()
         deadline, enough = started + min(most, self.budget.left), started + _LONG
 
@@ -229,15 +229,15 @@ class Trials:
             return
         run.values, run.full, run.result = values, full, seen if self.keep else None
 
-    def again(self, run: Run, most: float = np.inf, often: int = 1) -> None:
-        """Times a run once more and keeps its best time. Not at times between the scene's output times, which a user's
-        run does not have."""
+    def time_again(self, run: Run, most: float = np.inf, often: int = 1) -> None:
+        """Times a run once more and keeps its best time; a whole run at the scene's output times only, as a user runs
+        it."""
         scene = self.models.at(run.model, run.options)
         with contextlib.suppress(OutOfTime, SimulationError):
-            self._timed(run, scene if run.whole else replace(scene, t=self.t), most, often, lambda: None)
+            self._run_timed(run, scene if run.whole else replace(scene, t=self.t), most, often, lambda: None)
 
-    def closely(self, run: Run, rows: int) -> Result:
-        """The same run at so many times; at its own where that fails."""
+    def at_rows(self, run: Run, rows: int) -> Result:
+        """The same run at `rows` evenly spaced times; the run itself if that fails."""
         assert run.result is not None
         scene = self.models.at(run.model, run.options)
         try:
@@ -246,7 +246,7 @@ class Trials:
             return run.result
 
     def distance(self, a: Run, b: Run) -> float:
-        """Over the span; inf where one failed."""
+        """Distance of two runs over the span; inf if one failed."""
         if a.values is None or b.values is None:
             return np.inf
         if a.full is not None and b.full is not None:
@@ -256,14 +256,14 @@ class Trials:
     # -- cost of an evaluation ---------------------------------------------------------------------------------------
 
     def cost(self, model: Model, method: str = "ab") -> float:
-        """Time (s) of one forward dynamics of a model at states of the run, the least of some rounds. ValueError where
-        such an arm cannot be."""
+        """Time (s) of one forward dynamics of a model at states of the run, the least of some rounds. ValueError if
+        such an arm is impossible."""
         if (model, method) not in self._costs:
             self._costs[model, method] = self.measured(model, method)
         return self._costs[model, method]
 
     def measured(self, model: Model, method: str) -> float:
-        """That time, measured now."""
+        """The time of `cost`, measured now."""
         arm, r = self.models.arm(model), self.states
         assert r is not None
         rows = some_rows(len(r.t), 16)
@@ -279,15 +279,15 @@ class Trials:
         return least / len(q)
 
     def share(self, more: Model, less: Model, method: str = "ab") -> float | None:
-        """Of the time of an evaluation, what one model takes above another (by "ab"); None where one of them cannot
-        be."""
+        """Relative extra time of an evaluation of `more` above `less` (by "ab"); None if one of them is impossible."""
         try:
             return self.cost(more, method) / self.cost(less) - 1.0
         except ValueError:
             return None
 
     def cheaper(self, model: Model, than: Model) -> bool:
-        """Whether an evaluation of a model is measured to take less time; not where one of them cannot be."""
+        """Whether an evaluation of `model` takes less time than of `than`, as measured; False if one of them is
+        impossible."""
         share = self.share(model, than)
         changed = [a != b for a, b in zip(model.beams, than.beams, strict=True) if b is not None]
         return share is not None and share < -_EQUAL * sum(changed) / max(1, len(changed))

@@ -1,1 +1,1 @@
-"""Estimates of an arm in motion from what its sensors read."""
+"""State estimation of an arm in motion from its sensors' readings."""

@@ -1,4 +1,4 @@
-"""What a Kalman filter has estimated over time."""
+"""Estimates of a Kalman filter over time."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
-    """Estimates over nt times, each behind the readings of its time, as `KalmanFilter.run` gives them. A standard
-    deviation is what the filter believes of its own error; `consistency` tells whether it may.
+    """Estimates at nt times, each after the readings of its time, as `KalmanFilter.run` returns them. Standard
+    deviations are the filter's own; `consistency` tells whether they are right.
 
     Attributes:
         t: times (s), (nt,).
         q, v: coordinates (nt, nq) and rates (nt, nv); q_std, v_std: their standard deviations, (nt, nv), of a ball's
             rotation (rad).
         parameters: by name, (nt,) each; parameter_std: their standard deviations.
-        tip: place of the last link's end in the world (m), (nt, 3); tip_std: its standard deviations.
-        innovations: readings less what was expected of them, (nt, k); nan where there was none.
-        innovation_std: their standard deviations as the filter expects them, (nt, k).
+        tip: position of the last link's end in the world (m), (nt, 3); tip_std: its standard deviations.
+        innovations: readings less their predictions, (nt, k); nan without a reading.
+        innovation_std: their standard deviations predicted by the filter, (nt, k).
         nis: at each time the sum of the squares of innovations over innovation_std (NIS), (nt,).
         used: at each time the number of readings, (nt,).
         labels: of the k readings.
@@ -47,8 +47,8 @@ class Estimate:
 
     @property
     def consistency(self) -> float:
-        """The sum of `nis` over the number of readings: 1 where model and noises are right; above, the filter believes
-        its model too much, or noises were given too small; below, too large."""
+        """The sum of `nis` over the number of readings: 1 if model and noises are right. Above 1 the given noises are
+        too small or the model is wrong; below 1 the noises are too large."""
         return float(self.nis.sum() / max(self.used.sum(), 1))
 
     def __repr__(self) -> str:
@@ -56,7 +56,7 @@ class Estimate:
         return f"Estimate({len(self.t)} times up to t = {self.t[-1]:g} s{names}; consistency {self.consistency:.3g})"
 
     def plot(self) -> Figure:
-        """A figure over time of each parameter, with two standard deviations to either side, and of the tip's place."""
+        """A figure over time of each parameter, with a band of two standard deviations, and of the tip's position."""
         panels = []
         for name, x in self.parameters.items():
             band = 2 * self.parameter_std[name]

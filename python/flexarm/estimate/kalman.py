@@ -25,53 +25,53 @@ from .rows import sensor_rows, unknowns
 _STATUS = ("", "the mass matrix is singular", "a step has no solution", "the estimate ran away")
 _WINDOW = 500  # readings over which innovations are tested
 _BEYOND = 6.0  # standard deviations of a normal distribution: one window in 1e9
-_LEARNT = 0.95  # part of a parameter's first standard deviation, above which readings have not told it
+_LEARNT = 0.95  # of a parameter's first standard deviation: above it readings have not determined it
 
 
 class FilterWarning(UserWarning):
-    """A Kalman filter whose readings are not what it expects, or do not tell what it is to estimate."""
+    """A Kalman filter whose readings contradict its model, or do not determine a parameter."""
 
 
 class KalmanFilter:
     """An extended Kalman filter whose model is the arm: one implicit step, with its exact derivatives.
 
-    It estimates coordinates q and rates v from the forces that are applied and what sensors read, and with them, where
-    `estimate` names them, constants that the arm does not know:
+    It estimates coordinates q and rates v from applied forces and sensors' readings, and with them the unknown
+    constants that `estimate` names:
 
     =============  ===================================================================================================
-    payload        mass (kg) of a point at the last link's end, beyond what the arm carries there
+    payload        mass (kg) of a point at the last link's end, beyond the arm's own
     damping.LINK   viscous friction of a joint (N m s/rad; N s/m), beyond the arm's own
     coulomb.LINK   Coulomb friction of a joint (N m; N), beyond the arm's own
     offset.LINK    a constant force in a joint (N m; N)
     gain.LINK      the force in a joint is 1 + gain times tau
     =============  ===================================================================================================
 
-    With LINK a number from 0, or LINK.FREEDOM where a joint has several. The covariance is kept as a square root
-    (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. The product of two errors, a payload's and
-    that of an acceleration, is part of a prediction. Dry friction, the arm's own as well, is
-    c v / sqrt(v^2 + friction_speed^2), without stiction. Before each `predict` come the readings of its time, if any:
-    `update`, `predict`, `update`, ... `flexarm/kalman.hpp` has the same for C++, without allocation.
+    LINK is a number from 0, or LINK.FREEDOM if a joint has several. The covariance is kept as a square root
+    (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. A prediction includes the product of the
+    errors of the payload and of the acceleration. Dry friction, the arm's own as well, is
+    c v / sqrt(v^2 + friction_speed^2), without stiction. Call `update` with the readings of a time, if any, before
+    `predict`: `update`, `predict`, `update`, ... `flexarm/kalman.hpp` is the same for C++, without allocation.
 
-    Errors of a ball are rotation vectors in the axes that turn (the multiplicative filter: Lefferts, Markley, Shuster
-    1982). What `drive`, `loads` and `control` give is known of the arm, at its times; the clock begins at `t`.
+    Errors of a ball are rotation vectors in body axes (the multiplicative filter: Lefferts, Markley, Shuster 1982). The
+    actions of `drive`, `loads` and `control` are known functions of time; the clock starts at `t`.
 
     Args:
         arm: the arm.
-        sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). Of each the `noise` and the steps of
-            its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. Its `gain` and
-            `offset` count; a `filter` is part of the model, for two states or one more; a reading at its `range` or
-            beyond is left out; a `delay` is refused.
+        sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). The variance of each is noise^2 + step^2 /
+            12, with its `noise` and the step of its resolution or pulses. Its `gain` and `offset` are used; a `filter`
+            adds one or two states to the model; readings at its `range` or beyond are ignored; a `delay` raises
+            ValueError.
         step: time from one prediction to the next (s).
-        force_noise: two-sided density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model does not know of: one
-            number, for joints alone, or one for each rate, (nv,). The mean of such a force over a time T has the
+        force_noise: two-sided density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model lacks: one number, for
+            joints only, or one for each rate, (nv,). The mean of such a force over a time T has the
             standard deviation force_noise / sqrt(T). (A one-sided density n, as of a LowPass and in data sheets, is
-            n / sqrt(2) here.) The larger, the more readings are believed, and the model less.
-        estimate: by name of a parameter (start, standard deviation of it).
-        drift: by name of a parameter by how much it may wander in a second (unit/sqrt(s)); 0 where it is not named.
-        drive, loads, control: as of `simulate`, what acts beside the forces that `predict` is given. Prescribed joints
-            are known without error. Controllers must be continuous: their laws act in the model at the estimate. The
-            forces of sampled ones are held: give them to `predict`. Samples stand still at their ends.
-        t: time at the start (s), for what changes with time.
+            n / sqrt(2) here.) With a larger value, readings weigh more and the model less.
+        estimate: by name of a parameter (start, its standard deviation).
+        drift: by name of a parameter, its random walk in a second (unit/sqrt(s)); 0 if not named.
+        drive, loads, control: as of `simulate`, actions beside the forces given to `predict`. Prescribed joints are
+            known without error. Controllers must be continuous: their laws act in the model at the estimate. Give the
+            held forces of sampled ones to `predict`. Sampled laws are constant outside their samples.
+        t: time at the start (s), for functions of time.
         q, v: the state at the start, (nq,) and (nv,); `arm.zero` and zero if None.
         q_std, v_std: their standard deviations, a number or (nv,); of a ball those of its rotation (rad).
         friction_speed: rate (rad/s; m/s) above which Coulomb friction is about constant.
@@ -80,7 +80,7 @@ class KalmanFilter:
         ValueError: naming the field and the value.
 
     Warns:
-        ModelWarning: the arm's own joints have dry friction, whose sticking the filter does not have.
+        ModelWarning: the arm's own joints have dry friction, whose sticking the filter does not model.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class KalmanFilter:
             parts = [label for label, _ in sensor.components(arm)]
             labels += [f"{sensor.title(arm)}, {part}" for part in parts]
             ranges += list(sensor._each("range", len(parts), np.inf))
-        #: of the k readings, in the order of the sensors and their components
+        #: labels of the k readings, in the order of the sensors and their components
         self.labels: tuple[str, ...] = tuple(labels)
         self._range = np.array(ranges)
         self._names, parameters = unknowns(arm, {} if estimate is None else estimate, {} if drift is None else drift)
@@ -165,7 +165,7 @@ class KalmanFilter:
         return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True), *self._made)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies go on from where it is."""
+        """Copies continue from the present state."""
         own = {"_acts": None, "_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
         return {**self.__dict__, **own}
 
@@ -176,7 +176,7 @@ class KalmanFilter:
         self._core.resume(state["_core"])
 
     def reset(self) -> None:
-        """Back to the start, as if nothing had been read."""
+        """Resets the filter to its start."""
         self._core.start(*self._start)
         self._tested: deque[tuple[float, int]] = deque()
         self._sums = [0.0, 0]
@@ -185,21 +185,21 @@ class KalmanFilter:
     # -- a cycle -------------------------------------------------------------------------------------------------------
 
     def update(self, readings: ArrayLike) -> None:
-        """Takes the readings (k,) of now, in the order of `labels`; nan where there is none.
+        """Updates the estimate with readings (k,) of the present time, in the order of `labels`; nan without a reading.
 
         Raises:
             ValueError: a wrong shape. RuntimeError: the estimate is not finite.
 
         Warns:
-            FilterWarning: once, where the latest 500 readings are further from what was expected than the filter's
-                noises allow (a chi-square test of `nis`).
+            FilterWarning: once, if the latest 500 readings are further from their predictions than the filter's noises
+                allow (a chi-square test of `nis`).
         """
         y = self._readings(readings, 1)
         self._check(self._core.update(y))
         self._test(self.nis, self.used)
 
     def predict(self, tau: ArrayLike | None = None) -> None:
-        """Goes on by `step` under forces tau (nv,), held over it beside what the filter knows; zero if None.
+        """Predicts over one `step` with constant forces tau (nv,), added to the filter's known actions; zero if None.
 
         Raises:
             ValueError: a wrong shape. RuntimeError: the step has no solution; the estimate is as it was.
@@ -208,19 +208,19 @@ class KalmanFilter:
         self._check(self._core.predict(padded(forces, self._size[1])))
 
     def run(self, t: ArrayLike, tau: ArrayLike | None, readings: ArrayLike | Sequence[Reading]) -> Estimate:
-        """Estimates over recorded data, from where the filter is: readings at t[0], a prediction to t[1], ...
+        """Runs the filter over recorded data from its present state: readings at t[0], a prediction to t[1], ...
 
         Args:
-            t: times (s), (nt,), `step` apart. Where something changes with time, the first is the filter's.
-            tau: forces held from each time to the next beside what the filter knows, (nt, nv); None: none.
-            readings: at the times, (nt, k), nan where there is none; or a Reading of each sensor, which may have been
-                sampled less often.
+            t: times (s), (nt,), `step` apart. With functions of time, the first is the filter's present time.
+            tau: constant forces from each time to the next, beside known actions, (nt, nv); None: none.
+            readings: at the times, (nt, k), nan without a reading; or a Reading of each sensor, which may be sampled
+                less often.
 
         Raises:
-            ValueError: bad shapes or times. RuntimeError: the filter could not go on.
+            ValueError: bad shapes or times. RuntimeError: a step has no solution.
 
         Warns:
-            FilterWarning: as `update`; or readings have told nothing of a parameter.
+            FilterWarning: as `update`; or readings do not determine a parameter.
         """
         times = array("t", t)
         if times.ndim != 1 or times.size < 2:
@@ -257,7 +257,8 @@ class KalmanFilter:
             found["nis"], found["used"], self.labels,
         )  # fmt: skip
 
-    # -- what is known now ---------------------------------------------------------------------------------------------
+    # -- the present estimate
+    # -------------------------------------------------------------------------------------------
 
     @property
     def q(self) -> Array:
@@ -271,17 +272,17 @@ class KalmanFilter:
 
     @property
     def t(self) -> float:
-        """Time that it has reached (s)."""
+        """Present time (s)."""
         return self._core.t
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Of each name in `estimate` its value."""
+        """Values of the parameters, by name."""
         return dict(zip(self._names, self._core.p.tolist(), strict=True))
 
     @property
     def covariance(self) -> Array:
-        """Of [q; v; parameters], (2 nv + m, 2 nv + m), by rates: of a ball, of its rotation."""
+        """Covariance of [q; v; parameters], (2 nv + m, 2 nv + m); of q in terms of rates: of a ball, its rotation."""
         n, all_of = self.arm.nv, self._size[1]
         rows = [*range(n), *range(all_of, all_of + n), *range(2 * all_of, 2 * all_of + len(self._names))]
         root = self._core.root[rows]
@@ -303,35 +304,35 @@ class KalmanFilter:
         return dict(zip(self._names, self._core.deviations[2 * self._size[1] :].tolist(), strict=False))
 
     def tip(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
-        """Place (3,) of a link's end, or of a slice at x metres of its beam, in the world (m), and its covariance
+        """Position (3,) of a link's end, or of a slice at x metres of its beam, in the world (m), and its covariance
         (3, 3) (m^2)."""
         return self._core.place(self.arm._link(link), None if x is None else number("x", x))
 
     @property
     def innovation(self) -> Array:
-        """Of the last update: readings less what was expected of them, each behind those ahead of it, (k,); nan where
-        there was none."""
+        """Readings of the last update less their predictions, each given the readings before it, (k,); nan without a
+        reading."""
         return self._core.innovations
 
     @property
     def innovation_std(self) -> Array:
-        """Of the last update: standard deviations of the innovations as expected, (k,)."""
+        """Predicted standard deviations of the innovations of the last update, (k,)."""
         return self._core.innovation_std
 
     @property
     def nis(self) -> float:
-        """Of the last update: the sum of the squares of innovations over their standard deviations (NIS). Chi-square,
-        of `used` degrees of freedom, where model and noises are right."""
+        """Sum of squares of the last update's innovations over their standard deviations (NIS). It is chi-square
+        distributed with `used` degrees of freedom if model and noises are right."""
         return self._core.nis
 
     @property
     def used(self) -> int:
-        """Of the last update: how many readings there were."""
+        """Number of readings of the last update."""
         return self._core.used
 
     @property
     def consistency(self) -> float:
-        """NIS over the number of readings of the latest 500 readings: about 1 where model and noises are right."""
+        """NIS over the number of readings, for the latest 500 readings: about 1 if model and noises are right."""
         return self._sums[0] / self._sums[1] if self._sums[1] else np.nan
 
     # ------------------------------------------------------------------------------------------------------------------
@@ -360,7 +361,7 @@ class KalmanFilter:
         if n >= _WINDOW and not self._warned and self.consistency > most:
             self._warned = True
             warnings.warn(FilterWarning(
-                f"the latest {n} readings are {self.consistency ** 0.5:.3g} times as far from what was expected as the "
+                f"the latest {n} readings are {self.consistency ** 0.5:.3g} times as far from their predictions as the "
                 f"filter's noises allow (rms): the model is wrong, or force_noise or a sensor's noise is too small; "
                 f"its standard deviations are not to be believed"
             ), stacklevel=3)  # fmt: skip
@@ -377,7 +378,7 @@ class KalmanFilter:
         return y
 
     def _sampled(self, t: Array, readings: Any) -> Any:
-        """Rows of readings that were sampled at some of the times."""
+        """Rows of readings that were sampled at some of the times; nan elsewhere."""
         if not (isinstance(readings, (list, tuple)) and readings and isinstance(readings[0], Reading)):
             return readings
         if len(readings) != len(self.sensors):

@@ -18,7 +18,7 @@ KINDS = ("payload", "damping", "coulomb", "offset", "gain")
 
 
 def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
-    """A sensor's components as the core takes them."""
+    """Rows of a sensor's components for the core's filter."""
     if not isinstance(sensor, (Encoder, Tachometer, StrainGauge, Camera)):
         raise ValueError(f"{type(sensor).__name__}: must be an Encoder, Tachometer, StrainGauge or Camera")
     if sensor.delay:
@@ -33,7 +33,7 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
         if isinstance(sensor, Camera):
             raise ValueError("filter: a camera's is not in the model")
         F, given = np.split(sensor.filter.step(step), [sensor.filter.order], axis=1)
-        before, after = given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # a straight line between
+        before, after = given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # linear between
     gain, shift = sensor._each("gain", count, 1.0), sensor._each("offset", count, 0.0)
     if isinstance(sensor, Camera):
         if sensor.axes != "world":
@@ -41,9 +41,9 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
         place = arm._link(sensor.link), sensor.x
         return [(np.zeros(n), np.zeros(n), shift[k], std[k], place, gain[k] * np.eye(3)[k], F, before, after)
                 for k in range(3)]  # fmt: skip
-    # linear: by states of one coordinate or rate alone
+    # linear: evaluated at unit coordinates and rates
     zero, unit = np.zeros((n, n)), np.eye(n)
-    own = np.array([arm.coordinate_of(i) for i in range(n)])  # not of balls
+    own = np.array([arm.coordinate_of(i) for i in range(n)])  # none of balls
     moves = (np.arange(arm.nq) == own[:, None]) * 1.0
     y0 = sensor.measure(arm, 0.0, arm.zero, np.zeros(n))[0]
     by_q = sensor.measure(arm, np.zeros(n), arm.zero + moves, zero)[:, 0] - y0
@@ -52,14 +52,14 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
     there = sensor.measure(arm, 1.0, arm.zero + q @ moves, v)[0]
     if abs(there - y0 - by_q @ q - by_v @ v) > 1e-6 * (abs(there) + np.abs(by_q).sum() + np.abs(by_v).sum()):
         raise ValueError(f"{type(sensor).__name__}: must be linear in q and v, and the same at all times")
-    row = gain[0] * by_q, gain[0] * by_v, float(gain[0] * y0 + shift[0])  # unlike noise, behind the filter of gain 1
+    row = gain[0] * by_q, gain[0] * by_v, float(gain[0] * y0 + shift[0])  # gain acts after the filter, noise before
     return [(*row, std[0], None, np.zeros(3), F, before, after)]
 
 
 def unknowns(
     arm: Arm, estimate: Mapping[str, Any], drift: Mapping[str, Any]
 ) -> tuple[list[str], list[tuple[int, int, float, float, float]]]:
-    """Names of parameters, and these as the core takes them."""
+    """Names of parameters, and the parameters for the core's filter."""
     given: tuple[tuple[str, Any], ...] = (("estimate", estimate), ("drift", drift))
     for field, keyed in given:
         if not isinstance(keyed, Mapping):

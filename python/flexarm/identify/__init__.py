@@ -1,1 +1,1 @@
-"""From measured data to a model: unknown numbers of a scene, fitted to runs."""
+"""Identification: unknown numbers of a scene, fitted to measured runs."""

@@ -1,4 +1,4 @@
-"""What a fit gives: values, how sure they are, and what is left over."""
+"""The result of a fit: values, their uncertainty, and residuals."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .statistics import Loose, Untold, Whiteness
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_APART = 1.5  # of residuals and the noise that was told, from which on a report names it
+_APART = 1.5  # ratio of residuals to the given noise, above which a report names it
 
 
 class FitWarning(UserWarning):
-    """A fit that can be used, but not for all: numbers that the data cannot tell, steps too long for the data."""
+    """A fit with limits: numbers that the data do not determine, or steps that are too long."""
 
 
 class FitInterrupted(KeyboardInterrupt):
-    """Ctrl-C during `identify`. `.fit` is the best so far; None where no run was done."""
+    """Ctrl-C during `identify`. `.fit` is the best so far; None if no run was completed."""
 
     def __init__(self, message: str, fit: Fit | None) -> None:
         super().__init__(message)
@@ -52,24 +52,24 @@ class Fit:
     Attributes:
         scene: with the fitted values. Where inputs were measured, they drive it, and its times are those of the (first)
             data: `fit.scene.run()` is the fitted run.
-        values: by name: the path of a number, or "run K: path" of one that each run has of its own.
+        values: by name: the path of a number, or "run K: path" if each run has its own value.
         intervals: by name, the 95 % confidence interval (low, high), within the bounds.
-        std: by name, the standard deviation; inf where the data tell nothing.
-        correlation: of the names in order, (n, n); nan where the data tell nothing.
-        start: by name, where the search began.
-        noise: by column, the standard deviation that its readings are weighted with: as told, or that of the residuals.
-        noise_told: columns whose noise was told.
-        comparisons: of each run with what was measured: `.nrmse`, `.plot()`.
+        std: by name, the standard deviation; inf if the data do not determine the value.
+        correlation: of the values, in their order, (n, n); nan if the data do not determine a value.
+        start: by name, the start of the search.
+        noise: by column, the standard deviation that weights its residuals: as given, or estimated from them.
+        noise_told: columns with given noise.
+        comparisons: of each run with its data: `.nrmse`, `.plot()`.
         whiteness: of each run, by column: `.p` of Ljung and Box's test, `.white` (p above 0.01), `.correlation`. Where
             residuals are not white, the intervals allow for their autocorrelation.
-        untold: combinations of numbers that the data cannot tell; str() of each says which.
-        loose: groups of numbers that stand in for each other (each has a multiple correlation above 0.95), and how far
-            they may change together until the root mean square of the residuals is 1 % larger: where residuals are not
-            noise, no value is surer than that.
+        untold: combinations of numbers that the data do not determine; str() of each names them.
+        loose: groups of strongly correlated numbers (multiple correlations above 0.95), and how far they may change
+            together until the root mean square of the residuals is 1 % larger: if residuals are not noise, the values
+            are at least this uncertain.
         at_bounds: names of values that are at a bound.
-        converged, message: whether the search came to its end, and why it ended.
-        starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where
-            noise was told, in units of that), and the same after the fit of the best ones, else None.
+        converged, message: whether the search converged, and why it ended.
+        starts: at each start, the root mean square of the residuals, in per cent of the columns' standard deviations
+            (with given noise, in its units), and the same after the fit, or None if it was not fitted.
         stats: runs simulated, step (s) of the integrator, wall_time (s).
     """
 
@@ -90,15 +90,14 @@ class Fit:
     message: str
     starts: list[tuple[float, float | None]]
     stats: dict[str, Any]
-    _again: Any = field(default=None)  #: (data, inputs) -> Comparison, of validate
+    _comparison_with: Any = field(default=None)  #: (data, inputs) -> Comparison, of validate
 
     def __repr__(self) -> str:
         return self.report()
 
     @property
     def nrmse(self) -> dict[str, float]:
-        """By column, the root mean square of simulated less measured, over the standard deviation of the measured, of
-        all runs together (1)."""
+        """By column, the root mean square of the residuals of all runs over the standard deviation of the data (1)."""
         found = {}
         for name in self.noise:
             parts = [c for c in self.comparisons if name in c.nrmse]
@@ -108,9 +107,9 @@ class Fit:
         return found
 
     def validate(self, data: Data, inputs: Mapping[Any, Any] | None = None) -> Comparison:
-        """The fitted scene beside a run that it was not fitted to.
+        """Compares the fitted scene with a run that was not used in the fit.
 
-        What each run has of its own, such as unknown initial states, is fitted to this run anew, and nothing else.
+        Only values that each run has of its own, such as unknown initial states, are fitted to this run.
 
         Args:
             data: measured, with the columns of the fit. inputs: as of `identify`; None: those of the fit.
@@ -121,10 +120,10 @@ class Fit:
         Raises:
             ValueError: as `identify`. FitError: the run could not go on.
         """
-        return self._again(data, inputs)  # type: ignore[no-any-return]
+        return self._comparison_with(data, inputs)  # type: ignore[no-any-return]
 
     def report(self) -> str:
-        """Tables of values and of columns, and what is to be known of them."""
+        """Tables of values and of columns, and the notes."""
         runs = len(self.comparisons)
         readings = sum(len(c.measured) * len(c.nrmse) for c in self.comparisons)
         head = (
@@ -152,7 +151,7 @@ class Fit:
         return "\n".join([*lines, *([""] if notes else []), *notes])
 
     def notes(self) -> list[str]:
-        """What is to be known of the values, a sentence each."""
+        """Notes on the values, a sentence each."""
         notes = []
         if not self.converged:
             notes.append(f"The search did not come to its end: {self.message}")
@@ -170,7 +169,7 @@ class Fit:
         if coloured:
             notes.append(
                 f"Residuals of {', '.join(coloured)} are not white: the intervals allow for their autocorrelation, but "
-                "not for what the model leaves out. Possible causes: friction, damping, backlash or modes that the "
+                "not for effects that the model lacks. Possible causes: friction, damping, backlash or modes that the "
                 "scene lacks; a step of the integrator that is too long; a sensor whose filter, delay, gain or place "
                 "differs from the scene's; noise that is coloured."
             )
@@ -189,11 +188,11 @@ class Fit:
         return notes
 
     def plot(self) -> Figure:
-        """A figure: measured and fitted, and what is left, of each run; the autocorrelation of what is left."""
+        """A figure: of each run the measured and fitted columns, the residuals, and their autocorrelation."""
         return plot_fit(self.comparisons, self.whiteness)
 
     def to_dict(self) -> dict[str, Any]:
-        """Values, intervals and all else but the scene, as JSON has it."""
+        """Values, intervals and all else but the scene, for JSON."""
         return {
             "scene": self.scene.name,
             "values": dict(self.values),

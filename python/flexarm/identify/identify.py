@@ -19,16 +19,16 @@ from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .runs import scales
 from .search import Best, search
 from .task import Task
-from .unknown import Asked, drawn
+from .unknown import Parameters, drawn
 
-_STARTS = 8  # where one is not enough
-_POOR = 0.5  # NRMSE above which a fit explains little
+_STARTS = 8  # if one is not enough
+_POOR = 0.5  # NRMSE of a poor fit
 
 
 def identify(
     scene: Scene,
     data: Data | Sequence[Data],
-    parameters: Asked,
+    parameters: Parameters,
     *,
     inputs: Any = None,
     outputs: Any = None,
@@ -42,33 +42,34 @@ def identify(
     workers: int | None = None,
     progress: Any = False,
 ) -> Fit:
-    """Fits unknown numbers of a scene to measured runs, by least squares: what is sought are the values with which what
-    is read of the simulated runs is nearest to what was measured.
+    """Fits unknown numbers of a scene to measured runs by least squares: the outputs of the simulated runs come as near
+    to the data as possible.
 
     Args:
         scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator.
         data: a measured run, or several. Times are those of the scene.
-        parameters: what is sought, by path as in `simulate_batch`, with where the search begins: a number, None (the
-            scene's value) or an `Unknown`, which has bounds and what is known beforehand. A list of paths begins at
-            the scene's values. Beside those of the arm, drives, loads and controllers: "drive.1.scale",
+        parameters: the unknown numbers, by path as in `simulate_batch`, with the start of the search: a number, None
+            (the scene's value) or an `Unknown`, which has bounds and prior knowledge. A list of paths starts at the
+            scene's values. Beside those of `simulate_batch`: "drive.1.scale",
             "drive.1.offset", "drive.1.delay", "sensor.0.gain", "sensor.0.offset", "sensor.0.delay",
             "sensor.0.filter.frequency", "q0.1", "v0.1", "gravity.2".
         inputs: measured signals that drive the arm, by key of a drive: a column of forces or voltages, straight between
             the samples; (fa.Motion, column) of a joint that moves as measured; a function of the data that gives a
             Motion, Torque or Voltage. For several runs a list of such tables, or one for all. None: the scene's drives.
-        outputs: what was measured, by column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its second
-            component), the name of a column of `result.to_data()`, or a function of a Result that gives (nt,). None:
-            all names that both have. Sensors are read without noise and steps, at the times of the data.
-        noise: standard deviation of columns, in SI. Of others it is estimated: that of what is left, until it settles.
-        starts: from how many starts to search; the others are drawn within the bounds, or within a factor of 3 of the
-            first. They are simulated as one batch, and the best `keep` of them are fitted. None: from one, and from 8
-            where that leaves more than a tenth of a column's deviation, or fails. seed: of the draw.
-        integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". A step that neither gives
-            is the time between two rows of the data, halved until it does not matter to the values.
+        outputs: the measured quantity of each column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its
+            second
+            component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,). None:
+            all names in both. Sensors are read without noise and quantisation, at the times of the data.
+        noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
+        starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
+        They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or leaves
+        more than a tenth of a column's deviation. seed: of the draw.
+        integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". If neither gives a step,
+            it is the time between two rows of the data, halved until it no longer affects the values.
         max_iterations: of each least squares.
         workers: threads; None: one for each core.
-        progress: shows progress on stderr: a bar, or lines where that is no terminal; or a callable, which is given the
-            number of runs simulated so far, and may raise to give up.
+        progress: shows progress on stderr: a bar, or lines if that is no terminal; or a callable, called with the
+            number of runs simulated so far, which may raise to stop.
 
     Returns:
         Fit: `.values`, `.intervals`, `.correlation`, `.scene`, `.report()`, `.plot()`, `.validate(data)`.
@@ -80,8 +81,8 @@ def identify(
         FitInterrupted: (a KeyboardInterrupt) Ctrl-C; its `fit` is the best so far.
 
     Warns:
-        FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
-            that are too long.
+        FitWarning: numbers, or combinations of them, that the data do not determine; poorly fitted columns; steps that
+            are too long.
         RangeWarning: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
@@ -101,7 +102,7 @@ def identify(
     points = drawn(problem.sought, starts or _STARTS, whole("seed", seed))
     alone = starts is None
     with progress_bar(progress, "identifying", None) as bar, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of runs on the way
+        warnings.simplefilter("ignore")  # warnings of intermediate runs
         show = None if bar is None else bar if not callable(progress) else lambda done, _: progress(done)
         best = Best(problem, show)
         try:
@@ -120,16 +121,16 @@ def identify(
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began)
-        turned = task.turned(points[0])
+        hints = task.sign_hints(points[0])
     poor = [
-        f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
-        + (turned.get(name) or "or this is a local minimum; try more starts")
+        f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
+        + (hints.get(name) or "or this is a local minimum; try more starts")
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
     own = [w for w in heard if issubclass(w.category, RangeWarning)]
     for message in {str(w.message): w.message for w in own}.values():
-        warnings.warn(message, stacklevel=2)  # of the fitted runs
+        warnings.warn(message, stacklevel=2)  # warnings of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit

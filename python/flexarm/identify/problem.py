@@ -1,4 +1,4 @@
-"""Residuals of measured runs, and their derivatives, by what is sought."""
+"""Residuals of measured runs, and their derivatives by the unknowns."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from .simulated import runs as run_many
 from .simulated import sensitivities
 from .unknown import Sought
 
-_KEPT = 4  # points of the search whose residuals and derivatives are kept
+_CACHED = 4  # points of the search with stored residuals and derivatives
 
 
 class Problem:
-    """Measured runs, and what is sought of them.
+    """Measured runs and the unknowns to fit.
 
     Attributes:
-        runs: the runs. sought: n numbers. options: of `simulate_batch`.
-        why: of the last point that could not be simulated: the reason. refused: whether that was a bad argument.
+        runs: the runs. sought: the n unknowns. options: of `simulate_batch`.
+        why: reason of the last failure of a simulation. refused: whether that was a bad argument.
         count: runs simulated so far. look: called about ten times a second while runs are simulated.
     """
 
@@ -34,21 +34,21 @@ class Problem:
         self.runs, self.sought, self.options, self.workers = runs, sought, dict(options), workers
         self.why, self.refused, self.count = "", False, 0
         self.look: Callable[[], None] | None = None
-        self._kept: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._cache: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._stopped = False
 
     # -- values --------------------------------------------------------------------------------------------------------
 
     def values(self, inner: Array) -> Array:
-        """What is sought, as the scene has it, (n,)."""
+        """Values of the unknowns in the scene, (n,)."""
         return np.array([x.value(float(u)) for x, u in zip(self.sought, inner, strict=True)])
 
     def slopes_of_values(self, inner: Array) -> Array:
-        """d value / d inner, (n,)."""
+        """Derivatives d value / d inner, (n,)."""
         return np.array([x.slope(float(u)) for x, u in zip(self.sought, inner, strict=True)])
 
     def _of_run(self, k: int) -> list[int]:
-        """Which of the numbers sought belong to a run."""
+        """Indices of the unknowns that belong to a run."""
         return [j for j, x in enumerate(self.sought) if x.run in (None, k)]
 
     def _options(self, workers: int) -> dict[str, Any]:
@@ -59,7 +59,7 @@ class Problem:
         return {**self.options, "workers": workers, "progress": look}
 
     def _each(self, work: Callable[[int, int], None]) -> None:
-        """work(run, workers) of every run, in threads."""
+        """Calls work(run, workers) for every run, in threads."""
         self._stopped = False
         share = max(1, self.workers // len(self.runs))
         look = self.look or (lambda: None)
@@ -71,24 +71,24 @@ class Problem:
     # -- of one point --------------------------------------------------------------------------------------------------
 
     def residuals(self, inner: Array) -> list[Array] | None:
-        """Read less measured, (outputs, nt) of each run; None where a run could not go on."""
-        return self._once("residuals", inner, lambda: self._residuals(inner[None])[0])  # type: ignore[no-any-return]
+        """Residuals, simulated less measured, (outputs, nt) of each run; None if a run failed."""
+        return self._cached("residuals", inner, lambda: self._residuals(inner[None])[0])  # type: ignore[no-any-return]
 
     def many(self, inner: Array) -> list[list[Array] | None]:
-        """The same of several points (m, n), as batches."""
+        """Residuals of several points (m, n), simulated as batches."""
         return self._residuals(inner)
 
-    def _once(self, what: str, inner: Array, make: Callable[[], Any]) -> Any:
-        key = (what, inner.tobytes())
-        if key not in self._kept:
-            self._kept[key] = make()
-            if len(self._kept) > 2 * _KEPT:
-                self._kept.popitem(last=False)
-        return self._kept[key]
+    def _cached(self, name: str, inner: Array, make: Callable[[], Any]) -> Any:
+        key = (name, inner.tobytes())
+        if key not in self._cache:
+            self._cache[key] = make()
+            if len(self._cache) > 2 * _CACHED:
+                self._cache.popitem(last=False)
+        return self._cache[key]
 
-    def forget(self) -> None:
-        """Forgets what is kept, since options have changed."""
-        self._kept.clear()
+    def clear(self) -> None:
+        """Clears the stored points, since options have changed."""
+        self._cache.clear()
 
     def _residuals(self, inner: Array) -> list[list[Array] | None]:
         values = np.array([self.values(u) for u in inner])
@@ -115,12 +115,12 @@ class Problem:
         return [None if any(x is None for x in point) else point for point in points]
 
     def derivatives(self, inner: Array) -> list[Array]:
-        """Those of the readings by what the search sees, (n, outputs, nt) of each run.
+        """Derivatives of the outputs by the inner values, (n, outputs, nt) of each run.
 
         Raises:
-            RunStopped: a run could not go on.
+            RunStopped: a run failed.
         """
-        return self._once("derivatives", inner, lambda: self._derivatives(inner))  # type: ignore[no-any-return]
+        return self._cached("derivatives", inner, lambda: self._derivatives(inner))  # type: ignore[no-any-return]
 
     def _derivatives(self, inner: Array) -> list[Array]:
         values, slopes = self.values(inner), self.slopes_of_values(inner)
@@ -141,7 +141,7 @@ class Problem:
     # -- weighted ------------------------------------------------------------------------------------------------------
 
     def weighted(self, inner: Array, sigma: Mapping[str, float]) -> Array:
-        """Residuals over their standard deviations, those of priors at the end, (m,); nan where a run failed."""
+        """Residuals over their standard deviations, with those of priors at the end, (m,); nan if a run failed."""
         found = self.residuals(inner)
         if found is None:
             return np.full(sum(run.measured.size for run in self.runs) + len(self._priors(inner)[0]), np.nan)
@@ -149,7 +149,7 @@ class Problem:
         return np.concatenate([*rows, self._priors(inner)[0]])
 
     def jacobian(self, inner: Array, sigma: Mapping[str, float]) -> Array:
-        """Its derivatives, (m, n)."""
+        """Derivatives of `weighted`, (m, n)."""
         found = self.derivatives(inner)
         rows = [(y / self._sigmas(run, sigma)).reshape(len(inner), -1) for run, y in zip(self.runs, found, strict=True)]
         return np.vstack([np.hstack(rows).T, self._priors(inner)[1]])
@@ -159,7 +159,7 @@ class Problem:
         return np.array([sigma[name] for name in run.outputs])[:, None]
 
     def _priors(self, inner: Array) -> tuple[Array, Array]:
-        """Residuals of what is known beforehand, (k,), and their derivatives, (k, n)."""
+        """Residuals of the priors, (k,), and their derivatives, (k, n)."""
         values, slopes = self.values(inner), self.slopes_of_values(inner)
         rows, slope_rows = [], []
         for j, x in enumerate(self.sought):
@@ -171,14 +171,14 @@ class Problem:
     # -- at the end ----------------------------------------------------------------------------------------------------
 
     def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunStopped]:
-        """What run k is made of with these values, where it begins, and the run."""
+        """The setup of run k with these values, its initial state, and the run."""
         self._stopped = False
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
         return run_many(run.setup, parameters, run.t, run.first, run.v0, **self._options(self.workers))[0]
 
     def setup(self, inner: Array, sensors: Any, k: int = 0) -> Setup:
-        """What run k is made of with these values, with instruments as they are."""
+        """The setup of run k with these values, with the sensors as given."""
         run, values = self.runs[k], self.values(inner)
         own = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
         base = run.setup

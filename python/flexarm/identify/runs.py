@@ -1,4 +1,4 @@
-"""Measured runs: what drives the arm in each, what is read of it, and how far that is from what was measured."""
+"""Measured runs: the inputs that drive the arm, the outputs to read, and the distance from the data."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 
-_OFTEN = 0.99  # samples of a sensor for each row of the data, at least
-_FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
+_OFTEN = 0.99  # least samples of a sensor for each row of the data
+_FIRST = 0.01  # first weight of a column with unknown noise, over its standard deviation
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "rate": None, "pulses": None}
 
 
 def ideal(sensor: Sensor) -> Sensor:
-    """The sensor without what cannot be differentiated: noise, steps, and times of its own."""
+    """The sensor without noise, quantisation and own sample times: these have no derivatives."""
     known = {f.name for f in fields(sensor)}
     return replace(sensor, **{k: v for k, v in _INSTRUMENT.items() if k in known})
 
@@ -42,9 +42,9 @@ class Run:
     """One measured run.
 
     Attributes:
-        data: what was measured. setup, q0, v0: what the run is made of, where it begins.
-        outputs: what is read, by columns of the data. t: times of the simulated rows, `every` of them between two of
-            the data. balance: the word of the scene's q0, such as "equilibrium", if it is one.
+        data: measured. setup, q0, v0: the setup of the run and its initial state.
+        outputs: the readers, by columns of the data. t: times of the simulated rows, `every` of them for each row of
+            the data. balance: the scene's q0 if it is a word, such as "equilibrium".
     """
 
     data: Data
@@ -57,12 +57,12 @@ class Run:
 
     @property
     def first(self) -> Array | str:
-        """Where a run begins, whatever its parameters: in numbers, or in balance."""
+        """The initial coordinates for all parameters: numbers, or the word of an equilibrium."""
         return self.balance or self.q0
 
     @property
     def t(self) -> Array:
-        """Times of the rows that are simulated (s)."""
+        """Times of the simulated rows (s)."""
         n = len(self.data)
         return np.asarray(np.interp(np.arange((n - 1) * self.every + 1) / self.every, np.arange(n), self.data.t))
 
@@ -72,11 +72,11 @@ class Run:
 
     @property
     def measured(self) -> Array:
-        """(outputs, nt)"""
+        """The measured outputs, (outputs, nt)."""
         return np.array([self.data[name] for name in self.outputs])
 
     def compared(self, result: Result, setup: Setup) -> Comparison:
-        """The run beside what was measured."""
+        """The run compared with its data."""
         columns = {name: f(result, setup) for name, f in self.outputs.items()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
@@ -87,19 +87,19 @@ class Run:
 
 
 def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[Any, Any]:
-    """The scene's drives, with the measured ones in their places."""
+    """The scene's drives, replaced by the measured ones where given."""
     if inputs is not None and not isinstance(inputs, Mapping):
         raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
     found = dict(scene.drive)
-    for key, what in (inputs or {}).items():
+    for key, signal in (inputs or {}).items():
         place = _place(scene.arm, f"inputs[{key!r}]", key)
-        same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 and the last link are one
-        found[same[0] if same else key] = _law(scene.arm, data, key, what)
+        same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 means the last link
+        found[same[0] if same else key] = _law(scene.arm, data, key, signal)
     return found
 
 
 def _place(arm: Arm, where: str, key: Any) -> Any:
-    """What a drive's key stands for: a rate, or a patch."""
+    """The rate or the patch that a drive's key names."""
     try:
         if is_patch(key):
             return "patch", arm.patch_column(key[1], key[2])
@@ -108,20 +108,20 @@ def _place(arm: Arm, where: str, key: Any) -> Any:
         raise ValueError(f"{where}: {e}") from None
 
 
-def _law(arm: Arm, data: Data, key: Any, what: Any) -> Any:
+def _law(arm: Arm, data: Data, key: Any, signal: Any) -> Any:
     where = f"inputs[{key!r}]"
-    if isinstance(what, (Motion, Torque, Voltage)):
-        return what
-    kind, column = (what if isinstance(what, (tuple, list)) and len(what) == 2 else (None, what))
-    if isinstance(what, type):
-        kind, column = what, None
+    if isinstance(signal, (Motion, Torque, Voltage)):
+        return signal
+    kind, column = signal if isinstance(signal, (tuple, list)) and len(signal) == 2 else (None, signal)
+    if isinstance(signal, type):
+        kind, column = signal, None
     elif callable(column):
         law = column(data)
         if not isinstance(law, (Motion, Torque, Voltage)):
             raise ValueError(f"{where}: the function gave {law!r}; must give a Motion, a Torque or a Voltage")
         return law
     if kind not in (None, Motion, Torque, Voltage):
-        raise ValueError(f"{where} = {what!r}: must be a column, or (fa.Motion, column), or a function of the data")
+        raise ValueError(f"{where} = {signal!r}: must be a column, or (fa.Motion, column), or a function of the data")
     if kind is None:
         kind = Voltage if is_patch(key) else Torque
     if column is None:
@@ -139,7 +139,7 @@ def _law(arm: Arm, data: Data, key: Any, what: Any) -> Any:
 
 
 def used_inputs(inputs: Mapping[Any, Any] | None) -> set[str]:
-    """Columns that drive the arm."""
+    """Names of the columns that drive the arm."""
     given = [x[1] if isinstance(x, (tuple, list)) and len(x) == 2 else x for x in (inputs or {}).values()]
     return {x for x in given if isinstance(x, str)}
 
@@ -150,7 +150,7 @@ def used_inputs(inputs: Mapping[Any, Any] | None) -> set[str]:
 def readers(
     scene: Scene, data: Data, asked: Any, inputs: Mapping[Any, Any] | None
 ) -> tuple[tuple[Sensor, ...], dict[str, Output]]:
-    """The sensors, those of `asked` among them, and what is read, by columns of the data."""
+    """The sensors, including those of `asked`, and the readers by columns of the data."""
     sensors = [ideal(s) for s in scene.sensors]
     if asked is None:
         asked = _named_alike(scene, data, inputs)
@@ -160,24 +160,24 @@ def readers(
         asked = {name: name for name in asked}
     found: dict[str, Output] = {}
     rates = [s.rate for s in scene.sensors]
-    for name, what in asked.items():
+    for name, spec in asked.items():
         where = f"outputs['{name}']"
         if name not in data:
             near = difflib.get_close_matches(str(name), data, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise ValueError(f"{where}: is no column of the data, which are {', '.join(data)}{hint}")
-        if isinstance(what, Sensor):
-            if ideal(what) not in sensors:
-                sensors.append(ideal(what))
-                rates.append(what.rate)
-            what = f"sensor.{sensors.index(ideal(what))}"
-        found[name] = reader = _reader(scene.arm, sensors, where, what)
+        if isinstance(spec, Sensor):
+            if ideal(spec) not in sensors:
+                sensors.append(ideal(spec))
+                rates.append(spec.rate)
+            spec = f"sensor.{sensors.index(ideal(spec))}"
+        found[name] = reader = _reader(scene.arm, sensors, where, spec)
         rate = rates[reader.sensor] if isinstance(reader, _Reading) else None
         if rate is not None and rate * data.step < _OFTEN:
             raise ValueError(
                 f"{where}: the sensor samples at {rate:g} Hz, and the data have rows at {1 / data.step:.5g} Hz: those "
-                "between samples would be old ones. Give data at the times of the samples or, if what is between was "
-                "interpolated, a sensor with rate=None"
+                "between samples would be old ones. Give data at the times of the samples or, if it is interpolated "
+                "between, a sensor with rate=None"
             )
     if not found:
         raise ValueError("outputs: name at least one column that was measured")
@@ -193,7 +193,7 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
     if not alike:
         raise ValueError(
-            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a "
+            f"outputs: give the quantities: no column of the data ({', '.join(data) or 'none'}) is called as a "
             f"sensor of the scene ({', '.join(sensors) or 'none'}) or a column of its runs "
             f"({', '.join(own[len(sensors) :][:3])}, ...); give {{'name in the data': 'sensor.0', a sensor, or a name "
             "in the run}"
@@ -201,34 +201,34 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     return alike
 
 
-def _reader(arm: Arm, sensors: list[Sensor], where: str, what: Any) -> Output:
-    if callable(what):
-        return _Function(where, what)
-    if not isinstance(what, str):
-        raise ValueError(f"{where} = {what!r}: must be a sensor, 'sensor.0', a name in the run, or a function of it")
-    if what.startswith("sensor."):
-        return _of_sensor(arm, sensors, where, what)
+def _reader(arm: Arm, sensors: list[Sensor], where: str, spec: Any) -> Output:
+    if callable(spec):
+        return _Function(where, spec)
+    if not isinstance(spec, str):
+        raise ValueError(f"{where} = {spec!r}: must be a sensor, 'sensor.0', a name in the run, or a function of it")
+    if spec.startswith("sensor."):
+        return _of_sensor(arm, sensors, where, spec)
     for kind, columns in run_outputs.titles(arm).items():
         names = [name for name, _ in columns]
-        if what in names and kind in ("q", "v", "a", "tau"):
-            return _Coordinate(kind, names.index(what), columns[names.index(what)][1])
-    return _Column(where, what)
+        if spec in names and kind in ("q", "v", "a", "tau"):
+            return _Coordinate(kind, names.index(spec), columns[names.index(spec)][1])
+    return _Column(where, spec)
 
 
-def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, what: str) -> Output:
+def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, spec: str) -> Output:
     known = [f"sensor.{k}" for k in range(len(sensors))]
-    number, *component = what.split(".")[1:]
+    number, *component = spec.split(".")[1:]
     if f"sensor.{number}" not in known or len(component) > 1 or not all(c.isdigit() for c in component):
         there = f"there are {', '.join(known)}" if known else "the scene has no sensors"
-        raise ValueError(f"{where} = '{what}': {there}")
+        raise ValueError(f"{where} = '{spec}': {there}")
     k = int(number)
     parts = sensors[k].components(arm)
     if not component and len(parts) > 1:
-        labels = ", ".join(f"'{what}.{c}' ({label})" for c, (label, _) in enumerate(parts))
-        raise ValueError(f"{where} = '{what}': this sensor has {len(parts)} components; take one: {labels}")
+        labels = ", ".join(f"'{spec}.{c}' ({label})" for c, (label, _) in enumerate(parts))
+        raise ValueError(f"{where} = '{spec}': this sensor has {len(parts)} components; take one: {labels}")
     at = int(component[0]) if component else 0
     if at >= len(parts):
-        raise ValueError(f"{where} = '{what}': this sensor has {len(parts)} components, from 0 on")
+        raise ValueError(f"{where} = '{spec}': this sensor has {len(parts)} components, from 0 on")
     return _Reading(k, at, unit(parts[at][1]).si)
 
 
@@ -281,10 +281,10 @@ class _Function:
 # -- all of it ---------------------------------------------------------------------------------------------------------
 
 
-def made(
+def measured_run(
     scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str, paths: Collection[str] = ()
 ) -> Run:
-    """A measured run of a scene, checked; `paths` are sought."""
+    """A checked measured run of a scene; `paths` are the unknowns."""
     if not isinstance(data, Data):
         raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
     if len(data) < 3:
@@ -308,7 +308,7 @@ def made(
 
 
 def _check(run: Run, paths: Collection[str]) -> None:
-    """ValueError for outputs that cannot be read, and units that do not fit."""
+    """Raises ValueError for outputs that cannot be read, and units that do not match."""
     arm, still = run.setup.arm, np.zeros((2, run.setup.arm.nv))
     t = run.data.t[:2]
     result = Result(arm, t, np.array([run.q0, run.q0]), np.array([run.v0, run.v0]), still, still, loads=run.setup.loads)
@@ -325,21 +325,21 @@ def _check(run: Run, paths: Collection[str]) -> None:
         if own and theirs and own != theirs:
             hint = _to_other_units(run, f, theirs) if isinstance(f, _Reading) else ""
             raise ValueError(
-                f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}{hint}"
+                f"outputs['{name}']: the data are in {theirs}, and the output of the run is in {own}{hint}"
             )
 
 
 def _to_other_units(run: Run, f: _Reading, theirs: str) -> str:
-    """What makes a sensor read in other units."""
+    """A hint how to make a sensor read in other units."""
     sensor = run.setup.sensors[f.sensor]
     assert isinstance(sensor, Sensor)
-    what = sensor.components(run.setup.arm)[f.component][0]
-    known = f"give this sensor a gain that is known, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {what}"
+    quantity = sensor.components(run.setup.arm)[f.component][0]
+    known = f"give this sensor a known gain, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {quantity}"
     return f"; add 'sensor.{f.sensor}.gain' to the parameters, which fits it, or {known}"
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
-    """The first weight of each column: its noise where that is told, else a hundredth of its standard deviation."""
+    """The first weight of each column: its noise if given, else a hundredth of its standard deviation."""
     names = dict.fromkeys(name for run in runs for name in run.outputs)
     found = {}
     for name in names:

@@ -1,4 +1,4 @@
-"""The search: several starts, least squares from the best of them, weights from the noise that is left."""
+"""The search: several starts, least squares from the best of them, weights from the residual noise."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ..run.sensitivity import RunStopped
 from .problem import Problem
 from .statistics import pseudo_inverse
 
-_ROUNDS = 12  # of weights
-_SETTLED = 0.01  # by which noise changes from round to round at the end
-_HELD = 1e-4  # of a derivative's norm: by so much a number is held where a least squares begins
-_LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
-_PULLED = 0.02  # standard deviations that this may hold a number back at the end
-_LEFT = 0.1  # of a column's deviation: where more is left, one start is not enough
-_USUAL = 7  # iterations of one least squares
-_WEIGHTED = 2  # least squares for the weights, as a rule
-_LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
+_ROUNDS = 12  # most updates of the weights
+_SETTLED = 0.01  # relative change of noise in the last update
+_HOLD = 1e-4  # of a derivative's norm: weight that holds a number at the start of a least squares
+_HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the number's scale or of its logarithm
+_HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
+_LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
+_USUAL = 7  # usual iterations of one least squares
+_WEIGHTED = 2  # usual number of least squares for the weights
+_LEAST = 1e-9  # of a column's first weight: smaller noise counts as rounding
 
 
 class Best:
-    """The best point of a search so far, and what is told of it while it goes on."""
+    """The best point of a search so far, and the display of its progress."""
 
     def __init__(self, problem: Problem, show: Callable[[int, str], None] | None) -> None:
         self.problem, self.show = problem, show
@@ -38,13 +38,13 @@ class Best:
             problem.look = self.tell
 
     def seen(self, inner: Array, cost: float) -> None:
-        """Remembers a point if it is the best."""
+        """Stores a point if it is the best."""
         if cost < self.cost:
             self.inner, self.cost = inner.copy(), cost
         self.tell()
 
     def tell(self) -> None:
-        """Shows how far the search is, and about how long it takes if it needs as many iterations as most do."""
+        """Shows the progress of the search, and its approximate end for a usual number of iterations."""
         if self.show is None:
             return
         text = f"{self.problem.count} runs, iteration {self.iterations + 1}"
@@ -58,10 +58,10 @@ class Best:
 
 @dataclass
 class Found:
-    """Where a search has ended.
+    """The end of a search.
 
     Attributes:
-        inner: the point, (n,). sigma: noise by column. message: why it ended. converged: whether it was at an end.
+        inner: the point, (n,). sigma: noise by column. message: why it ended. converged: whether it converged.
         tried: rms of the weighted residuals of each start, (k,). fitted: the same after the fits, by start.
     """
 
@@ -76,7 +76,8 @@ class Found:
 def estimated(
     problem: Problem, inner: Array, first: Mapping[str, float], told: Mapping[str, float]
 ) -> dict[str, float]:
-    """The noise of each column: as told, or the deviation of the residuals, with the degrees of freedom of the fit."""
+    """The noise of each column: as given, or the standard deviation of the residuals, with the fit's degrees of
+    freedom."""
     found = problem.residuals(inner)
     assert found is not None
     total = sum(y.size for y in found)
@@ -92,13 +93,13 @@ def estimated(
 
 
 def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Best, most: int) -> tuple[Array, Any]:
-    """Least squares from one point: where it ends, and what scipy tells of it.
+    """Solves least squares from one point. Returns the end point and scipy's result.
 
-    Each number is held a little where it begins, so that combinations that the data cannot tell stay there (they would
-    wander off on rounding errors); the next least squares begins where this one has ended, until that changes nothing.
+    A small weight holds each number at its start, so that undetermined combinations stay there (rounding errors would
+    move them). The next least squares starts at the end of the last, until nothing changes.
 
     Raises:
-        RunStopped: the run at the start, or derivatives on the way, could not go on.
+        RunStopped: the run at the start, or one of the derivatives, failed.
     """
     from scipy.optimize import least_squares  # slow to import
 
@@ -107,14 +108,14 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
 
     def residuals(u: Array) -> Array:
         r = problem.weighted(u, sigma)
-        if np.isfinite(r).all():  # where it is not, the step is shortened
+        if np.isfinite(r).all():  # otherwise the step is shortened
             best.seen(u, float(np.mean(r**2)))
         return r
 
     if not np.isfinite(residuals(inner)).all():
         raise RunStopped(problem.why, np.nan)
     norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
-    hold = np.diag(np.maximum(_HELD * norms, _LOOSE))
+    hold = np.diag(np.maximum(_HOLD * norms, _HOLD_PRIOR))
 
     def slopes(u: Array) -> Array:
         J = problem.jacobian(u, sigma)
@@ -128,7 +129,7 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
     )  # fmt: skip
     std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
     pulled = std * np.diag(hold) ** 2 * np.abs(done.x - inner)
-    done.pulled = float(np.max(pulled[std * _LOOSE < 0.9], initial=0.0))
+    done.pulled = float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0))
     return np.asarray(done.x), done
 
 
@@ -136,8 +137,8 @@ def search(
     problem: Problem, alone: bool, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float],
     most: int, best: Best,
 ) -> Found:  # fmt: skip
-    """The best point from several starts (k, n), of which the best `keep` are fitted; `alone`: from the first, if that
-    leaves less than a tenth of each column's deviation.
+    """The best point from several starts (k, n), of which the best `keep` are fitted. `alone`: from the first only, if
+    that leaves less than a tenth of each column's deviation.
 
     Raises:
         RunStopped: none of them could be simulated.
@@ -152,11 +153,11 @@ def search(
         return found
     best.cost = np.inf
     other = _searched(problem, starts, keep, first, told, most, best)
-    return min(found, other, key=lambda x: _badness(problem, x, told))
+    return min(found, other, key=lambda x: _minus_log_likelihood(problem, x, told))
 
 
 def _explains(problem: Problem, inner: Array) -> bool:
-    """Whether all columns are left with less than a tenth of their deviation."""
+    """Whether the residuals of all columns are below a tenth of their deviation."""
     found = problem.residuals(inner)
     assert found is not None
     rows = [np.sqrt((y**2).mean(axis=1)) < _LEFT * run.measured.std(axis=1)
@@ -164,8 +165,8 @@ def _explains(problem: Problem, inner: Array) -> bool:
     return bool(np.concatenate(rows).all())
 
 
-def _badness(problem: Problem, found: Found, told: Mapping[str, float]) -> float:
-    """Twice the negative logarithm of the likelihood, but for a constant."""
+def _minus_log_likelihood(problem: Problem, found: Found, told: Mapping[str, float]) -> float:
+    """Twice the negative log-likelihood, up to a constant."""
     r = problem.weighted(found.inner, found.sigma)
     count = {name: sum(len(run.data) for run in problem.runs if name in run.outputs) for name in found.sigma}
     return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in told))
@@ -175,7 +176,7 @@ def _searched(
     problem: Problem, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float], most: int,
     best: Best,
 ) -> Found:  # fmt: skip
-    """From these starts."""
+    """The best point from these starts, with fixed weights."""
     tried = [np.inf] * len(starts)
     if len(starts) > 1:
         for i, residuals in enumerate(problem.many(starts)):
@@ -206,14 +207,14 @@ def _searched(
 def weighed(
     problem: Problem, found: Found, told: Mapping[str, float], most: int, best: Best, done: Any = None
 ) -> Found:
-    """From a point on, with weights from the noise that is left, until that is settled."""
+    """Continues from a point with weights from the residual noise, until that settles."""
     first = dict(found.sigma)
     sigma = estimated(problem, found.inner, first, told)
     for _ in range(_ROUNDS):
-        best.cost = np.inf  # other weights, other costs
+        best.cost = np.inf  # costs change with the weights
         found.inner, done = fitted(problem, found.inner, sigma, best, most)
         found.sigma, sigma = sigma, estimated(problem, found.inner, first, told)
-        if done.pulled < _PULLED and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
+        if done.pulled < _HOLD_EFFECT and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
             break
     found.sigma, found.message, found.converged = sigma, str(done.message), bool(done.status > 0)
     return found

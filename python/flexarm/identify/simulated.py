@@ -19,7 +19,7 @@ from ..run.variation import Setup, Variation
 def scenarios(
     setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | str | None, v0: Array | None
 ) -> list[tuple[Setup, Array, Array]]:
-    """What the runs with values (B,) of parameters are made of, and where each begins."""
+    """Setups and initial states of runs with values (B,) of parameters."""
     variation = Variation(setup, parameters)
     setups = [variation.scenario(i) for i in range(max((len(x) for x in parameters.values()), default=1))]
     states = [state(s.arm, q0, v0, s.drive, s.loads, float(t[0])) for s in setups]
@@ -30,7 +30,7 @@ def scenarios(
 def runs(
     setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | str | None, v0: Array | None, **options: Any
 ) -> list[tuple[Setup, Array, Array, Result | RunStopped]]:
-    """The same, and the runs."""
+    """Setups, initial states and runs with values (B,) of parameters."""
     made = scenarios(setup, parameters, t, q0, v0)
     _, q, v = zip(*made, strict=True)
     moving = {k: x for k, x in parameters.items() if not k.startswith("sensor.")}
@@ -49,12 +49,12 @@ def sensitivities(
     """A run and its derivatives.
 
     Args:
-        setup: what it is made of. parameters: values by path, of a sensor's too. t, q0, v0: as of `simulate`.
+        setup: of the run. parameters: values by path, of a sensor's too. t, q0, v0: as of `simulate`.
         workers: threads. progress: called with the time reached (s).
         options: of `simulate`.
 
     Raises:
-        RunStopped: the run could not go on.
+        RunStopped: the run failed.
     """
     values = {k: np.array([x]) for k, x in parameters.items()}
     made, q, v = scenarios(setup, values, t, q0, v0)[0]

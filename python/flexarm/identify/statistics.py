@@ -1,4 +1,4 @@
-"""What residuals and derivatives tell: deviations, correlations, and what the data cannot tell apart."""
+"""Statistics of a fit from residuals and derivatives: deviations, correlations, undetermined combinations."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 
 from .._check import Array
 
-_WHITE = 0.01  # below this probability residuals count as coloured
-_HIGH = 0.95  # correlations that a report names
-_MEETS = 0.1  # of two numbers in combinations that are told, from which on they stand in for each other
-_SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
-_TRACE = 0.02  # of the largest change in a combination, below which one is left out
-_APART = 1e3  # condition up to which numbers tell directions apart
-_MIXES = 5000  # of combinations that are looked through
-_RANK = 1e-6  # of the largest singular value, below which derivatives are taken for dependent
+_WHITE = 0.01  # below this p-value residuals count as coloured
+_HIGH = 0.95  # least correlation that a report names
+_MEETS = 0.1  # least share of two numbers in common combinations for one group
+_SEEN = 2.0  # standard deviations of the data: smaller changes are not visible
+_TRACE = 0.02  # of the largest change in a combination: smaller ones are left out
+_APART = 1e3  # largest condition number for distinct directions
+_MIXES = 5000  # most combinations that are tried
+_RANK = 1e-6  # of the largest singular value: below it derivatives count as dependent
 
 
 class Whiteness(NamedTuple):
     """Whether a column's residuals are white (Ljung & Box 1978, Biometrika 65, 297).
 
     Attributes:
-        p: the probability of a correlation as large as that which is seen, if they were white.
-        lags: how many lags were looked at. correlation: at those, (lags,).
+        p: the p-value of the correlation if residuals were white.
+        lags: number of lags tested. correlation: at these, (lags,).
     """
 
     p: float
@@ -39,7 +39,7 @@ class Whiteness(NamedTuple):
 
 
 def autocorrelation(r: Array, lags: int) -> Array:
-    """Of residuals r (n,), without their mean, at lags 1 to `lags`."""
+    """Autocorrelation of residuals r (n,), without their mean, at lags 1 to `lags`."""
     x = r - r.mean()
     n = 1 << (2 * len(x) - 1).bit_length()
     power = np.abs(np.fft.rfft(x, n)) ** 2
@@ -48,7 +48,7 @@ def autocorrelation(r: Array, lags: int) -> Array:
 
 
 def whiteness(r: Array) -> Whiteness:
-    """Of residuals r (n,)."""
+    """Tests residuals r (n,) for whiteness."""
     from scipy.stats import chi2  # slow to import
 
     n = len(r)
@@ -59,8 +59,8 @@ def whiteness(r: Array) -> Whiteness:
 
 
 def coloured(r: Array) -> Array:
-    """Autocorrelation (n,) of residuals r (n,) by an autoregressive model of theirs (Yule-Walker; the order by Schwarz'
-    criterion): smooth, where the sample's own would be noise."""
+    """Autocorrelation (n,) of residuals r (n,) by an autoregressive model (Yule-Walker; order by Schwarz' criterion).
+    It is smooth, while the sample autocorrelation is noisy."""
     n = len(r)
     most = int(max(1, min(30, n // 10)))
     rho = np.concatenate([[1.0], autocorrelation(r, most)])
@@ -85,10 +85,10 @@ def coloured(r: Array) -> Array:
 
 
 def covariance(J: Array, blocks: Sequence[tuple[slice, Array | None]]) -> Array:
-    """Of what is sought, (n, n), with derivatives J (m, n) of residuals of variance 1.
+    """Covariance of the unknowns, (n, n), from derivatives J (m, n) of residuals of variance 1.
 
     Args:
-        J: their rows.
+        J: the derivatives.
         blocks: rows of J and the autocorrelation of the residuals there; None: they are white. Where one is given,
             the estimate is the sandwich A^-1 B A^-1 with A = J^T J and B = J^T R J (White 1980, Econometrica 48, 817).
     """
@@ -106,7 +106,8 @@ def covariance(J: Array, blocks: Sequence[tuple[slice, Array | None]]) -> Array:
 
 
 def pseudo_inverse(J: Array) -> Array:
-    """(J^T J)^-1, (n, n), of columns of any scale; inf on the diagonal where one is zero or depends on others."""
+    """(J^T J)^-1, (n, n), for columns of any scale; inf on the diagonal of columns that are zero or depend on
+    others."""
     size = np.linalg.norm(J, axis=0)
     by = np.where(size > 0, size, 1.0)
     _, s, V = np.linalg.svd(J / by, full_matrices=False)
@@ -119,11 +120,11 @@ def pseudo_inverse(J: Array) -> Array:
 
 
 class Loose(NamedTuple):
-    """Numbers that stand in for each other: the data tell combinations of them, and each alone badly.
+    """A group of correlated numbers: the data determine combinations of them well, but each alone badly.
 
     Attributes:
-        names: two of them or more. changes: by how much the first may change, and the others with it, all else
-            following, until the root mean square of the residuals is 1 % larger.
+        names: two or more. changes: how much the first may change, with all others refitted, until the root mean square
+            of the residuals is 1 % larger, and the changes of the others.
         correlation: of the first with the best combination of all others (multiple correlation, 0 to 1).
     """
 
@@ -138,11 +139,11 @@ class Loose(NamedTuple):
 
 
 def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: Array) -> list[Loose]:
-    """Groups of numbers, each with a multiple correlation above 0.95: those that meet in combinations which are told
-    far better than they are (eigenvectors of small eigenvalues of their correlation).
+    """Groups of numbers with multiple correlations above 0.95 that share combinations which the data determine far
+    better than each number (eigenvectors of small eigenvalues of their correlation).
 
     Args:
-        J: derivatives (m, n) of the residuals r (m,). slopes: of the numbers by what the search sees, (n,).
+        J: derivatives (m, n) of the residuals r (m,). slopes: of the numbers by their inner values, (n,).
         names: of the numbers. correlation: of these, (n, n).
     """
     A = pseudo_inverse(J)
@@ -150,9 +151,9 @@ def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: 
     size, V = np.linalg.eigh(correlation[np.ix_(some, some)])
     size = np.maximum(size, np.finfo(float).eps)
     R = np.sqrt(np.maximum(0.0, 1.0 - 1.0 / (V**2 / size).sum(axis=1)))
-    told = V[:, size < 1.0 - _HIGH**2]  # a number whose R is high has a part in one of these
+    told = V[:, size < 1.0 - _HIGH**2]  # numbers of a high R take part in one of these
     met = (np.abs(told @ told.T) > _MEETS) & np.outer(R > _HIGH, R > _HIGH)
-    much = 1.01**2 - 1.0  # |r + J d|^2 is |r|^2 + |J d|^2 at the least
+    much = 1.01**2 - 1.0  # |r + J d|^2 = |r|^2 + |J d|^2 at the minimum
     found, left = [], set(range(len(some)))
     while left:
         group = {min(left)}
@@ -167,11 +168,11 @@ def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: 
 
 
 class Untold(NamedTuple):
-    """A combination of numbers that the data cannot tell.
+    """A combination of numbers that the data do not determine.
 
     Attributes:
-        names: what changes together. changes: by how much each, as parts of its value (1), the largest 1.
-        seen: by how many standard deviations of the data that would change the fit.
+        names: numbers that change together. changes: of each, relative to its value; the largest is 1.
+        seen: change of the fit, in standard deviations of the data.
     """
 
     names: tuple[str, ...]
@@ -186,12 +187,12 @@ class Untold(NamedTuple):
 
 
 def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[Untold]:
-    """Combinations that the data cannot tell: those whose change by their own size (of the one that changes most) moves
-    all residuals together by less than 2 of their standard deviations, or whose derivatives depend on each other.
+    """Combinations that the data do not determine: a change by the full size of a number moves all residuals together
+    by less than 2 of their standard deviations, or the derivatives are linearly dependent.
 
     Args:
-        J: derivatives (m, n). sizes: of each number, as the search sees it, (n,). names: of them.
-        parts: what a size is of the number's value, (n,).
+        J: derivatives (m, n). sizes: of the inner value of each number, (n,). names: of them.
+        parts: each size relative to the number's value, (n,).
     """
     scaled = J * sizes
     norms = np.linalg.norm(scaled, axis=0)
@@ -201,21 +202,21 @@ def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[U
         return found
     R = np.linalg.qr(scaled[:, some] / norms[some], mode="r")
     _, s, V = np.linalg.svd(R)
-    reach = np.abs(V / norms[some]).max(axis=1)  # of each direction, the largest change
+    reach = np.abs(V / norms[some]).max(axis=1)  # largest change in each direction
     s = np.append(s, np.zeros(len(V) - len(s)))
     for change in _sparse(V[(s < _SEEN * reach) | (s < _RANK * s.max())], norms[some] / parts[some]):
         part = np.flatnonzero(np.abs(change) > _TRACE).tolist()
         moved = change / parts[some]
         seen = float(np.linalg.norm(scaled[:, some] @ moved))
         if seen > 2 * _SEEN and seen > 1e3 * _RANK * float(np.abs(moved) @ norms[some]):
-            continue  # what was mixed with one that is not seen
+            continue  # was mixed with a visible one
         found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
     return found
 
 
 def _sparse(rows: Array, by: Array) -> Array:
-    """Orthonormal directions (k, n) as combinations of numbers, over `by`, mixed so that each has a number that the
-    others leave alone, and that as few numbers as possible are in them; the largest change of each is 1."""
+    """Orthonormal directions (k, n) as sparse combinations of numbers, over `by`: each has a number of its own and as
+    few numbers as possible; the largest change of each is 1."""
     k, n = rows.shape
     best, fewest = rows / by, n * k + 1
     if k > 1 and math.comb(n, k) <= _MIXES:

@@ -1,4 +1,4 @@
-"""A fit as it is asked for, checked: its runs, what is sought, their steps; and what is told of its end."""
+"""A checked request for a fit: its runs, unknowns and steps; and the report of its end."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 from .fit import Fit, FitError
 from .problem import Problem
-from .runs import Run, made, scales
+from .runs import Run, measured_run, scales
 from .search import Best, Found, estimated, search, weighed
 from .simulated import scenarios
 from .statistics import coloured, covariance, loose, untold, whiteness
 from .unknown import Sought, drawn, sought
 
-_STEPPED = "implicit"  # in place of an integrator that chooses its own steps
-_HALVINGS = 4  # of a step that was not given
-_MOVED = 0.1  # standard deviations by which steps may move a value
-_ROWS = 4  # at most so many rows between two of the data, for filters and delays
-_AGAINST = -0.5  # correlation of a column with what is read at the start, below which its sign is doubted
+_FIXED_STEP = "implicit"  # replaces integrators with variable steps
+_HALVINGS = 4  # most halvings of a step that was not given
+_MOVED = 0.1  # standard deviations: tolerated effect of the step on a value
+_ROWS = 4  # most rows between two of the data, for filters and delays
+_AGAINST = -0.5  # correlation of data and output at the start: below it the sign may be wrong
 
 
 @dataclass
 class Task:
-    """What is asked for, checked."""
+    """A checked request for a fit."""
 
     scene: Scene
     problem: Problem
     told: dict[str, float]
     inputs: Any
     outputs: Any
-    auto: bool  #: whether the step is chosen here
+    auto: bool  #: whether the step is automatic
 
     @staticmethod
     def of(
         scene: Scene, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
         workers: Any,
     ) -> Task:  # fmt: skip
-        """Checks the arguments."""
+        """Makes a task from checked arguments."""
         if not isinstance(parameters, (str, Mapping, list, tuple, set)):
             raise ValueError(f"parameters = {parameters!r}: must be paths, or a dictionary by paths")
         paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
@@ -69,8 +69,8 @@ class Task:
         _finer(problem)
         return Task(scene, problem, told, inputs, outputs, auto)
 
-    def turned(self, inner: Array) -> dict[str, str]:
-        """Of columns that go against what is read at a point: a hint, by name."""
+    def sign_hints(self, inner: Array) -> dict[str, str]:
+        """Hints, by name, for columns with the opposite sign of the output at a point."""
         found, hints = self.problem.residuals(inner), {}
         for run, y in zip(self.problem.runs, found or [], strict=False):
             for name, r in zip(run.outputs, y, strict=True):
@@ -81,21 +81,21 @@ class Task:
         return hints
 
     def refined(self, found: Found, most: int, best: Best) -> list[str]:
-        """Shortens the step until it does not matter; what there is to be said of it in the end."""
+        """Shortens the step until its effect is negligible. Returns messages about the last step."""
         p = self.problem
         if p.options.get("step") is None:
             return []
         left = _HALVINGS if self.auto else 0
         while True:
-            moved, name = self._moved(found)
+            moved, name = self._step_effect(found)
             if moved < _MOVED:
                 return []
             if not left:
                 break
-            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error falls as the step squared
+            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error is of order step squared
             left -= times
             p.options["step"] /= 2**times
-            p.forget()
+            p.clear()
             _finer(p)
             weighed(p, found, self.told, most, best)
         if moved < 1:
@@ -105,8 +105,8 @@ class Task:
             "deviations; take a shorter one"
         ]
 
-    def _moved(self, found: Found) -> tuple[float, str]:
-        """By how many standard deviations half the step would move the values, at most, and which."""
+    def _step_effect(self, found: Found) -> tuple[float, str]:
+        """The largest change of a value by half the step, in standard deviations, and the name of that value."""
         p = self.problem
         J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
         halved = Problem(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
@@ -125,7 +125,7 @@ class Task:
     # -- the end -------------------------------------------------------------------------------------------------------
 
     def fit(self, found: Found, points: Array, began: float) -> Fit:
-        """What has been found, and how sure it is."""
+        """The fit with the uncertainty of its values."""
         from scipy.stats import t as student  # slow to import
 
         p, inner = self.problem, found.inner
@@ -161,7 +161,7 @@ class Task:
         for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
             assert not isinstance(result, RunStopped)
             runs.append(run.compared(result, setup))
-        again = replace(self, problem=Problem([], p.sought, p.options, p.workers))  # without what its search keeps
+        again = replace(self, problem=Problem([], p.sought, p.options, p.workers))  # without stored points
         return Fit(
             scene=self._scene(inner, *done[0][1:3]),
             values=dict(zip(names, values.tolist(), strict=True)),
@@ -181,16 +181,16 @@ class Task:
             message=found.message,
             starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
-            _again=partial(again._validated, inner),
+            _comparison_with=partial(again._validated, inner),
         )  # fmt: skip
 
     def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:
-        """The best point of a search that Ctrl-C has ended."""
+        """The fit at the best point of a search that Ctrl-C has ended."""
         sigma = estimated(self.problem, inner, first, self.told)
         return self.fit(Found(inner, sigma, "interrupted"), points, began)
 
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
-        """The scene with the values of its first run."""
+        """The scene with the fitted values of its first run."""
         p, run = self.problem, self.problem.runs[0]
         sensors = _instruments(self.scene, run)
         setup = p.setup(inner, sensors)
@@ -207,7 +207,7 @@ class Task:
         p = self.problem
         if inputs is None:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
+        run = measured_run(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
         run.setup, run.q0, run.v0 = scenarios(run.setup, fixed, run.t, run.first, run.v0)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
@@ -230,7 +230,7 @@ class Task:
 
 
 def _own(x: Sought) -> bool:
-    """Whether each run has this number of its own."""
+    """Whether each run has its own value of this number."""
     return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
 
 
@@ -244,11 +244,12 @@ def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) 
     if len(all_inputs) != len(all_data):
         raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
     named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    return [made(scene, d, i, outputs, name, paths) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
+    rows = zip(all_data, all_inputs, named, strict=True)
+    return [measured_run(scene, d, i, outputs, name, paths) for d, i, name in rows]
 
 
 def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
-    """ValueError for initial states that motions prescribe."""
+    """Raises ValueError for unknown initial states that motions prescribe."""
     for run in runs:
         arm = run.setup.arm
         laws = arm.by_rate("drive", split_drives(run.setup.drive)[0])
@@ -260,10 +261,10 @@ def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
 
 
 def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float | None) -> tuple[dict[str, Any], bool]:
-    """Options of the runs, and whether the step is chosen here."""
+    """Options of the runs, and whether the step is automatic."""
     options = {k: v for k, v in scene.options.items() if v is not None}
     own = options.get("integrator", "ida")
-    chosen = integrator or (own if INTEGRATORS[own].fixed else _STEPPED)
+    chosen = integrator or (own if INTEGRATORS[own].fixed else _FIXED_STEP)
     if chosen != own:
         for key in OPTIONS:
             options.pop(key, None)
@@ -278,7 +279,7 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
 
 
 def _finer(problem: Problem) -> None:
-    """Rows between those of the data, where a filter or a delay of a sensor looks there."""
+    """Adds rows between those of the data if a filter or a delay of a sensor needs them."""
     step = problem.options.get("step")
     for run in problem.runs:
         looks = [s for s in run.setup.sensors if isinstance(s, Sensor) and (s.filter is not None or s.delay)]
@@ -288,7 +289,7 @@ def _finer(problem: Problem) -> None:
 
 
 def _instruments(scene: Scene, run: Run) -> tuple[Any, ...]:
-    """The scene's sensors as they are, and behind them those that only outputs name."""
+    """The scene's sensors, followed by those that only outputs name."""
     return (*scene.sensors, *run.setup.sensors[len(scene.sensors) :])
 
 

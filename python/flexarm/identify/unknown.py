@@ -1,4 +1,4 @@
-"""What is sought: numbers of a scene by their dotted paths, each with a start, bounds and what is known beforehand."""
+"""Unknown numbers of a scene by their dotted paths, each with a start, bounds and prior knowledge."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from .._check import Array, number
 from ..run.variation import Setup, Variation, fields_of, known_paths, numbered
 
-_FACTOR = 3.0  # by which starts differ where no bounds tell
+_FACTOR = 3.0  # range of random starts without bounds, as a factor
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,12 @@ class Unknown:
     """An unknown number of a scene, for `fa.identify`.
 
     Args:
-        start: where the search begins; None: the scene's value.
-        low, high: bounds. A quantity that its part refuses when it is negative, such as a stiffness, is at least 0
-            without being told.
-        mean, std: what is known beforehand: a mean and a standard deviation (a prior). Give both or neither.
-        log: whether the logarithm is sought, so that factors count alike and the interval lies asymmetrically about the
-            value; None: of what must be positive (a modulus, a length), but not of what may be zero (a friction).
-        each_run: whether each run has a value of its own; None: initial states (q0.K, v0.K) alone.
+        start: start of the search; None: the scene's value.
+        low, high: bounds. A quantity that must not be negative, such as a stiffness, has the lower bound 0 by itself.
+        mean, std: prior knowledge: a mean and a standard deviation. Give both or neither.
+        log: whether the logarithm is fitted: steps are then factors, and the interval is asymmetric about the value.
+            None: for positive quantities (a modulus, a length), but not for those that may be zero (a friction).
+        each_run: whether each run has its own value; None: only initial states (q0.K, v0.K).
     """
 
     start: float | None = None
@@ -58,11 +57,11 @@ class Unknown:
 
 
 class Sought(NamedTuple):
-    """One number that is sought.
+    """One unknown number of the fit.
 
     Attributes:
-        name: what it is called: its path, or "run K: path". path: where it stands. run: the run it belongs to, or None.
-        of: as it was asked for, its start and bounds filled in.
+        name: its path, or "run K: path". path: in the scene. run: the run it belongs to, or None. of: as requested,
+            with start and bounds filled in.
     """
 
     name: str
@@ -76,7 +75,7 @@ class Sought(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """By which a number that is not sought by its logarithm is divided."""
+        """The divisor of a number that is not fitted by its logarithm."""
         assert self.of.start is not None
         if self.log:
             return 1.0
@@ -84,7 +83,7 @@ class Sought(NamedTuple):
         return abs(self.of.start) or self.of.std or (max(map(abs, finite)) if finite else 1.0)
 
     def inner(self, value: float) -> float:
-        """What the search sees of a value."""
+        """The inner value of the search: the logarithm or the scaled value."""
         if self.log:
             return float(np.log(value)) if value > 0 else -np.inf
         return value / self.scale
@@ -93,15 +92,15 @@ class Sought(NamedTuple):
         return float(np.exp(inner)) if self.log else inner * self.scale
 
     def slope(self, inner: float) -> float:
-        """d value / d inner."""
+        """Derivative d value / d inner."""
         return float(np.exp(inner)) if self.log else self.scale
 
 
-Asked = Mapping[str, "Unknown | float | None"] | Iterable[str]
+Parameters = Mapping[str, "Unknown | float | None"] | Iterable[str]
 
 
 def sought(setups: list[Setup], states: list[tuple[Array, Array]], parameters: Any) -> list[Sought]:
-    """All numbers that are asked for, of runs that are made of these setups and begin in these states."""
+    """All unknown numbers of runs with these setups and initial states."""
     if isinstance(parameters, str):
         parameters = [parameters]
     if not isinstance(parameters, Mapping):
@@ -120,7 +119,7 @@ def sought(setups: list[Setup], states: list[tuple[Array, Array]], parameters: A
             except ValueError as e:
                 raise ValueError(f"parameters['{path}']: {e}") from None
             found.append(Sought(name, path, run, filled))
-    Variation(setups[0], {x.path: np.array([x.of.start]) for x in found})  # names a path that is part of another
+    Variation(setups[0], {x.path: np.array([x.of.start]) for x in found})  # raises for a path that is part of another
     return found
 
 
@@ -168,7 +167,7 @@ def _takes(setup: Setup, path: str, value: float) -> bool:
 
 
 def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None:
-    """The value that a path has in a setup; None where it is left out there. ValueError for what is no number."""
+    """The value of a path in a setup; None if it is left out there. ValueError if it is no number."""
     known = known_paths(setup)
     path = numbered(setup, path)
     root, *inner = path.split(".")
@@ -202,9 +201,9 @@ def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None
 
 
 def drawn(all_sought: list[Sought], count: int, seed: int) -> Array:
-    """Starts (count, n), as the search sees them: the first is that which was asked for, the others are a Latin
-    hypercube within the bounds; where these are missing, within a factor of 3 of the start (of what starts at zero,
-    within 2 standard deviations of what is known beforehand, or there)."""
+    """Starts (count, n) as inner values: the first is the given one, the others are a Latin hypercube within the
+    bounds. Without bounds it is within a factor of 3 of the start; for a start of zero within 2 standard deviations of
+    the prior, or at zero."""
     from scipy.stats import qmc  # slow to import
 
     first = np.array([x.inner(x.of.start or 0.0) for x in all_sought])

@@ -16,7 +16,7 @@ from .._check import Array, array, choice
 from .._threads import cores, each
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
-from ..acting.sampled import Asked
+from ..acting.sampled import PythonLaw
 from ..acting.voltage import Voltage
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
@@ -134,7 +134,7 @@ class Source:
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")
         for sampler in run.sampled:
-            if isinstance(sampler.law, Asked):
+            if isinstance(sampler.law, PythonLaw):
                 sampler.law.twice = True
         return run
 
@@ -318,7 +318,7 @@ def _slopes_known(sampler: Any) -> bool:
     law = sampler.law
     if isinstance(law, _core.LinearLaw):
         return not law.reads
-    return isinstance(law, _core.ComputedTorque) or (isinstance(law, Asked) and not law.senses)
+    return isinstance(law, _core.ComputedTorque) or (isinstance(law, PythonLaw) and not law.senses)
 
 
 def _below_limits(tape: Any, run: Problem) -> Array:

@@ -1,4 +1,4 @@
-"""Scene files: an arm, what drives it and for how long, in TOML or in the same structure of dictionaries."""
+"""Scene files: an arm, the actions on it and its simulation, in TOML or in the same structure of dictionaries."""
 
 from .scene import SCENES, Scene, load, scene_from_dict
 

@@ -17,9 +17,9 @@ from .scene import Scene, load
 
 
 def check(of: Arm | Scene | str | Path) -> Findings:
-    """Lists what is probably a mistake in an arm or a scene, or could be better: units, bodies that cannot be, strains
-    that a beam lacks, too few shape functions for what it carries; of a scene also angles in degrees and steps of "rk4"
-    above its limit. `print` shows one finding on a line. `Result.check` sees more, of a run.
+    """Lists probable mistakes in an arm or a scene, and possible improvements: units, impossible bodies, strains that a
+    beam lacks, too few shape functions for the payload; of a scene also angles in degrees and steps of "rk4" above its
+    limit. `print` shows one finding on a line. `Result.check` finds more, from a run.
 
     Args:
         of: an Arm, a Scene, or the path or name of one.
@@ -43,7 +43,7 @@ def check(of: Arm | Scene | str | Path) -> Findings:
 
 
 def check_run(scene: Scene, result: Result) -> Findings:
-    """What `Result.check` finds in the scene's run, and angles in degrees."""
+    """Findings of `Result.check` in the scene's run, and angles in degrees."""
     return Findings([*result.check(), *_angles(_problem(scene))])
 
 

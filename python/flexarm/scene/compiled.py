@@ -1,4 +1,4 @@
-"""Scenes compiled to resolved numbers, which C++ runs: the format is that of the C++ room `scene`."""
+"""Scenes compiled to resolved numbers for C++, in the format of the C++ room `scene`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _NUMBERS = "a compiled scene holds numbers alone: give samples"
 
 
 def compiled_text(scene: Any) -> str:
-    """The file of a scene.
+    """The compiled file of a scene.
 
     Raises:
-        ValueError: a law that is Python code, by the name of what has it.
+        ValueError: a law that is Python code, named by its owner.
         RuntimeError: flexarm was built without it (FLEXARM_SCENES=OFF).
     """
     if not hasattr(_core, "scene_text"):
@@ -38,7 +38,7 @@ def compiled_text(scene: Any) -> str:
     try:
         return text(scene.control)
     except ValueError:
-        for k, controller in enumerate(scene.control):  # whose is it?
+        for k, controller in enumerate(scene.control):  # find the controller with the law
             try:
                 text([controller])
             except ValueError as e:

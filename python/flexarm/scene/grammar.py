@@ -1,8 +1,8 @@
-"""What stands in a scene file: its tables, and what is made of them.
+"""The grammar of a scene file: its tables, and the objects made from them.
 
-A table holds the arguments of what is made of it: the fields of `SceneFile` are a file's tables, those of a `Link` or a
-`Beam` are found in these. Where a class has kinds (joints, sections, controllers, sensors), the table's `type` says
-which. So what a new joint, or a new field of a beam, takes is read, written and explained without a word here.
+A table holds the arguments of the class made from it: the fields of `SceneFile` are a file's tables, which contain
+those of a `Link` or a `Beam`. If a class has subclasses (joints, sections, controllers, sensors), the table's `type`
+names one. So a new joint, or a new field of a beam, is read, written and explained without a change here.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from ..sensing.sensor import Sensor
 
 
 class Samples(NamedTuple):
-    """A law of time in a file: a table of samples, or, of one with two columns, a number."""
+    """A law of time in a file: a table of samples, or a number if it has two columns."""
 
     columns: tuple[str, ...]
-    make: Any  #: what takes the columns as arguments; None: a pair of them is what is meant
-    moves: bool = False  #: whether it may be a motion, samples of q or a spin-up, or a list
+    make: Any  #: is called with the columns as arguments; None: the pair of columns is used
+    moves: bool = False  #: whether it may be a motion (samples of q, a spin-up), or a list
 
 
 #: Arguments that are laws of time, by name.
@@ -51,15 +51,15 @@ def _link_of(link: Any) -> None:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """What drives a joint: exactly one of `motion`, `spin_up` and `torque`.
+    """The drive of a joint: exactly one of `motion`, `spin_up` and `torque`.
 
     Args:
-        link: whose joint; a number or a name, as everywhere.
-        freedom: which of the joint's freedoms, where it has several.
+        link: the link of the joint; a number or a name, as everywhere.
+        freedom: the freedom of the joint, if it has several.
         motion: a prescribed motion (rad, m; `v` per s, `a` per s²): `q` alone, by a spline, or `q`, `v` and `a`, by
             quintic pieces; its reaction becomes an output.
         spin_up: a motion from rest to a speed.
-        torque: N m, or the force (N) of a joint that slides.
+        torque: N m, or the force (N) of a prismatic joint.
     """
 
     link: int | str
@@ -85,12 +85,12 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class PatchDrive:
-    """What drives a piezo patch.
+    """The drive of a piezo patch.
 
     Args:
-        link: whose beam bears the patch.
-        patch: which of that beam's patches.
-        voltage: V.
+        link: the link whose beam has the patch.
+        patch: the number of the patch on that beam.
+        voltage: of the patch (V).
     """
 
     link: int | str
@@ -111,11 +111,11 @@ class PatchDrive:
 
 
 def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
-    """The times (s) at which a run is noted, from 0.
+    """The output times of a run (s), from 0.
 
     Args:
-        duration: how long it is simulated (s).
-        interval: between two output times (s), a whole part of the duration.
+        duration: length of the simulation (s).
+        interval: time between two outputs (s), an integer fraction of the duration.
     """
     duration, interval = number("duration", duration), number("interval", interval)
     for key, value in (("duration", duration), ("interval", interval)):
@@ -129,7 +129,7 @@ def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
 
 
 def _options() -> dict[str, Argument]:
-    """Of `simulate`, the integrator's name and its options, whose defaults differ among integrators."""
+    """Arguments of `simulate` for the integrator and its options, whose defaults differ among integrators."""
     kinds = integrators.INTEGRATORS
     names = " or ".join(f'"{name}"' for name in kinds)
     out = {"integrator": Argument("integrator", str, "ida", f"{names}, whose options follow.")}
@@ -150,15 +150,15 @@ SIMULATION = {**arguments(output_times), **{k: arguments(simulate)[k] for k in (
 
 @dataclass(frozen=True)
 class SceneFile(ArmFile):
-    """A scene file: an arm, what drives it, what it is read by, and for how long.
+    """A scene file: an arm, its drives, loads, controllers and sensors, and the simulation.
 
     Args:
         title: of tables and figures; None: the file's name.
-        drive: what drives its joints and its piezo patches.
-        load: forces and moments from outside.
-        control: controllers, whose forces add up with the drives'.
-        sensor: what `flexarm run` writes readings of, as sensor-K-TYPE.csv.
-        simulation: for how long, and how, it is simulated.
+        drive: drives of joints and piezo patches.
+        load: external forces and moments.
+        control: controllers; their forces add to the drives'.
+        sensor: sensors; `flexarm run` writes their readings as sensor-K-TYPE.csv.
+        simulation: length and options of the simulation.
     """
 
     title: str | None = None

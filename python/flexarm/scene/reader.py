@@ -1,4 +1,4 @@
-"""From the structure of a scene file to what a Scene is made of."""
+"""From the structure of a scene file to the fields of a Scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .samples import Files, samples
 
 
 def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
-    """A law of time: a number, where it can be one, or samples."""
+    """A law of time: a number if possible, or samples."""
     if law.moves and isinstance(value, (list, tuple)) and any(isinstance(x, Mapping) for x in value):
         return [_law(files, law, f"{where}[{k}]", x) for k, x in enumerate(value)]
     if law.moves and isinstance(value, Mapping) and "spin_up" in value:
@@ -61,7 +61,7 @@ def _drives(file: SceneFile) -> dict[Any, Any]:
 
 
 def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any]:
-    """What a Scene is made of, from the structure of its file."""
+    """The fields of a Scene, from the structure of its file."""
     laws = {key: partial(_law, files, law) for key, law in SAMPLES.items()}
     file = read_file(SceneFile, d, {**laws, "simulation": _simulation})
     arm, s = Arm._read(file), file.simulation

@@ -16,9 +16,9 @@ HEAD = """# The scene file
 
 Every table and key of a scene file, which `fa.load` and `flexarm run` read and `scene.save` writes. The file is
 [TOML](https://toml.io); [ist.toml](../python/flexarm/scenes/ist.toml) is one. SI units and radians throughout. A table
-holds the arguments of what is made of it: `help(fa.Beam)` says what stands here under `beam`. What is not required may
-be left out, which is what None means. Callables are for Python alone. C++ reads what `flexarm
-compile` makes of a scene: [cpp.md](cpp.md#scenes).
+holds the arguments of the class made from it: the text here under `beam` is that of `help(fa.Beam)`. Arguments that are
+not required may be left out, which means None. Callables are for Python only. C++ reads the output of `flexarm
+compile`: [cpp.md](cpp.md#scenes).
 
 **Samples** are laws of time, in place, `torque = { t = [0, 1], tau = [0, 2] }`, or in a file of comma-separated values
 whose first line names the columns, `torque = { file = "torque.csv" }`; see `fa.load` for where that file may be.
@@ -26,23 +26,23 @@ whose first line names the columns, `torque = { file = "torque.csv" }`; see `fa.
 Written by `python -m flexarm.scene.reference`; do not edit.
 """
 
-_Group = tuple[type, ...]  # what stands in a table: one class, or several, of which its type or its keys tell
-_Groups = Mapping[_Group, Sequence[str]]  # and what keys it stands behind
+_Group = tuple[type, ...]  # the class of a table, or several that its type or keys distinguish
+_Groups = Mapping[_Group, Sequence[str]]  # with the keys of each group
 
 
 def kinds(*bases: type) -> dict[str, type]:
-    """Those of flexarm's own; others may have been made meanwhile."""
+    """Subclasses by name, of flexarm's own only: users may have defined others."""
     return {kind: cls for kind, cls in all_kinds(*bases).items() if cls.__module__.startswith("flexarm.")}
 
 
 def _home(group: _Group, groups: Iterable[_Group]) -> _Group:
-    """Where it is explained: itself, or another that has all its kinds."""
+    """The group that explains a group: itself, or another with all its kinds."""
     own = kinds(*group).items()
     return next((other for other in groups if own and own <= kinds(*other).items()), group)
 
 
 def _found(rows: Iterable[Argument], groups: dict[_Group, list[str]]) -> None:
-    """All groups that are met from some arguments on, with the names they go by."""
+    """Collects all groups reachable from some arguments, with their names."""
     for argument in rows:
         if argument.parts and argument.name not in SAMPLES:
             group = _home(argument.parts, groups)
@@ -63,11 +63,11 @@ def _link(words: str, title: str) -> str:
 
 
 def _words(hint: Any) -> str:
-    """A type in a file's words."""
+    """A type in the words of a file."""
     known = {bool: "true or false", int: "whole number", float: "number", str: "text", Any: "", type(None): ""}
     inside = list(members(hint, deep=False))
     if any(getattr(h, "__module__", "").startswith("numpy") for h in inside):
-        return "numbers"  # an ArrayLike
+        return "numbers"  # ArrayLike
     words = []
     for h in inside:
         origin = get_origin(h)
@@ -94,7 +94,7 @@ def _names(columns: Sequence[str]) -> str:
 
 
 def _takes(argument: Argument, groups: _Groups) -> str:
-    """What stands behind a key."""
+    """The values that a key takes."""
     if argument.name in SAMPLES:
         law = SAMPLES[argument.name]
         text = ("number, or " if len(law.columns) == 2 else "") + "samples " + _names(law.columns)
@@ -110,7 +110,7 @@ def _takes(argument: Argument, groups: _Groups) -> str:
 
 
 def _rows(rows: Iterable[Argument], groups: _Groups) -> Iterator[str]:
-    """A table of arguments; what is explained together stands in one row, if it can."""
+    """The rows of a table of arguments; arguments with a common text share a row if possible."""
     yield from ("", "| key | value | default | |", "|-|-|-|-|")
     told: dict[str, str] = {}
     for (meaning, takes, default), alike in groupby(rows, lambda a: (a.meaning, _takes(a, groups), _default(a))):
@@ -121,12 +121,12 @@ def _rows(rows: Iterable[Argument], groups: _Groups) -> Iterator[str]:
 
 
 def _prose(make: Any) -> str:
-    """Its summary; what is indented there, such as a formula, stands between fences."""
+    """The summary of a docstring; indented text, such as a formula, is fenced."""
     return re.sub(r"\n\n((?:    .*\n)+)", lambda m: f"\n\n```text\n{dedent(m[1])}```\n", summary(make))
 
 
 def _section(group: _Group, groups: _Groups) -> Iterator[str]:
-    """What one group's tables hold."""
+    """The section of one group."""
     known = kinds(*group)
     shared = arguments(group[0]) if known and len(group) == 1 else {}
     if known and len(group) == 1:
@@ -149,7 +149,7 @@ def page() -> str:
     for group, names in groups.items():
         first = any(name in top for name in names)
         lines += ["", f"{'##' if first else '###'} {_title(group, names)}", *_section(group, groups)]
-    lines += ["", "## simulation", "", "For how long, and how: what `fa.simulate` takes, and its output times."]
+    lines += ["", "## simulation", "", "The output times, and options of `fa.simulate`."]
     lines += _rows(SIMULATION.values(), groups)
     return HEAD + "\n" + "\n".join(lines) + "\n"
 

@@ -1,4 +1,4 @@
-"""Robots' files to arms."""
+"""Arms from robots' files."""
 
 from __future__ import annotations
 
@@ -29,33 +29,31 @@ def from_urdf(
 ) -> Arm:
     """An arm from a URDF file: the chain of joints from its base to one of its links.
 
-    Each joint that moves, with the link that it moves and all that is fixed to that, becomes one link of the arm, with
-    the URDF's frames; it is called as the URDF's link, its joint as the URDF's joint. Origins, axes, inertias, damping
-    and (dry) friction are carried. The arm's world is the base's frame. It needs `pip install 'flexarm[urdf]'`.
+    Each moving joint, with its child link and all links fixed to that, becomes one link of the arm, with the URDF's
+    frames and the URDF's names of link and joint. Origins, axes, inertias, damping and (dry) friction are kept. The
+    arm's world is the base's frame. It needs `pip install 'flexarm[urdf]'`.
 
     Args:
         path: of the file.
-        tip: the link that the arm ends with, whose frame is `arm.frame(q)`; one that is fixed to a link that moves
-            becomes a link of its own, without mass. None: the last link that moves, where these are one chain. Joints
-            of other branches are held at zero, and their bodies move with the link that bears them.
-        flexible: what bends: by the name of a link that moves, a Beam from its joint to the next one (or the tip), with
-            that length, whose mass replaces the link's own; or a Flexible, which can say otherwise.
-        stops: of soft stops at the limits of position: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no
-            stops.
-        reflected_inertia: of the drives' rotors, as joints feel it (kg m^2, kg), which URDF does not have: one number
-            for all joints that move, or by the name of a joint or of the link that it moves, {"elbow": 0.1}.
+        tip: the last link of the arm, whose frame is `arm.frame(q)`; if it is fixed to a moving link, it becomes a link
+            of its own, without mass. None: the last moving link, if these are one chain. Joints of other branches are
+            locked at zero, and their bodies move with the link that carries them.
+        flexible: flexible links: by the name of a moving link, a Beam from its joint to the next one (or the tip), with
+            that length, whose mass replaces the link's own; or a Flexible for other cases.
+        stops: soft stops at the position limits: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no stops.
+        reflected_inertia: of the drives' rotors at the joints (kg m^2, kg), which URDF lacks: one number for all moving
+            joints, or by the name of a joint or of its child link, {"elbow": 0.1}.
         damping: viscous (N m s/rad, N s/m), likewise, in place of the file's; None: the file's.
         coulomb: dry friction (N m, N), likewise.
         gravity: in the base's axes (m/s^2).
 
     Raises:
-        ValueError: no such file, bad XML (with the line), a loop, a joint on the way that is floating, planar or a
-            mimic, an inertia that no body has, an unknown name (with the known ones); each with the name of the link or
-            joint.
+        ValueError: no such file, bad XML (with the line), a loop, a floating, planar or mimic joint in the chain, an
+            impossible inertia, an unknown name (with the known ones); each with the name of the link or joint.
         ImportError: the parser is missing.
 
     Warns:
-        RobotWarning: one list of all that the file says and the arm does not have.
+        RobotWarning: one list of all features of the file that the arm lacks.
     """
     try:
         tree = read_urdf(path, tuple(array("gravity", gravity, (3,)).tolist()))
@@ -79,24 +77,24 @@ def from_mjcf(
     """An arm from an MJCF file: the chain of joints from the world to one of its bodies, as MuJoCo compiles it.
 
     As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
-    inertia) and friction loss. Where a body has several joints, there are links without mass between them. All
+    inertia) and friction loss. A body with several joints gives links without mass between them. All
     coordinates are zero in the model's `qpos0`. It needs `pip install 'flexarm[mjcf]'`.
 
     Args:
-        path: of the file; what it includes is read from its folder.
-        tip: the body that the arm ends with; as of `from_urdf`, as are flexible and stops.
-        flexible: what bends, by the name of a body.
+        path: of the file; its includes are read from its folder.
+        tip: the last body of the arm; as of `from_urdf`, as are flexible and stops.
+        flexible: flexible links, by the name of a body.
         stops: of soft stops at the joints' ranges.
         reflected_inertia, damping, coulomb: in place of the file's armature, damping and friction loss; as of
             `from_urdf`.
         gravity: in world axes (m/s^2); None: the file's.
 
     Raises:
-        ValueError: as of `from_urdf`; what MuJoCo itself refuses, in its words.
+        ValueError: as of `from_urdf`; errors of MuJoCo, with its message.
         ImportError: MuJoCo is missing.
 
     Warns:
-        RobotWarning: one list of all that the file says and the arm does not have.
+        RobotWarning: one list of all features of the file that the arm lacks.
     """
     try:
         tree = read_mjcf(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))

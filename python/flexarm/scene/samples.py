@@ -17,11 +17,11 @@ class Files(NamedTuple):
     allowed: Path
 
     def path(self, where: str, name: Any) -> Path:
-        """Of a file that may be read. ValueError tells nothing of any other."""
+        """The path of a file that may be read. ValueError, without details, for any other."""
         try:
             path: Path = (self.base / name).resolve()  # links are followed before the check
             allowed = self.allowed.resolve()
-        except (TypeError, OSError, RuntimeError, ValueError):  # not a string, too long, a circle of links, a NUL
+        except (TypeError, OSError, RuntimeError, ValueError):  # not a string, too long, circular links, a NUL
             raise ValueError(f"{where} = {name!r}: must be the name of a file") from None
         if not path.is_relative_to(allowed):
             raise ValueError(
@@ -32,14 +32,14 @@ class Files(NamedTuple):
 
 
 def samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], files: Files) -> dict[str, Array]:
-    """Columns given in place or in a CSV file with a header line. Errors say nothing of what is in the file: it may not
-    be meant for who reads them."""
+    """Columns given in place or in a CSV file with a header line. Errors do not show the file's content: their reader
+    may lack the right to see it."""
     known_keys(where, table, (*columns, "file"))
     if "file" not in table:
         return {k: array(f"{where}.{k}", v) for k, v in table.items()}
     path, where = files.path(f"{where}.file", table["file"]), f"{where}.file = {str(table['file'])!r}"
     try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
+        if path.exists() and not path.is_file():  # reading a pipe would block
             raise ValueError(f"{where}: is not a file")
         with path.open(newline="", encoding="utf-8-sig") as f:
             rows = list(csv.DictReader(f, skipinitialspace=True))

@@ -1,4 +1,4 @@
-"""Scene files: an arm, what drives it and for how long, in TOML or in the same structure of dictionaries."""
+"""Scene files: an arm, the actions on it and its simulation, in TOML or in the same structure of dictionaries."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ else:
 
 __all__ = ["ROBOTS", "SCENES", "Scene", "load", "scene_from_dict", "shallow"]
 
-#: Files of robots, and what reads them.
+#: Readers of robots' files, by suffix.
 ROBOTS = {".urdf": "from_urdf", ".xml": "from_mjcf", ".mjcf": "from_mjcf"}
 SCENES = Path(__file__).parents[1] / "scenes"
 
 
-_SHOWN = 6  # of what a scene has many of, in its print
+_SHOWN = 6  # most entries of a list in print(scene)
 
 
 @dataclass(repr=False)
@@ -58,13 +58,13 @@ class Scene:
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero; q0 as `simulate` takes it: numbers, joints by name, or
-            "equilibrium" or "trim", which each model of the arm is then in; `start()` has it in numbers.
+            "equilibrium" or "trim", for each model of the arm; `start()` returns numbers.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
             step, spectral_radius, stages.
         name: the scene's title.
-        sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
+        sensors: read by `flexarm run`; in Python by `sensor.read(scene.run())`.
         control: its controllers.
-        events: callables whose zeros are sought, as `simulate` takes them. A scene file holds none.
+        events: callables whose zeros are found, as `simulate` takes them. A scene file holds none.
     """
 
     arm: Arm
@@ -82,20 +82,20 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.drive, Mapping):
             raise ValueError(f"drive = {self.drive!r}: must be a dictionary, by link number or name")
-        if isinstance(self.control, Controller):  # as `simulate` takes it
+        if isinstance(self.control, Controller):  # a single one, as in `simulate`
             self.control = (self.control,)
         if isinstance(self.q0, str):
             choice("q0", self.q0, WORDS)
 
     def given(self) -> dict[str, Any]:
-        """The arguments of `simulate` that say what acts on the arm, and what is looked for."""
+        """The arguments of `simulate` for actions on the arm and for events."""
         return {name: getattr(self, name) or None for name in ("drive", "loads", "control", "events")}
 
-    def check_goes_on(self, what: str) -> None:
-        """Raises ValueError where an event may end the scene's run, which `what` compares to its end."""
+    def check_goes_on(self, caller: str) -> None:
+        """Raises ValueError if an event may end the scene's run early; `caller` compares whole runs."""
         for k, (_, count, _) in enumerate(read_events(self.events)):
             if count:
-                raise ValueError(f"events[{k}].terminal = {count}: {what} compares whole runs, which this would end")
+                raise ValueError(f"events[{k}].terminal = {count}: {caller} compares whole runs, which this would end")
 
     def start(self) -> Array:
         """Coordinates at the start, (nq,)."""
@@ -108,7 +108,7 @@ class Scene:
         return f"t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s at {len(self.t)} times"
 
     def __str__(self) -> str:
-        """A line for each thing that it has."""
+        """A line for each part of the scene."""
         names = self.arm.names
         drives = [f"{names[self.arm._link(key)] if isinstance(key, (int, str)) else key}: {law!r}"
                   for key, law in self.drive.items()]  # fmt: skip
@@ -137,11 +137,11 @@ class Scene:
         return simulate(self.arm, self.t, self.q0, self.v0, **self.given(), progress=progress, **self.options)
 
     def save(self, path: str | Path, comment: str = "") -> None:
-        """Writes a scene file that `load` reads back; functions of time are sampled, which the file then says.
+        """Writes a scene file that `load` reads back; functions of time are sampled, with a comment in the file.
 
         Raises:
-            ValueError: what no scene file can hold: uneven output times, controllers and options that are Python code;
-                or a name that promises another format.
+            ValueError: content that no scene file can hold: uneven output times, controllers and options that are
+                Python code; or a file name of another format.
         """
         about = {f.name: getattr(self, f.name) for f in fields(self)}
         file, text = named(path, ".toml"), scene_text(about, comment)
@@ -154,18 +154,17 @@ class Scene:
         write_whole(file, lambda f: f.write(content), "path")
 
     def compile(self, path: str | Path) -> None:
-        """Writes the scene as resolved numbers (JSON), which `flexarm::load_scene` of C++ reads: the arm, what acts on
-        it, its controllers, its start, its times and its integrator, to the last bit. Sensors are left out.
+        """Writes the scene as resolved numbers (JSON), which `flexarm::load_scene` of C++ reads: the arm, its drives,
+        loads and controllers, its start, times and integrator, to the last bit. Sensors are left out.
 
         Raises:
-            ValueError: a drive, load or controller that is Python code, which it names; a name that promises another
-                format.
+            ValueError: a drive, load or controller that is Python code, by name; a file name of another format.
         """
         file, content = named(path, ".json"), compiled_text(self).encode()
         write_whole(file, lambda f: f.write(content), "path")
 
     def readings(self, result: Result) -> dict[str, Reading]:
-        """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
+        """Readings of the scene's sensors from a result, by names such as "sensor-0-encoder"; none for a single row."""
         sensors = self.sensors if len(result.t) > 1 else ()
         return {f"sensor-{k}-{sensor.type}": sensor.read(result) for k, sensor in enumerate(sensors)}
 
@@ -175,7 +174,7 @@ def _links(names: Sequence[str]) -> str:
 
 
 def _state(names: Sequence[str], x: Array) -> str:
-    """What of a state is not zero."""
+    """The nonzero entries of a state in words."""
     at = np.flatnonzero(x)
     some = ", ".join(f"{names[i]} {x[i]:.4g}" for i in at[:_SHOWN])
     return f"{some}{' and more' if len(at) > _SHOWN else ''}" if len(at) else "zero"
@@ -185,13 +184,13 @@ def _state(names: Sequence[str], x: Array) -> str:
 def scene_from_dict(
     d: Mapping[str, Any], base: Path | None = None, name: str = "scene", allowed: Path | None = None
 ) -> Scene:
-    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to, `allowed`
-    the one that they must stay in, `base` if None."""
+    """A Scene from the structure of a scene file. File names in it are relative to the folder `base` and must stay in
+    `allowed` (`base` if None)."""
     return Scene(**scene_fields(d, name, Files(base or Path(), allowed or base or Path())))
 
 
 def _check_headers(path: str | Path, file: Path) -> None:
-    """Of a file that is no TOML: ValueError where a table's name is unknown, which may be the cause."""
+    """Raises ValueError for an unknown table name in a file that is not valid TOML: the likely cause."""
     names = re.findall(r"^\s*\[\[?\s*([A-Za-z_][\w-]*)[\w\s.-]*\]", file.read_text("utf-8", "replace"), re.MULTILINE)
     known_keys(f"scene {str(path)!r}", dict.fromkeys(names), arguments(SceneFile))
 
@@ -201,8 +200,8 @@ def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
 
     Args:
         path: of the scene file.
-        files: the folder that files of samples, which a scene may name (`torque = { file = "torque.csv" }`), must be
-            in or below, whatever links lead there; None: the scene's own. Their names are relative to the scene's.
+        files: the folder that must contain all files of samples which the scene names (`torque = { file = "torque.csv"
+            }`), after symbolic links are resolved; None: the scene's own. Names are relative to the scene's folder.
 
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
@@ -220,7 +219,7 @@ def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
         near = get_close_matches(p.stem, shipped, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {', '.join(shipped)}{hint}") from None
-    except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
+    except ValueError as e:  # of TOML, Unicode, or integers with thousands of digits
         if robot := ROBOTS.get(p.suffix.lower()):
             raise ValueError(f"scene {str(path)!r}: is a robot's file: fa.{robot} makes an arm of it") from None
         if p.suffix.lower() != ".toml":

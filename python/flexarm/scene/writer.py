@@ -20,11 +20,11 @@ from ..parts.arguments import arguments
 from ..parts.chain import Chain
 from .grammar import SAMPLES
 
-_SAMPLES = 2001  # of a callable
+_SAMPLES = 2001  # samples of a callable
 
 
 def _plain(value: Any) -> Any:
-    """Python's own numbers, lists and tables, without None."""
+    """A value as Python's own numbers, lists and tables, without None."""
     if isinstance(value, Motor):
         value = {name: getattr(value, name) for name in arguments(Motor)}
     if isinstance(value, Mapping):
@@ -45,7 +45,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # which JSON lets pass
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON does not escape it
     if value is None or not isinstance(value, (int, float)):
         raise ValueError(f"{value!r}: is Python code, which a scene file cannot hold")
     return repr(value)
@@ -62,7 +62,7 @@ def _table(name: str, table: Mapping[str, Any], array: bool = False) -> list[str
 
 
 class _Laws:
-    """Laws of time as tables; `notes` tells of callables, which can only be sampled."""
+    """Laws of time as tables; `notes` lists callables, which are sampled."""
 
     def __init__(self, arm: Arm, t: Array) -> None:
         self.arm, self.t = arm, t
@@ -94,7 +94,7 @@ class _Laws:
         return {"motion": dict(zip(SAMPLES["motion"].columns, found, strict=True))}
 
     def followed(self, where: str, reference: Any) -> Any:
-        """A motion as a reference; a number as it is."""
+        """A reference: a motion as a table, a number as it is."""
         if not isinstance(reference, Motion):
             return reference
         table = self.motion(where, reference)
@@ -135,7 +135,7 @@ class _Laws:
             elif callable(value):
                 raise ValueError(f"{where} = {law!r}: is Python code, which a scene file cannot hold")
             elif name == "actuate":
-                # a file's list is a column of forces, as is what (link, freedom) and patches stand for
+                # a list in a file is a column of forces: so are (link, freedom) and patches
                 columns = zip(value, law._columns(self.arm), strict=True)
                 value = [column if isinstance(entry, tuple) else entry for entry, column in columns]
             elif value is not None and name == "limit" and not np.isfinite(value).all():
@@ -154,15 +154,14 @@ def _tables(scene: Mapping[str, Any], laws: _Laws) -> Iterator[tuple[str, Sequen
 
 
 def scene_text(scene: Mapping[str, Any], comment: str = "") -> str:
-    """The file of a scene.
+    """The text of a scene file.
 
     Args:
         scene: its fields, by name.
         comment: lines at its head.
 
     Raises:
-        ValueError: what no scene file can hold: output times that do not begin at 0 or are not evenly spaced, and
-            controllers that are Python code.
+        ValueError: output times that do not begin at 0 or are not evenly spaced, and controllers that are Python code.
     """
     t, arm, options = scene["t"], scene["arm"], scene["options"]
     count, duration = len(t) - 1, float(t[-1])

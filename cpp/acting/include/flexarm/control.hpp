@@ -1,4 +1,4 @@
-// Controllers: what turns the state into forces, continuously or at a rate.
+// Controllers: laws from the state to forces, continuous or sampled.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,8 +13,8 @@ namespace flexarm {
 
 class Arm;
 
-/// A continuous law without memory, such as Eq. 97: u = reference(t) - by_q . q - by_v . v, kept within -limit ..
-/// limit, is the generalised force column * u. It is part of the equations that the integrators solve.
+/// A continuous law without memory, such as Eq. 97: u = reference(t) - by_q . q - by_v . v, limited to -limit .. limit,
+/// exerts the generalised force column * u. It is part of the equations that the integrators solve.
 struct Feedback {
   Eigen::VectorXd column;                        ///< generalised force per unit of u (nv)
   Eigen::VectorXd by_q, by_v;                    ///< gains (nq), (nv)
@@ -40,40 +40,40 @@ struct AppliedFeedback {
   double offset = 0.0;
 };
 
-/// A rate whose motor has a limit (JointForce::torque_limit): drives, held forces and laws together give no more.
+/// A rate whose motor has a limit (JointForce::torque_limit) on the sum of drives, held forces and laws.
 struct AppliedLimit {
   int rate;
   double most;
   double given = 0.0;     ///< force of drives and of held laws now, `friction` included
-  double friction = 0.0;  ///< what of it is dry friction, which is not the motor's
+  double friction = 0.0;  ///< part of it by dry friction, not the motor's
   double asked = 0.0;     ///< `given` and the laws, see `ask`
 
-  /// What the limit adds to what is asked: zero below it.
+  /// The change of `asked` by the limit: zero below it.
   double cut() const { return std::clamp(asked - friction, -most, most) - (asked - friction); }
-  /// What acts: in this order, it is within the limit to the last digit.
+  /// The limited force: this order keeps it within the limit to the last digit.
   double force() const { return std::clamp(asked - friction, -most, most) + friction; }
 };
-/// Of an arm's joints, those that have one.
+/// The limits of an arm's joints that have one.
 std::vector<AppliedLimit> torque_limits(const Arm& arm);
-/// Sets what is asked of rates with limits, at q and v.
+/// Sets `asked` of rates with limits, at q and v.
 void ask(std::vector<AppliedLimit>& limits, const std::vector<AppliedFeedback>& feedback,
          const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v);
 
-/// On which side of its limit each law, and then each motor, is: 1 or -1 beyond it, 0 below it. Sets what is asked.
+/// On which side of its limit each law, and then each motor, is: 1 or -1 beyond it, 0 below it. Sets `asked`.
 void sides(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
            const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v, signed char* out);
-/// Adds the generalised forces of laws, and what motors take off the sum, each on a given side of its limit (see
-/// `sides`): the forces of a neighbour in a difference, which takes the branch of the run even where it is beyond it.
+/// Adds the generalised forces of laws, and the motors' reduction of the sum, each on a given side of its limit (see
+/// `sides`): for a neighbour in a difference, which takes the branch of the run even beyond its own limit.
 void add_on_sides(const std::vector<AppliedFeedback>& feedback, const std::vector<AppliedLimit>& limits,
                   const signed char* side, const Eigen::Ref<const Eigen::VectorXd>& q,
                   const Eigen::Ref<const Eigen::VectorXd>& v, Eigen::Ref<Eigen::VectorXd> tau);
 
 /// Adds the slopes of -column * u, of laws that are not at their limits and at rates that are not, to those of inverse
-/// dynamics. Sets what is asked of the limits.
+/// dynamics. Sets `asked` of the limits.
 void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
                          const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
 
-/// A law that looks at the state now and then, and holds its force until it has looked again.
+/// A law that samples the state and holds its force until the next sample.
 struct Sampler {
   double first, period, delay;  ///< first sample; between samples; from a sample to its force (s)
   /// Generalised forces (nv) from t, q, v and a.
@@ -90,8 +90,8 @@ struct LinearLaw {
   std::function<Eigen::VectorXd(double)> reference;
   std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&)> read;
   Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
-  Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< what a limit does to the states
-  Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and of what the motors at its joints can give
+  Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< effect of a limit on the states
+  Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and its motors' limits
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
   Eigen::VectorXd w = Eigen::VectorXd::Zero(C.rows());  ///< of the last sample
 
@@ -102,11 +102,11 @@ struct LinearLaw {
   Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
     return columns * sample(t, q, v, a);
   }
-  /// Small changes of x, in place, and of u that changes of x and e make of the last sample, one in each column.
+  /// Small changes of x (in place) and u by changes of x and e at the last sample, one in each column.
   void slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::MatrixXd& du) const;
 };
 
-/// The controllers of one run: it remembers what has been sampled.
+/// The controllers of one run, with their samples.
 class Control {
  public:
   Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv);
@@ -119,10 +119,10 @@ class Control {
   double next(double from) const;
   /// Whether anything happens up to time t.
   bool due(double t) const;
-  /// Samples, and lets pass what is due, up to time t. @return whether the forces have changed
+  /// Samples, and applies delayed forces, up to time t. @return whether the forces have changed
   bool run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
 
-  /// Goes on from what another of the same problem remembers.
+  /// Copies the samples of another of the same problem.
   void recall(const Control& other) {
     lines_ = other.lines_;
     held_ = other.held_;
@@ -131,8 +131,8 @@ class Control {
  private:
   struct Line {
     Sampler sampler;
-    long sampled = 0;                                       ///< how many
-    std::deque<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of samples on their way
+    long sampled = 0;                                       ///< number of samples
+    std::deque<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of delayed samples
     Eigen::VectorXd force;
   };
   std::vector<Feedback> feedback_;

@@ -1,4 +1,4 @@
-// What drives the joints: forces and torques, or prescribed motions ("displacement driven", Sec. 5.2).
+// Drives of joints: forces and torques, or prescribed motions ("displacement driven", Sec. 5.2).
 #pragma once
 
 #include <Eigen/Core>
@@ -22,9 +22,9 @@ class PiecewisePolynomial {
   PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd coefficients);
   /// The same at all times.
   static PiecewisePolynomial constant(double value);
-  /// Value and derivatives at t; outside the breaks the first or last piece goes on.
+  /// Value and derivatives at t; outside the breaks the first or last piece continues.
   MotionValue operator()(double t) const;
-  /// The same, but outside the breaks it stands still at its first or last value.
+  /// The same, but constant outside the breaks, at the first or last value.
   PiecewisePolynomial standing() const;
   const Eigen::VectorXd& breaks() const { return numbers_->first; }
   const Eigen::MatrixXd& coefficients() const { return numbers_->second; }
@@ -55,7 +55,7 @@ struct Drive {
   std::function<double(double)> force;        ///< empty for a prescribed coordinate
   Eigen::VectorXd breaks = {};                ///< times that no step may pass over, such as those of samples
   Eigen::VectorXd column = {};  ///< generalised force per unit of `force`, (nv), such as a patch's per volt
-  bool rubs = false;            ///< dry friction: a motion that is rest, or the force on what slides
+  bool rubs = false;            ///< dry friction: rest as a motion, or the sliding force
 };
 
 }  // namespace flexarm

@@ -1,4 +1,4 @@
-// Which joints of an arm have dry friction, and who knows what to do with it. Its law is that of JointForce.
+// Dry friction of an arm's joints, and its treatment by methods without it. Its law is that of JointForce.
 #pragma once
 
 #include <vector>
@@ -7,8 +7,8 @@
 
 namespace flexarm {
 
-/// What a method without dry friction in its equations does with an arm that has some: it refuses the arm, or the
-/// caller cares for the friction, by simulate_with_friction.
+/// The treatment of dry friction by a method that lacks it: it refuses the arm, or the caller handles the friction, as
+/// simulate_with_friction does.
 enum class DryFriction { refused, left_to_caller };
 
 /// Dry friction of one rate of an arm's joints.

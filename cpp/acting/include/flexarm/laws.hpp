@@ -1,4 +1,4 @@
-// Linear laws of one force: PD, PID, and those that damp modes by what is measured of them.
+// Linear laws of one force: PD, PID, and laws that damp modes by collocated feedback.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,7 +31,7 @@ StateSpace sampled_law(const StateSpace& continuous, double period, Discretisati
 struct PidGains {
   double kp, ki, kd;
   std::optional<double> filter_time = {};  ///< of the low pass ahead of the derivative (s); none: two samples
-  /// How fast the integral is led back while u is at its limit (s, at least a sample; back-calculation: Astrom &
+  /// Time constant that unwinds the integral while u is at its limit (s, at least a sample; back-calculation: Astrom &
   /// Hagglund, Advanced PID Control, 2006, ch. 3.5); none: it winds up.
   std::optional<double> tracking_time = {};
   double limit = std::numeric_limits<double>::infinity();  ///< of |u|
@@ -53,14 +53,14 @@ struct IntegralResonantGains {
   double limit = std::numeric_limits<double>::infinity();
 };
 
-/// What y is, by_q q (nq), and what u does, the generalised forces column u (nv). Of a patch that senses what another
-/// drives, both come from `Arm::patch_matrix`.
+/// The measurement y = by_q q (nq) and the generalised forces column u (nv). For a sensing and a driving patch, both
+/// come from `Arm::patch_matrix`.
 struct Loop {
   Eigen::VectorXd by_q, column;
 };
 
-/// The continuous laws, windup included; of a period, what Tustin's rule needs: the PID's default filter, and a filter
-/// of positive position feedback whose peak the rule takes to w.
+/// The continuous laws, windup included; with a period, as Tustin's rule needs them: the PID's default filter, and a
+/// filter of positive position feedback whose peak the rule maps to w.
 /// @throws std::invalid_argument of gains that are not finite, times that are not positive, and the like
 StateSpace continuous_law(const PidGains& gains, std::optional<double> period = {});
 StateSpace continuous_law(const PositivePositionGains& gains, std::optional<double> period = {});

@@ -13,7 +13,7 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
 /// Floating-point operations of one forward_dynamics, where all coordinates are 0.1.
 long operation_count(const Arm& arm);
 
-/// What an implicit step adds to the mass matrix.
+/// Terms that an implicit step adds to the mass matrix.
 struct Shift {
   double damping = 0.0;    ///< s
   double stiffness = 0.0;  ///< s^2
@@ -21,8 +21,8 @@ struct Shift {
 
 /// Factors S = M + shift.damping D + shift.stiffness K of the coordinates that are not prescribed, in O(N). D and K are
 /// the damping and stiffness of beams and of joints (springs, dampers, the stops they touch at q, v): they are
-/// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm, forward or
-/// inverse dynamics left the workspace. Also sets ws.twice_kinetic.
+/// block-diagonal by link, so that they cost nothing in the elimination. At the state of the last move_arm, forward or
+/// inverse dynamics of the workspace. Also sets ws.twice_kinetic.
 /// @return Status::singular when S is not positive definite
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                       const Shift& shift);

@@ -33,14 +33,14 @@ class InverseDerivatives {
 /// da/dv = -M^-1 dtau/dv, da/dtau = M^-1. M^-1 is the articulated-body method's, in O(N) for a column.
 class ForwardDerivatives {
  public:
-  /// @param prescribed  rates whose acceleration is given (in `a`), as of a Workspace: their rows are zero, and what
-  ///                    forces them does nothing
+  /// @param prescribed  rates whose acceleration is given (in `a`), as of a Workspace: their rows are zero, and their
+  /// forces have no effect
   explicit ForwardDerivatives(const Arm& arm, const std::vector<Load>& loads = {},
                               const std::vector<bool>& prescribed = {});
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
   /// da/dq (nv x nq), da/dv and da/dtau (nv x nv) at (q, v, tau), and a. Columns of a ball's quaternion are those of
-  /// the turn that the quaternion stands for, whatever its length.
+  /// its rotation, for any length of the quaternion.
   /// @return Status::singular where a coordinate has no inertia, Status::not_finite; the matrices are then as they were
   Status operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau);
   Eigen::MatrixXd dq, dv, dtau;

@@ -16,7 +16,7 @@ void inverse_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
 /// The same where the workspace is, after move_arm, forward or inverse dynamics. Without the laws.
 void joint_forces(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a);
 
-/// What goes through joints. Takes its memory at set-up.
+/// Forces through joints. Allocates at set-up.
 class JointReactions {
  public:
   explicit JointReactions(const Arm& arm, const std::vector<Load>& loads = {});
@@ -25,7 +25,7 @@ class JointReactions {
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
   /// Force and moment [f; m] (N, N m) through the joint of a link, on it: at its own frame and in its axes, or
-  /// (inboard) where the joint sits on what is below it.
+  /// (inboard) at the end of the link below.
   Vec6<double> operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
                           std::size_t link, bool inboard);
 

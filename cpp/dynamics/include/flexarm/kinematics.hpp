@@ -1,4 +1,4 @@
-// Positions and velocities, and what follows from them alone: frames, Jacobians, energy, momentum.
+// Positions, velocities and their functions: frames, Jacobians, energy, momentum.
 #pragma once
 
 #include <optional>
@@ -20,8 +20,8 @@ void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const E
 void displace(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& u, Eigen::VectorXd& q);
 /// The u that displaces q0 to q, with turns of balls up to pi.
 void displacement(const Arm& arm, const Eigen::VectorXd& q0, const Eigen::VectorXd& q, Eigen::VectorXd& u);
-/// In displacements at the place that u leads to: a small one of q0 is one by back (nv x nv), a change of u one by turn
-/// (nv x nv).
+/// Jacobians of the displacement at the end of u: by a small displacement of q0, back (nv x nv), and by a change of u,
+/// turn (nv x nv).
 void displace_slopes(const Arm& arm, const Eigen::VectorXd& u, Eigen::MatrixXd& back, Eigen::MatrixXd& turn);
 /// Scales the quaternions of balls in q to unit length.
 void normalise(const Arm& arm, Eigen::VectorXd& q);

@@ -1,12 +1,12 @@
-// How well an exact beam's Gauss points resolve its bending.
+// Resolution of an exact beam's bending by its Gauss points.
 #pragma once
 
 #include "flexarm/beam.hpp"
 
 namespace flexarm {
 
-/// At order "exact", by how much too few Gauss points put the sections wrong at elastic coordinates q (rows): parts of
-/// the length and radians, the larger. Against twice as many points. Zero at other orders.
+/// At order "exact", the error of sections by too few Gauss points at elastic coordinates q (rows): in parts of the
+/// length or radians, the larger, from a comparison with twice as many points. Zero at other orders.
 Eigen::VectorXd truncation(const Beam& beam, const Eigen::MatrixXd& q);
 
 }  // namespace flexarm

@@ -16,7 +16,7 @@ class Single;
 class SingleFrames;
 }  // namespace lanes
 
-/// A thing of its own, copied with its owner, that the owner's header need not know.
+/// A member that is copied with its owner, of a type that the owner's header does not include.
 template <class T>
 class Held {
  public:
@@ -33,10 +33,10 @@ class Held {
   Held (*copy_)(const T&) = nullptr;
 };
 
-/// All memory of what costs O(N) is taken by the constructor; of CI, which takes O(N^2), see below.
+/// The constructor allocates all memory of O(N); for that of CI, O(N^2), see below.
 class Workspace {
  public:
-  /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for: one
+  /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is a result: one
   ///                   entry for each rate, or none
   /// @throws std::invalid_argument naming the field and the value
   explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {}, const std::vector<Load>& loads = {});
@@ -45,19 +45,19 @@ class Workspace {
   Eigen::VectorXd a;                      ///< result of forward_dynamics; input where prescribed
   std::vector<AppliedLoad> loads;         ///< set their wrenches before an evaluation
   std::vector<AppliedFeedback> feedback;  ///< set their offsets before an evaluation
-  /// Of rates with a limit, empty unless one sets them: what the functions of this workspace then apply of forces and
-  /// laws is within. OneStep and the integrators set those of the arm.
+  /// Rates with a limit, empty by default: the functions of this workspace limit their forces and laws. OneStep and the
+  /// integrators set those of the arm.
   std::vector<AppliedLimit> limits;
   std::vector<bool> prescribed;  ///< per velocity coordinate
   std::vector<int> free;         ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;    ///< v^T M v (J), set by factor_shifted
 
-  /// Laws without memory that every evaluation takes into account from now on; they must outlive the workspace.
+  /// Laws without memory that every evaluation includes from now on; they must outlive the workspace.
   /// @throws std::invalid_argument where their lengths are not those of the arm
   void feed_back(const std::vector<Feedback>& laws);
   void feed_back(const std::vector<Feedback>&& laws) = delete;  ///< they would be gone
 
-  /// The forces of drives and held laws (nv), of which the limits are to know.
+  /// Sets the forces of drives and held laws (nv) for the limits.
   void give(const double* forces) {
     for (AppliedLimit& l : limits) l.given = forces[l.rate];
   }
@@ -68,11 +68,11 @@ class Workspace {
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
 
-  // What the functions that take a workspace work with.
+  // Data of the functions that take a workspace.
   int nq() const { return nq_; }
   lanes::Single& chain();          ///< the arm's recursions, with the present values of the loads
-  lanes::Single& chain_to_move();  ///< of which the caller moves it
-  lanes::Single& placed_chain();   ///< which is where the workspace was placed or moved last
+  lanes::Single& chain_to_move();  ///< for a caller that moves it
+  lanes::Single& placed_chain();   ///< at the state of the last place or move
   void place(const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   Held<lanes::SingleFrames> frames;  ///< its frames, in space
   Eigen::VectorXd total;             ///< forces with those of feedback
@@ -82,12 +82,12 @@ class Workspace {
   int nq_;
   Held<lanes::Single> chain_;
   Eigen::VectorXd q_, v_;         ///< of `place`
-  bool placed_ = true;            ///< the chain is there: it moves when it is asked for
+  bool placed_ = true;            ///< whether the chain is at q_, v_: else `placed_chain` moves it
   std::vector<double> wrenches_;  ///< of all loads, in a row
 };
 
 /// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf, or
-/// a step that has left any reach the arm has (Arm::within_reach).
+/// a step beyond the arm's reach (Arm::within_reach).
 enum class Status { ok, singular, not_converged, not_finite };
 
 }  // namespace flexarm

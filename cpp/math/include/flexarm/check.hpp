@@ -1,4 +1,4 @@
-// Checks at the door: constructors call these, kernels never do.
+// Checks of arguments: constructors call these, kernels never do.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 
 namespace flexarm {
 
-/// Throws std::invalid_argument "field = value: what would be right".
+/// Throws std::invalid_argument "field = value: the right values".
 template <class T>
 [[noreturn]] void bad_value(const std::string& field, const T& value, const std::string& right) {
   std::ostringstream text;

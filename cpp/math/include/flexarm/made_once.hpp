@@ -1,5 +1,5 @@
-// What is made of an object that never changes, by those who know more than it does: the model keeps what the kernels
-// make of it, and knows no kernel.
+// Data derived from an immutable object by higher rooms: the model stores the kernels' data without knowing the
+// kernels.
 #pragma once
 
 #include <memory>
@@ -7,10 +7,10 @@
 
 namespace flexarm {
 
-/// A place for one thing, which is made at the first asking, by any thread, and shared by copies.
+/// A slot for one object, which is made at the first request, by any thread, and shared by copies.
 class MadeOnce {
  public:
-  /// @param make  gives the thing; everyone who asks must ask for the same
+  /// @param make  returns the object; all requests must be for the same
   template <class T, class Make>
   const T& get(const Make& make) const {
     std::call_once(place_->made, [&] { place_->thing = std::make_shared<const T>(make()); });

@@ -16,8 +16,8 @@ struct GaussRule {
 
 /// The n-point Gauss rule of a measure given by many points and positive weights: it integrates polynomials of degree
 /// 2n - 1 as they do (Golub & Welsch 1969, from a Lanczos process).
-/// `shares` times a function's values at the measure's points are values at the rule's of which the rule makes the same
-/// integrals, times polynomials of degree n - 1: also where the function has kinks.
+/// `shares` maps a function's values at the measure's points to values at the rule's points with the same integrals of
+/// the function times polynomials of degree n - 1, also for functions with kinks.
 GaussRule gauss_rule_of(const GaussRule& measure, int n, Eigen::MatrixXd* shares = nullptr);
 
 /// Weights of the integral from 0 to x of the polynomial through values at the points of a Gauss rule on [0, length].

@@ -9,7 +9,7 @@
 
 namespace flexarm {
 
-// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and the address sanitizer
+// Eigen allocates and aligns its data as the vector flags (-mavx, -march=native) and the address sanitizer
 // of a file have it. A program whose files disagree with the library on that crashes; by these names it does not link
 // instead. Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
 #define FLEXARM_JOIN_(a, b) a##b
@@ -54,18 +54,18 @@ class Arm {
   Eigen::MatrixXd patch_matrix() const;
   /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
-  /// Sizes of coordinates (nq) and rates (nv) that no sane motion comes near: elastic coordinates that by themselves
+  /// Sizes of coordinates (nq) and rates (nv) far beyond any real motion: elastic coordinates that by themselves
   /// move a section by 10 times the beam's length (1000 times where the rotation is exact: coils) or turn it by 1e4
-  /// rad, and joints at 1e12 rad/s or m/s. The largest double for all others: joints travel as far as they like.
+  /// rad, and joints at 1e12 rad/s or m/s. The largest double for all others: joint coordinates have no limit.
   const Eigen::VectorXd& farthest() const { return farthest_; }
   const Eigen::VectorXd& fastest() const { return fastest_; }
-  /// Whether all are finite and below those: else the motion has run away.
+  /// Whether all are finite and below those: else the motion has diverged.
   bool within_reach(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
     return (q.array().abs() <= farthest_.array()).all() && (v.array().abs() <= fastest_.array()).all();
   }
-  /// Which beam or joint is the nearest to those, or the farthest beyond, in words; empty where none is anywhere near.
+  /// The beam or joint nearest to those, or farthest beyond, in words; empty if none is near.
   std::string farthest_out(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const;
-  /// For what a room above makes of the arm.
+  /// A slot for the data that a higher room derives from the arm.
   const MadeOnce& kept() const { return kept_; }
 
  private:

@@ -1,5 +1,4 @@
-// The elastic beam: shape functions, elastic and damping matrices, and the slices that stand for its inertia
-// (Sec. 3).
+// The elastic beam: shape functions, elastic and damping matrices, and the slices that represent its inertia (Sec. 3).
 #pragma once
 
 #include <array>
@@ -26,7 +25,7 @@ struct MassSlice {
   SliceAtRest at_rest() const;
 };
 
-/// What the modes of the loaded basis carry at their end.
+/// The body at the end of the modes of the loaded basis.
 struct BasisTip {
   double mass = 0.0;                                  ///< kg
   double offset = 0.0;                                ///< of its centre of mass beyond the beam's end (m)
@@ -52,13 +51,13 @@ struct BeamOptions {
   int gauss_points = 0;     ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
-/// All that a beam is made of, once its section and material are integrated: what a file of a beam holds.
+/// All numbers of a beam after integration of its section and material: the content of its file.
 struct BeamNumbers {
   double length = 0.0;
-  BeamOptions options{};                         ///< but for damping and the loaded basis' tip, which have been used
+  BeamOptions options{};                         ///< without damping and the loaded basis' tip
   std::array<Eigen::MatrixXd, kStrains> loaded;  ///< shapes of the loaded basis, as `BeamOptions::shapes`
   bool uniform = true;                           ///< whether the section is the same from end to end
-  bool planar = true;                            ///< whether the beam stays in a plane that its strains have in common
+  bool planar = true;                            ///< whether all its strains are in one plane
   int points = 0;                                ///< see Beam::points
   /// Where the slices are, in parts of the length: those of the beam, then those of each patch with mass.
   std::vector<std::vector<double>> places;
@@ -83,7 +82,7 @@ class Beam {
        const std::vector<Patch>& patches = {});
   Beam(double length, const SectionMatrixProfile& section, const BeamOptions& options,
        const std::vector<Patch>& patches = {});
-  /// What `numbers` gave, to the last bit.
+  /// The beam of `numbers`, to the last bit.
   explicit Beam(const BeamNumbers& numbers);
   BeamNumbers numbers() const;
 
@@ -106,7 +105,7 @@ class Beam {
   bool curved_about(int axis) const;
   bool damped() const { return !damping_.isZero(0.0); }
   const std::vector<MassSlice>& slices() const { return *slices_; }
-  /// For what a room above makes of the beam.
+  /// A slot for the data that a higher room derives from the beam.
   const MadeOnce& kept() const { return kept_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
 
@@ -114,7 +113,7 @@ class Beam {
   /// coordinates held (F).
   const Eigen::MatrixXd& patch_forces() const { return patch_forces_; }
   const Eigen::VectorXd& patch_capacitances() const { return patch_capacitances_; }
-  /// The same of a patch that need not be there. @throws std::invalid_argument naming the field and the value
+  /// The same of a patch that is not part of the beam. @throws std::invalid_argument naming the field and the value
   Eigen::VectorXd patch_force(const Patch& patch, double* capacitance = nullptr) const;
 
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
@@ -161,7 +160,7 @@ class Beam {
   Eigen::MatrixXd stiffness_, damping_, patch_forces_;
   Eigen::VectorXd patch_capacitances_;
   SliceTable tip_;
-  // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
+  // large data are shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
   std::shared_ptr<const std::vector<MassSlice>> slices_;
   MadeOnce kept_;
   std::shared_ptr<const UnitShapes> unit_;
@@ -169,8 +168,8 @@ class Beam {
   GaussRule rule_{1};                      ///< of the points, and of the slices of a uniform beam
 };
 
-/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
-/// Legendre basis need, from the wave number of the highest mode for clamped-free modes and loaded ones of a beam that
+/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly for the polynomials of the
+/// Legendre basis, from the wave number of the highest mode for clamped-free modes and loaded ones of a beam that
 /// does not taper, else by trial. For slices on a part of the length alone, clamped-free modes need fewer.
 /// A beam that is curved at rest needs more.
 int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length, bool tapers,

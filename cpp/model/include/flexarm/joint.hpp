@@ -1,5 +1,5 @@
-// Joints (Sec. 4.1): a row of elementary motions, ended by a ball (unit quaternion) where freedom from singularity is
-// asked for. A joint says what it is; the kernel moves it.
+// Joints (Sec. 4.1): a sequence of elementary motions, with a ball (unit quaternion) at the end if singularities must
+// be avoided. A joint is data; the kernel moves it.
 #pragma once
 
 #include <limits>
@@ -11,8 +11,7 @@
 
 namespace flexarm {
 
-/// One elementary motion: a translation along, or a rotation about, an axis of the frame that the motions before it
-/// have moved.
+/// One elementary motion: a translation along, or a rotation about, an axis of the frame after the motions before it.
 struct ElementaryMotion {
   bool rotation;
   Eigen::Vector3d axis;  ///< unit vector
@@ -25,16 +24,16 @@ struct Placement {
 };
 
 /// Passive force of one joint coordinate: spring, damper and soft stops. A ball's three are alike but for damping: the
-/// spring pulls its whole turn back to none, and `upper` is the largest angle of that turn.
+/// spring acts on the whole rotation, and `upper` is the largest angle of that.
 struct JointForce {
   double stiffness = 0.0, rest = 0.0, damping = 0.0;
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
   double limit_stiffness = 0.0, limit_damping = 0.0;
   double coulomb = 0.0;  ///< Coulomb friction (friction.hpp): sliding
-  /// The most when sticking, at least `coulomb`; unless it is given, which "not a number" says: as much as that.
+  /// The largest force when sticking, at least `coulomb`; not a number: equal to `coulomb`.
   double stiction = std::numeric_limits<double>::quiet_NaN();
   double reflected_inertia = 0.0;  ///< of the rotor, seen at the joint: gear ratio squared times its own
-  /// Of the motor: the most that drives and controllers together give (AppliedLimit).
+  /// Of the motor: the largest force of drives and controllers together (AppliedLimit).
   double torque_limit = std::numeric_limits<double>::infinity();
 };
 

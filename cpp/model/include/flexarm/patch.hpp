@@ -34,7 +34,7 @@ struct PatchLayer {
   double twist = 1.0;                   ///< shear in the layer's plane per twist K1 and distance, see surface_twist
 };
 
-/// What patches add at a place. Rows are those of StrainVector.
+/// Contributions of patches at a place. Rows are those of StrainVector.
 struct PatchSection {
   using Rigidity = Eigen::Matrix<double, kStrains, kStrains>;
   Rigidity rigidity = Rigidity::Zero();               ///< first term of Eq. 58

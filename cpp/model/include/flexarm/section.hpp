@@ -43,7 +43,7 @@ struct Section {
   double second_moment_z;            ///< integral of y^2 dA (m^4); resists bending along y
   double torsion_constant;           ///< Saint-Venant's J (m^4)
   ShearCorrection shear_correction;  ///< k in k G A
-  /// How far the section reaches along y and z (m), and its faces across them; none where it does not tell.
+  /// Extent of the section along y and z (m), and its faces across them; none if unknown.
   std::array<std::optional<double>, 2> reach = {};
   std::array<std::optional<Face>, 2> faces = {};
 
@@ -56,7 +56,7 @@ struct Section {
   /// Disc or tube (m).
   static Section circle(double radius, double inner_radius = 0.0, ShearCorrection shear_correction = 9.0 / 10.0);
 
-  // Shapes whose shear correction, unless it is given, is that of the shear flow without Poisson's ratio.
+  // Shapes whose default shear correction is that of the shear flow without Poisson's ratio.
 
   /// Tube of an outer radius (m).
   static Section tube(double radius, double thickness, std::optional<ShearCorrection> shear_correction = {});

@@ -17,7 +17,7 @@ struct StrainRow {
 };
 constexpr int kMostModes = 40;  ///< of one strain
 
-/// How a strain moves a slice to first order, and what it is among the strains of a section.
+/// First-order motion of a slice by a strain, and the row of the strain in a section.
 struct StrainField {
   Strain which;
   const char* name;
@@ -37,7 +37,7 @@ constexpr StrainField kStrainFields[] = {
     {torsion, "torsion", false, -1, 0, StrainRow::K1, "K1", 1.0},        // alpha' = K1
     {shear_y, "shear_y", false, 1, -1, StrainRow::phi12, "phi12", 1.0},  // gamma2' = phi12
     {shear_z, "shear_z", false, 2, -1, StrainRow::phi13, "phi13", 1.0},  // gamma3' = phi13
-    {extension, "extension", false, 0, -1, StrainRow::eps, "eps", 1.0},  // u1' = eps, which the paper has not
+    {extension, "extension", false, 0, -1, StrainRow::eps, "eps", 1.0},  // u1' = eps, not in the paper
 };
 constexpr int kStrains = static_cast<int>(std::size(kStrainFields));
 using StrainCounts = std::array<int, kStrains>;  ///< of each strain, in the table's order

@@ -1,5 +1,5 @@
 // The slice: a rigid cross section of a beam at a place X. Inertia, gravity, the tip body, sensors and the next joint
-// all hang on slices. What moves them is in the kernel; here is what it needs to know of each.
+// are attached to slices. The kernel moves them; here are its data of each.
 #pragma once
 
 #include <vector>
@@ -33,7 +33,7 @@ struct SliceAtRest {
   Eigen::Matrix<double, 6, Eigen::Dynamic> J;       ///< [J_T; J_R] (Eq. 37, 39), where the beam is curved
 };
 
-/// What a slice at X needs, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
+/// The data of a slice at X, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
 /// rotation vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam lacks
 /// are not stored.
 struct SliceTable {

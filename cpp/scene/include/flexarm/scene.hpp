@@ -1,5 +1,5 @@
-// Compiled scenes: a whole problem, and how it is run, in one file of resolved numbers (JSON). Python's `flexarm
-// compile` and `Scene.compile` write it of a scene file; so does `scene_text`, of a problem that was made in C++.
+// Compiled scenes: a whole problem and its integrator in one file of resolved numbers (JSON). Python's `flexarm
+// compile` and `Scene.compile` write it from a scene file, `scene_text` from a problem made in C++.
 #pragma once
 
 #include <string>
@@ -13,7 +13,7 @@ namespace flexarm {
 struct Scene {
   Problem problem;
   Eigen::VectorXd t = {};  ///< output times (s)
-  Method method = {};      ///< or its name is "ida", and `ida` tells how
+  Method method = {};      ///< or "ida" by name, with the options `ida`
   double step = 0.0;       ///< longest step (s), of a fixed-step method
   IdaOptions ida = {};
 };
@@ -21,8 +21,8 @@ struct Scene {
 #ifdef FLEXARM_SCENES
 
 /// For set-up: it allocates and throws. All numbers are those that were saved, to the last bit.
-/// @throws std::invalid_argument naming the file, the key by its path in it, the value and what would be right: of keys
-///         that are missing, unknown or twice there, and of wrong types, sizes, values and versions
+/// @throws std::invalid_argument naming the file, the key by its path in it, the value and the right values: for
+/// missing, unknown or duplicate keys, and for wrong types, sizes, values and versions
 Scene load_scene(const std::string& path);
 /// The same from the text of such a file.
 Scene parse_scene(const std::string& json);
@@ -30,7 +30,7 @@ Scene parse_scene(const std::string& json);
 inline Problem load_problem(const std::string& path) { return load_scene(path).problem; }
 /// The text of such a file. Laws must be numbers: of drives, loads and references piecewise polynomials
 /// (PiecewisePolynomial, PolynomialValue, PolynomialValues), of samplers LinearLaw or TorqueLaw.
-/// @throws std::invalid_argument naming what is a function, or not finite
+/// @throws std::invalid_argument naming the function, or the value that is not finite
 std::string scene_text(const Scene& scene);
 
 #else  // this flexarm was built without nlohmann/json (on Debian: nlohmann-json3-dev)
