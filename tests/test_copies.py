@@ -104,3 +104,20 @@ def test_a_function_that_cannot_be_sent_is_named() -> None:
     assert copy.deepcopy(local).run().q[-1, 0] == local.run().q[-1, 0]
     with pytest.raises((pickle.PicklingError, AttributeError), match=r"pickle.*test_a_function.*lambda"):
         pickle.dumps(local)
+
+
+class Reacher(fa.Arm):
+    """An arm of a user's own class, with arguments of its own."""
+
+    def __init__(self, length: float) -> None:
+        beam = fa.Beam(length, fa.Rectangle(0.002, 0.02), fa.Material(7850, 2e11, 0.3), modes={"bending_y": 2})
+        super().__init__([fa.Link(fa.Revolute("z"), fa.RigidBody(end=(0.1, 0, 0)), beam)])
+
+
+def test_arms_of_a_class_with_arguments_of_its_own() -> None:
+    arm = Reacher(0.5)
+    again = pickle.loads(pickle.dumps(arm))
+    assert type(again) is Reacher and again == arm
+    assert "none" not in str(arm) and "- \n" not in str(arm)  # frequencies, also of the clamped beam
+    with pytest.raises(fa.SimulationError, match="rk4 is stable below"):
+        fa.simulate(arm, [0.0, 1.0], v0=[0.0, 1e-3, 0.0], integrator="rk4", step=0.02)

@@ -409,4 +409,4 @@ def padded(x: Array, size: int) -> Array:
 def extended(arm: Chain, memory: int) -> Chain:
     """The arm, extended by a massless link for each state x of a controller. The rate of its joint is x: with unit
     joint inertia, x' is the force and does not affect the arm. So every integrator integrates x."""
-    return type(arm)([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)
+    return arm._alike([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)

@@ -77,7 +77,7 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     mass = sum(link.mass for link in arm.links[k:])
     own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    rest = type(arm)([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
+    rest = arm._alike([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [

@@ -51,7 +51,7 @@ def lowest_frequencies(arm: Chain, n: int) -> tuple[str, str]:
         return "none, the arm is rigid", ""
     try:
         locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        found = modes(type(arm)(arm.links), None, None, locked, ())
+        found = modes(arm._alike(arm.links), None, None, locked, ())
     except ValueError as e:
         return f"none: {e}", ""
     return " ".join(f"{f:.4g}" for f in found.frequencies[:n]), " ".join(f"{z:.4g}" for z in found.damping[:n])
@@ -69,7 +69,7 @@ def _row(k: int, arm: Chain) -> list[str]:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     try:  # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-        alone = type(arm)([type(link)(Fixed(), link.hub, link.beam)])
+        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)])
         clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
     except ValueError:  # it has no inertia of its own
         clamped = "-"

@@ -184,7 +184,7 @@ def _modes(arm: Chain, n: int, count: int, lock: Iterable[Any] | None) -> tuple[
 
     if count < 1:
         raise ValueError(f"modes = {count}: must be at least 1")
-    beam, alone = arm.links[n].beam, type(arm)(arm.links)
+    beam, alone = arm.links[n].beam, arm._alike(arm.links)
     assert beam is not None
     zero, still = arm.zero, np.zeros(arm.nv)
     free = ~locked_rates(arm, [k for k, link in enumerate(arm.links) if link.joint.nv] if lock is None else lock)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copyreg import __newobj__  # type: ignore[attr-defined]
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +17,6 @@ import flexarm._core as _core
 from .._check import Array, array, batch, finite, number
 from .link import Link
 from .part import as_table
-
-if TYPE_CHECKING:
-    pass
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
@@ -87,8 +85,17 @@ class Chain:
         """The inverse of `from_dict`."""
         return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
 
+    def _alike(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
+        """An arm of the same class; a subclass's own `__init__`, which may take other arguments, is not called."""
+        out = type(self).__new__(type(self))
+        Chain.__init__(out, links, gravity)
+        return out
+
     def __reduce__(self) -> Any:
-        return type(self), (self.links, self.gravity)
+        return __newobj__, (type(self),), (self.links, self.gravity)
+
+    def __setstate__(self, state: Any) -> None:
+        Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and (self.links, self.gravity) == (other.links, other.gravity)

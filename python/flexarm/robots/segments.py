@@ -86,8 +86,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     left_out += [f"moments of inertia of '{name}', which no body in space has: they are raised" for name in raised]
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
     if fit and len(wanted):
-        links = _fitted(type(arm)(links), of, wanted)
-    near = type(arm)(links, arm.gravity)
+        links = _fitted(arm._alike(links), of, wanted)
+    near = arm._alike(links, arm.gravity)
     return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
 
 
@@ -119,7 +119,7 @@ def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
     if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
         return np.zeros(0)
     locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
-    found = small_motions(type(arm)(arm.links), None, None, locked).undamped()
+    found = small_motions(arm._alike(arm.links), None, None, locked).undamped()
     bends = [not any(f" {s} " in label for s in _OTHERS) for label in arm._core.coordinates]
     return np.asarray(found.frequencies[(found.frequencies > 0) & (found.participation[bends].sum(axis=0) > 0.5)])
 

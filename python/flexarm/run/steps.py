@@ -44,9 +44,9 @@ def explicit_limit(
     try:
         if v is None:
             q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
-            motions = small_motions(type(arm)(arm.links), q)
+            motions = small_motions(arm._alike(arm.links), q)
         else:
-            motions = motions_about(type(arm)(arm.links), q, v)
+            motions = motions_about(arm._alike(arm.links), q, v)
         M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
         modes = replace(motions, free=free, M=M, G=G, K=K).solve()
     except ValueError:
@@ -133,7 +133,7 @@ def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> st
     for the steps; else ""."""
     joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
     try:
-        modes = type(arm)(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
+        modes = arm._alike(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
     except ValueError:
         return ""
     moving = np.setdiff1d(np.arange(arm.nv), prescribed)
@@ -160,7 +160,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
     if not elastic:
         return None
     try:
-        modes = type(arm)(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+        modes = arm._alike(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
     except ValueError:
         return None
     order = np.argsort(modes.frequencies)

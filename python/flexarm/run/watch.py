@@ -54,7 +54,7 @@ def first_frequency(arm: Arm) -> float:
     """The lowest (rad/s) with all joints locked, without gravity; nan if there is none."""
     try:
         locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        return float(type(arm)(arm.links).modes(lock=locked).frequencies[0])
+        return float(arm._alike(arm.links).modes(lock=locked).frequencies[0])
     except (ValueError, IndexError):
         return np.nan
 
