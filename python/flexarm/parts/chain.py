@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copyreg import __newobj__  # type: ignore[attr-defined]
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,8 @@ import flexarm._core as _core
 from .._check import Array, array, batch, finite, number
 from .link import Link
 from .part import as_table
+
+_Kind = TypeVar("_Kind", bound="Chain")
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
@@ -85,7 +87,7 @@ class Chain:
         """The inverse of `from_dict`."""
         return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
 
-    def _alike(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
+    def _alike(self: _Kind, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> _Kind:
         """An arm of the same class; a subclass's own `__init__`, which may take other arguments, is not called."""
         out = type(self).__new__(type(self))
         Chain.__init__(out, links, gravity)
