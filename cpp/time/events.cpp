@@ -124,7 +124,7 @@ Eigen::Index StepEvents::write(double t) const {
   auto entry = static_cast<Eigen::Index>(tape_->entries.size()) - 1;
   while (tape_->entries[static_cast<std::size_t>(entry)].h == 0.0) --entry;  // which came behind the step
   if (!inside_) return write_row(s_, nullptr, t == t0_ ? entry - 1 : entry, 1.0, t, *tape_);
-  return write_row(s_, inside_, entry, (t - tape_->now) / tape_->entries.back().h, t, *tape_);
+  return write_row(s_, inside_, entry, (t - tape_->now) / tape_->entries[static_cast<std::size_t>(entry)].h, t, *tape_);
 }
 
 /// By bisection, to the last digit: the end after the zero.

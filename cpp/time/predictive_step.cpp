@@ -294,10 +294,13 @@ Status PredictiveStep::operator()(std::size_t which, double t, double h, VectorX
     from_v_ = v + rest * one.a;
     status = solve(two, t + h, g, slack);
   }
-  q = s_.q;
-  v = s_.v;
-  if (status == Status::ok && !arm_.within_reach(q, v)) status = Status::not_finite;
-  if (status != Status::ok) one.h = two.h = 0.0;
+  if (status == Status::ok && !arm_.within_reach(s_.q, s_.v)) status = Status::not_finite;
+  if (status == Status::ok) {
+    q = s_.q;
+    v = s_.v;
+  } else {
+    one.h = two.h = 0.0;
+  }
   return status;
 }
 

@@ -17,8 +17,10 @@ constexpr double kCrawl = 1e-3;       // parts of a motion's largest speed: what
 constexpr double kInBetween = 1e-4;   // the same, at its samples
 constexpr double kStill = 1e-10;      // speed (rad/s, m/s) below which a joint with dry friction may stick
 constexpr double kSlack = 1e-9;       // parts of its stiction by which a joint may be held beyond it, at first
+constexpr double kMostSlack = 1e-6;   // and at most
 constexpr int kPlaces = 8;            // of an interpolated step, at which switches are looked for
 constexpr double kOneTime = 1e-9;     // parts of a step that are no time
+constexpr double kBehind = 1e-6;      // parts of a step behind its beginning, where a force that leaps there has leapt
 constexpr int kSearch = 40;           // halvings of the time in which a switch is
 constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
 constexpr int kAims = 4;              // steps that try to end where a joint comes to rest
@@ -196,7 +198,8 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
     (switched_ ? high : low) = c;
   }
   if (!switched_) return Status::ok;
-  if (look(0.0)) {  // other forces act than those under which it stuck
+  if (Contact* const first = look(0.0)) {  // other forces act than those under which it stuck
+    switched_ = first;
     low = high = 0.0;
   } else if (!inside) {
     look(1.0);
@@ -208,10 +211,10 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
     if (found) switched_ = found;
     (found ? high : low) = middle;
   }
-  share = high;
-  forced_ = high == 0.0;
   const signed char& way = ways_[static_cast<std::size_t>(switched_->of.rate)];
   was_ = way;
+  forced_ = high == 0.0;
+  share = way == Tape::held && !forced_ ? std::max(high, kBehind) : high;
   const auto rewind = [&] {
     s.q = q0_;
     s.v = v0_;
@@ -265,9 +268,8 @@ Saltation Stepper::saltation(const Contact& now) {
     s.accelerate(true);
     return s.friction[i];
   };
-  const double d = std::min(kDifference * step, 0.25 * (reached - now_.from));
-  const Saltation out =
-      Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, std::max(d, 0.01 * kDifference * step), force);
+  const double d = std::max(std::min(kDifference * step, 0.25 * (reached - now_.from)), 0.01 * kDifference * step);
+  const Saltation out = Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, d, force);
   s.q = q;
   s.v = v;
   contacts[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;
@@ -300,7 +302,7 @@ Status Stepper::settle() {
   }
   now.slack = kSlack;
   if (way == was_) {
-    now.slack = 10.0 * slack;  // it was seen a little early
+    now.slack = std::min(10.0 * slack, kMostSlack);  // it was seen a little early
     return status;
   }
   ++switches;

@@ -103,7 +103,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
 
 @drawn(6, SEEDS)
 def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> None:
-    """Beams of order 0 on slides that do not turn: A, B, H, Q and R by the trapezoidal rule; Joseph's form."""
+    """Beams of order 0 on slides that do not turn: A, B, H, Q and R by the two stages of Alexander (1977); Joseph's form."""
     rng = np.random.default_rng(seed)
     shapes, damping = {"bending_y": int(rng.integers(1, 4))}, rng.uniform(0, 0.05)
     strip = fa.Rectangle(*rng.uniform(0.002, 0.01, 2))
@@ -128,8 +128,11 @@ def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> N
     M = arm.mass_matrix(arm.zero)
     _, C, K = arm.inverse_derivatives(arm.zero, np.zeros(n), np.zeros(n))[::-1]
     F = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-    left = np.linalg.inv(np.eye(2 * n) - h / 2 * F)
-    A, B = left @ (np.eye(2 * n) + h / 2 * F), left @ np.vstack([np.zeros((n, n)), np.linalg.inv(M)]) * h
+    share, one = 1 - np.sqrt(0.5), np.eye(2 * n)
+    stage = np.linalg.inv(one - share * h * F)
+    A = stage @ (one + (1 - share) * h * F @ stage)
+    B = stage @ ((1 - share) * (one + share * h * F @ stage) + share * one) * h
+    B = B @ np.vstack([np.zeros((n, n)), np.linalg.inv(M)])
     A = np.block([[A, B[:, :1]], [np.zeros((1, 2 * n)), np.eye(1)]])
     B = np.vstack([B, np.zeros((1, n))])
     Q = B @ np.diag(noise**2 / h) @ B.T

@@ -240,3 +240,14 @@ def test_partners_that_stick_at_other_times_change_no_digit() -> None:
         alike = [k] * 5  # so many that they run in lanes
         apart = fa.rollout(arm, q0[alike], v0[alike], tau[alike], step=2e-3)
         np.testing.assert_array_equal(apart.q[0], together.q[k])
+
+
+@pytest.mark.parametrize("integrator", ["gauss", "rk4"])
+@pytest.mark.parametrize(("begins", "force"), [(0.5, lambda t: float(t > 0.5)), (0.3, lambda t: float(t >= 3 * 0.1))])
+def test_a_force_that_leaps_just_behind_a_step_tears_a_joint_loose(integrator, begins, force) -> None:
+    """A mass of 1 kg under 1 N beyond its stiction of 0.3 N; Coulomb friction of 0.2 N slows it down."""
+    arm = fa.Arm([fa.Link(fa.Prismatic("x", coulomb=0.2, stiction=0.3), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
+    t = np.linspace(0.0, 1.0, 11)
+    run = fa.simulate(arm, t, drive={0: fa.Torque(force)}, integrator=integrator, step=0.01)
+    assert run.v[-1, 0] == pytest.approx(0.8 * (1.0 - begins), abs=1e-6) and run.stats["switches"] == 1
+    assert abs(run.sensitivities(["link.0.joint.stiction"]).v[0, -1, 0]) < 1e-8  # the time of the leap is given

@@ -3,6 +3,7 @@
 
 #include <cstdlib>
 #include <cstring>
+#include <stdexcept>
 
 namespace flexarm {
 namespace lanes {
@@ -27,6 +28,10 @@ struct Set {
 };
 
 Set choose() {
+#ifndef FLEXARM_HAS_AVX2
+  if (const char* asked = std::getenv("FLEXARM_ISA"); asked && std::strcmp(asked, "avx2") == 0)
+    throw std::runtime_error("FLEXARM_ISA = \"avx2\": this build has no kernels for it; build with FLEXARM_SETS=ALL");
+#endif
 #if defined(FLEXARM_HAS_AVX2) || defined(FLEXARM_HAS_AVX512)
   const char* asked = std::getenv("FLEXARM_ISA");
   const auto allowed = [&](const char* name) { return !asked || std::strcmp(asked, name) == 0; };
