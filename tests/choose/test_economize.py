@@ -199,7 +199,7 @@ def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
     assert d["evaluation"]["lean"]["time"] < d["evaluation"]["rich"]["time"]
     together = plan_of(plans, "spatial", 1e-2)  # leaves out rotary inertia in one step with modes, of link 0
     assert "not run alone" in [c.how for c in together.choices if c.what == "rotary inertia"]
-    assert re.search(r"rotary inertia  no +not run alone .*\n(.*\n)+not run alone: left out only together", str(together))
+    assert re.search(r"rotary inertia  no +not run alone .*\n(.*\n)+not run alone: left out only", str(together))
     assert not [c for p in plans.values() for c in p.choices if c.without is None and c.how in ("run", "estimate")]
     (order,) = (c for c in plan.choices if c.what == "order")
     assert order.chosen == "2" and plan._found.error(plan._found.lean.model.but(order=1)) > 0.7 * TOL  # would not do

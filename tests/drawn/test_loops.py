@@ -103,7 +103,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
 
 @drawn(6, SEEDS)
 def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> None:
-    """Beams of order 0 on slides that do not turn: A, B, H, Q and R by the two stages of Alexander (1977); Joseph's form."""
+    """Beams of order 0 on slides that do not turn: the filter of the two stages of Alexander (1977); Joseph's form."""
     rng = np.random.default_rng(seed)
     shapes, damping = {"bending_y": int(rng.integers(1, 4))}, rng.uniform(0, 0.05)
     strip = fa.Rectangle(*rng.uniform(0.002, 0.01, 2))
