@@ -196,6 +196,23 @@ def test_a_generator_counts_by_its_state():
     assert mark(lambda t: rng.normal() * t, "A") != before
 
 
+def test_functions_that_all_call_each_other():
+    """There are 20! ways through them."""
+    calls = ", ".join(f"f{k}" for k in range(20))
+    code = "\n".join(f" def f{k}(t): return a, {calls}" for k in range(20))
+    held = {}
+    exec(f"def make(a):\n{code}\n return f0", held)
+    assert mark(held["make"](1.0), "A") == mark(held["make"](1.0), "A") != mark(held["make"](2.0), "A")
+
+
+def test_a_net_of_torch_counts_by_its_weights():
+    nn = pytest.importorskip("torch.nn")
+    one, other = nn.Linear(2, 1), nn.Linear(2, 1)
+    assert mark(one, "A") != mark(other, "A")
+    other.load_state_dict(one.state_dict())
+    assert mark(one, "A") == mark(other, "A")
+
+
 def test_a_law_that_was_used_is_the_same():
     law = si.CubicSpline(X, X)
     before = mark(law, "A")

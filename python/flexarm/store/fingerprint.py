@@ -10,6 +10,7 @@ import copyreg
 import enum
 import functools
 import hashlib
+import sys
 from collections.abc import Mapping
 from pathlib import PurePath
 from types import FunctionType, MappingProxyType, MethodType, ModuleType
@@ -39,6 +40,7 @@ class _Hashes:
     def __init__(self, named: bool) -> None:
         self._named = named
         self._within: list[int] = []
+        self._known: dict[int, tuple[Any, bytes]] = {}  # with the values, so that no other takes their ids
 
     def of(self, value: Any) -> bytes:
         """The hash of a value."""
@@ -52,11 +54,13 @@ class _Hashes:
             return _hash("array", repr(x.dtype), value.shape, x.reshape(-1).view(np.uint8).data)
         if id(value) in self._within:
             return _hash("again", len(self._within) - self._within.index(id(value)))
-        self._within.append(id(value))
-        try:
-            return self._compound(value)
-        finally:
-            self._within.pop()
+        if id(value) not in self._known:
+            self._within.append(id(value))
+            try:
+                self._known[id(value)] = value, self._compound(value)
+            finally:
+                self._within.pop()
+        return self._known[id(value)][1]
 
     def _all(self, word: str, *values: Any) -> bytes:
         return _hash(word, *map(self.of, values))
@@ -113,7 +117,10 @@ def _read(value: Any, word: str) -> tuple[Any, ...]:
     """All that an object is made of, as `copy` reads it, without the values that are only kept for speed."""
     kind = type(value)
     by_type: Any = copyreg.dispatch_table.get(kind)
+    tensor: Any = getattr(sys.modules.get("torch"), "Tensor", ())
     try:
+        if isinstance(value, tensor):  # it is copied with its address
+            return (value.detach().cpu().numpy(),)
         found = by_type(value) if by_type else value.__reduce_ex__(4)
     except Exception:
         found = None
