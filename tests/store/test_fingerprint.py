@@ -1,15 +1,20 @@
 """What a file knows its batch by: numbers, arrays and flexarm's objects by their values, a user's code by its name."""
 
+import array
+import collections
 import functools
 import math
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
+import pandas as pd
 import pytest
+import scipy.interpolate as si
 from flexarm.store.fingerprint import difference, marks
 
 
@@ -63,6 +68,66 @@ class OwnPD(fa.PD):
     pass
 
 
+@dataclass(slots=True)
+class Slots:
+    x: float
+
+
+Named = collections.namedtuple("Named", "x")
+
+
+class Table(dict):
+    def __call__(self, t):
+        return self["x"] * t
+
+
+class Gain(float):
+    __call__ = float.__mul__
+
+
+def event(a):
+    def f(t, q, v):
+        return q[0]
+
+    f.direction = a
+    return f
+
+
+def directed(a):
+    f = functools.partial(product, 1.0)
+    f.direction = a
+    return f
+
+
+def local(a):
+    class Of:
+        def __call__(self, t):
+            return a * t
+
+    return Of()
+
+
+def gains(a):
+    class Of:
+        gain = a
+
+    return Of()
+
+
+def properties(a):
+    class Of:
+        __slots__ = ()
+
+        @property
+        def gain(self):
+            return a
+
+    return Of()
+
+
+X = np.arange(5.0)
+
+
 VALUES = [
     lambda a: a, lambda a: np.float32(a), lambda a: np.array([a]), lambda a: {"x": [a]}, lambda a: {(a, 1)},
     lambda a: range(int(a)), lambda a: np.array([a, None], dtype=object), lambda a: np.full((int(a), 2), 1.0).T,
@@ -76,6 +141,16 @@ CODE = [
     lambda a: {"events": [closure(a)]}, lambda a: closure(np.array([a])), lambda a: closure(Law(a)),
     lambda a: fa.Torque(closure(a)), lambda a: fa.Load(force=closure(a)), lambda a: fa.PD(1, 1, reference=closure(a)),
     lambda a: fa.Torque(closure(1)).scaled(a), lambda a: fa.Sampled(closure(a), 100.0), lambda a: OwnPD(a, 1),
+    Slots, Named, lambda a: Table(x=a), Gain, event, directed, local, gains, properties,
+    lambda a: collections.deque([a]), lambda a: array.array("d", [a]), lambda a: (a * X).dot,
+    lambda a: np.random.default_rng(int(a)).normal,
+    lambda a: functools.lru_cache(closure(a)), lambda a: functools.wraps(product)(closure(a)),
+    lambda a: np.vectorize(closure(a)), lambda a: np.ma.MaskedArray([1.0, 2.0], mask=[False, a > 1]),
+    lambda a: np.poly1d([a, 1]), lambda a: eval("lambda a: lambda t: a * t", {})(a), lambda a: closure(a).__call__,
+    lambda a: pd.Series([1.0, 2.0], index=[0.0, a]), lambda a: pd.DataFrame({"x": [a]}),
+    lambda a: fa.Torque(si.CubicSpline(X, a * X)), lambda a: si.PchipInterpolator(X, a * X),
+    lambda a: si.Akima1DInterpolator(X, a * X), lambda a: si.interp1d(X, a * X),
+    lambda a: si.make_interp_spline(X, a * X),
 ]  # fmt: skip
 
 
@@ -113,11 +188,61 @@ def test_what_is_compiled_or_has_a_state_needs_a_name(law):
     assert mark(law, "A") == mark(law, "A")
 
 
-def test_a_generator_that_was_used_counts_by_its_name():
+def test_a_generator_counts_by_its_state():
     rng = np.random.default_rng(0)
     before = mark(lambda t: rng.normal() * t, "A")
+    assert mark(rng, "A") == mark(np.random.default_rng(0), "A")
     rng.normal()
-    assert mark(lambda t: rng.normal() * t, "A") == before
+    assert mark(lambda t: rng.normal() * t, "A") != before
+
+
+def test_functions_that_all_call_each_other():
+    """There are 20! ways through them."""
+    calls = ", ".join(f"f{k}" for k in range(20))
+    code = "\n".join(f" def f{k}(t): return a, {calls}" for k in range(20))
+    held = {}
+    exec(f"def make(a):\n{code}\n return f0", held)
+    assert mark(held["make"](1.0), "A") == mark(held["make"](1.0), "A") != mark(held["make"](2.0), "A")
+
+
+def test_a_net_of_torch_counts_by_its_weights():
+    nn = pytest.importorskip("torch.nn")
+    one, other = nn.Linear(2, 1), nn.Linear(2, 1)
+    assert mark(one, "A") != mark(other, "A")
+    other.load_state_dict(one.state_dict())
+    assert mark(one, "A") == mark(other, "A")
+
+
+def test_a_law_that_was_used_is_the_same():
+    law = si.CubicSpline(X, X)
+    before = mark(law, "A")
+    law(0.5)
+    assert mark(law, "A") == before
+
+
+@pytest.mark.parametrize(
+    ("law", "kind"),
+    [
+        (threading.Lock(), "_thread.lock"), ((x for x in X), "builtins.generator"), ({}.keys(), "builtins.dict_keys"),
+        (np.frompyfunc(product, 2, 1), "numpy.ufunc"), (Law(threading.Lock()), "_thread.lock"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_by_its_name(law, kind):
+    with pytest.raises(ValueError, match=rf"law: is or holds an object of {kind}, whose state cannot be read: leave"):
+        mark(law, "A")
+
+
+def test_an_open_file_is_left_out_by_getstate(tmp_path):
+    class Logs(Law):
+        def __getstate__(self):
+            return {"a": self.a}
+
+    with (tmp_path / "log").open("w") as f:
+        one, other, kept = Law(1), Logs(1), mark(Logs(1), "A")
+        one.log = other.log = f
+        with pytest.raises(ValueError, match=r"law: is or holds an object of _io\.TextIOWrapper, whose state"):
+            mark(one, "A")
+        assert mark(other, "A") == kept != mark(Logs(2), "A")
 
 
 def test_a_module_in_a_closure_counts_by_its_name():

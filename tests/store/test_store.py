@@ -1,5 +1,6 @@
 """Files of batches and sweeps: interrupted, damaged, foreign, in use, and on a full disk."""
 
+import errno
 import json
 import pickle
 import re
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from flexarm.batch.executor import Executor, Future
 from flexarm.batch.storage import REASON_BYTES, in_bytes
-from flexarm.store import files
+from flexarm.store import files, scenarios
 from flexarm.store.scenarios import ScenarioFile
 from sweeps.test_sweep import LENGTH, STIFF, plan, scene
 
@@ -85,6 +86,73 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
     for found in (e.value.result, fa.BatchResult.load(path)):
         assert found.status.tolist() == [0, 0, 4, 4, 4, 4] and np.isnan(found.q[2:]).all()
     assert run(path).stats["resumed"] == 2
+
+
+# -- in the place of another file ---------------------------------------------------------------------------
+
+
+def test_a_saved_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
+    path, put = tmp_path / "x.h5", ScenarioFile._put
+    old, new = (fa.simulate_batch(arm(), TIMES, np.full((1030, 4), q)) for q in (0.0, 1e-3))
+    old.save(path)
+
+    def fails(self, name, indices, rows):
+        if name == "status" and len(indices) == 6:  # of the second piece
+            raise OSError(errno.ENOSPC, "")
+        put(self, name, indices, rows)
+
+    before = path.read_bytes()
+    monkeypatch.setattr(ScenarioFile, "_put", fails)
+    with pytest.raises(ValueError, match=r"x\.h5': the disk is full"):
+        new.save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+    monkeypatch.undo()
+    new.save(path)
+    np.testing.assert_array_equal(fa.BatchResult.load(path).q, new.q)
+
+
+@pytest.mark.skipif(not hasattr(Path, "symlink_to"), reason="has no links")
+def test_a_file_lies_where_its_link_leads(tmp_path):
+    (tmp_path / "there").mkdir()
+    link, target = tmp_path / "x.h5", tmp_path / "there" / "y.h5"
+    link.symlink_to(target)
+    for stats in (0, 6):  # at first the link leads to nothing
+        found = run(link)
+        assert found.stats["resumed"] == stats and link.is_symlink() and not target.is_symlink()
+    assert run(link, resume=False).stats["resumed"] == 0
+    run(None).save(link)
+    assert link.is_symlink() and list(target.parent.iterdir()) == [target]
+    np.testing.assert_array_equal(fa.BatchResult.load(target).q, found.q)
+    link.unlink()
+    link.symlink_to(tmp_path / "nowhere" / "y.h5")
+    with pytest.raises(ValueError, match=r"x\.h5': there is no folder '.*nowhere'"):
+        run(link)
+    link.unlink()
+    link.symlink_to(link)
+    with pytest.raises(ValueError, match=r"x\.h5': is a link to itself; remove it, or give another name"):
+        run(link)
+
+
+@pytest.mark.parametrize("name", ["_unlike", "_tidy", "close"])
+def test_an_error_leaves_no_file_open(tmp_path, monkeypatch, name):
+    path = tmp_path / "b.h5"
+    interrupted(path)
+
+    def fails(*_):
+        raise OSError("a broken disk")
+
+    if name == "_unlike":
+        monkeypatch.setattr(scenarios, name, fails)
+    elif name == "_tidy":
+        monkeypatch.setattr(ScenarioFile, name, fails)
+    else:
+        blank = ScenarioFile._tidy
+        monkeypatch.setattr(ScenarioFile, "_tidy", lambda self: fails() if self.done().all() else blank(self))
+    with pytest.raises(OSError, match="a broken disk") as held:
+        run(path)
+    monkeypatch.undo()
+    assert run(path).stats["resumed"] == (6 if name == "close" else 4)
+    assert held.tb  # it keeps all objects of the call
 
 
 # -- damage -------------------------------------------------------------------------------------------------
@@ -480,7 +548,7 @@ def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
     assert fa.sweep(scene(), other, out=tmp_path, resume=False).complete
 
 
-def test_a_sweep_without_a_mark_is_not_taken_and_what_is_behind_a_link_stays(tmp_path):
+def test_a_sweep_without_a_mark_is_not_taken_and_a_link_is_followed(tmp_path):
     path = begun(tmp_path / "s", plan(3))
     with h5py.File(path) as f:
         about = f["about"][()]
@@ -496,7 +564,8 @@ def test_a_sweep_without_a_mark_is_not_taken_and_what_is_behind_a_link_stays(tmp
     with pytest.raises(ValueError, match="holds another sweep"):
         fa.sweep(scene(), plan(4), out=tmp_path / "s")
     assert fa.sweep(scene(), plan(4), out=tmp_path / "s", resume=False).complete
-    assert moved.read_bytes() == whole and not path.is_symlink()
+    assert moved.read_bytes() != whole and path.is_symlink()
+    assert fa.sweep(scene(), plan(4), out=tmp_path / "s").stats["computed"] == 0
 
 
 def test_two_sweeps_that_begin_in_one_folder_do_not_mix(tmp_path):

@@ -159,8 +159,8 @@ def simulate_batch(
             done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
-        name: for a file, where functions or classes of yours take part: a name for all of them, such as "law 2", and
-            another one when you change them. Their code is not compared; numbers in closures and attributes are.
+        name: for a file, where functions or objects take part that are not flexarm's: a name for all of them, such as
+            "law 2", and another one when you change them. Their code is not compared; what they hold is.
         executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).

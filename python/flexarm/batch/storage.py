@@ -82,15 +82,11 @@ def write_file(path: Path, t: Array, variation: Variation, arrays: Mapping[str, 
     columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind], names.get(k, ())) for k, x in arrays.items()}
     columns["status"] = columns["status"]._replace(blank=NOT_DONE)
     marks = {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
-    file = ScenarioFile(path, len(arrays["status"]), columns, _once(t, variation), {**told, "marks": marks}, False,
-                        "batch", "path =", "give another name")  # fmt: skip
-    try:
-        done = np.flatnonzero(arrays["status"] != NOT_DONE)
-        for first in range(0, len(done), 1024):  # pieces, so that little of it is in memory at once
-            part = done[first : first + 1024]
-            file.write(part, {k: x[part] for k, x in arrays.items()})
-    finally:
-        file.abandon()
+    done = np.flatnonzero(arrays["status"] != NOT_DONE)
+    pieces = (done[first : first + 1024] for first in range(0, len(done), 1024))  # so that little of it is in memory
+    rows = ((part, {k: x[part] for k, x in arrays.items()}) for part in pieces)
+    ScenarioFile(path, len(arrays["status"]), columns, _once(t, variation), {**told, "marks": marks}, False,
+                 "batch", "path =", "give another name", rows).abandon()  # fmt: skip
 
 
 class Memory:

@@ -59,10 +59,11 @@ def _size(count: float) -> str:
 def check_space(where: str, path: Path, need: int) -> None:
     """ValueError where so many bytes do not fit beside what is on the disk, or where there is no folder for the
     file."""
-    if not path.parent.is_dir():
-        raise ValueError(f"{where} {str(path)!r}: there is no folder {str(path.parent)!r}")
+    folder = Path(os.path.realpath(path)).parent  # where a link leads
+    if not folder.is_dir():
+        raise ValueError(f"{where} {str(path)!r}: there is no folder {str(folder)!r}")
     with named(where, path):
-        free = shutil.disk_usage(path.parent).free
+        free = shutil.disk_usage(folder).free
     if need > free:
         raise ValueError(
             f"{where} {str(path)!r}: takes {_size(need)}, and the disk has {_size(free)} free; take a larger "

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,12 +132,12 @@ class ScenarioFile:
     written.
 
     Args:
-        path: the file. It is laid out anew where it does not exist, or `resume` is false.
+        path: the file, or a link to it. It is laid out anew where it does not exist, or `resume` is false.
         count: of the scenarios. columns: their arrays, by name, which are written in this order.
         fixed: arrays that are written once, by name, with their titles.
         about: what the file says of itself, for JSON; "marks" are of all that the numbers follow from.
         what: "batch", or what else the file is of. where: what the user calls the path. otherwise: what the user can do
-            instead.
+            instead. rows: what `write` is given before a file that is laid out anew appears.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
@@ -147,6 +147,7 @@ class ScenarioFile:
     def __init__(
         self, path: Path, count: int, columns: Mapping[str, Column], fixed: Mapping[str, tuple[Any, Any]],
         about: Mapping[str, Any], resume: bool, what: str, where: str, otherwise: str,
+        rows: Iterable[tuple[NDArray[np.int64], Mapping[str, Any]]] = (),
     ) -> None:  # fmt: skip
         self.damaged, self._path, self._where = 0, path, where
         self._columns, self._begun = {**columns, **_CHECKSUM}, np.empty(0, np.int64)
@@ -154,24 +155,28 @@ class ScenarioFile:
         if found:
             check_unused(where, path)
         if not (found and resume):
-            if path.is_symlink():
-                path.unlink()
-            self._lay_out(count, fixed, about)
+            self._lay_out(count, fixed, about, rows)
         with readable(where, path, f"a file of a {what} ({otherwise})"):
             seen = os.stat(path)
             theirs, _, _, self.arrays = _open(path, f"; {otherwise}")
             if theirs["marks"] != about["marks"]:
                 raise Refused(f"holds another {what}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
         self._open_rows(path)
-        if not os.path.samestat(seen, os.fstat(self._file.id.get_vfd_handle())):
+        try:
+            if not os.path.samestat(seen, os.fstat(self._file.id.get_vfd_handle())):
+                raise ValueError(f"{where} {str(path)!r}: another process put another file in its place")
+            if found and resume:
+                _, torn, wrong = _unlike(self.arrays, self._columns)
+                self.damaged, self._begun = len(wrong), np.union1d(torn, wrong)
+                self._tidy()
+        except BaseException:
             self.abandon()
-            raise ValueError(f"{where} {str(path)!r}: another process put another file in its place")
-        if found and resume:
-            _, torn, wrong = _unlike(self.arrays, self._columns)
-            self.damaged, self._begun = len(wrong), np.union1d(torn, wrong)
-            self._tidy()
+            raise
 
-    def _lay_out(self, count: int, fixed: Mapping[str, tuple[Any, Any]], about: Mapping[str, Any]) -> None:
+    def _lay_out(
+        self, count: int, fixed: Mapping[str, tuple[Any, Any]], about: Mapping[str, Any],
+        rows: Iterable[tuple[NDArray[np.int64], Mapping[str, Any]]],
+    ) -> None:  # fmt: skip
         """Makes the file, which appears when it is whole and all its room on the disk is taken."""
         import h5py
 
@@ -203,6 +208,8 @@ class ScenarioFile:
             self._open_rows(Path(raw.name))
             with self._file:
                 self._blank(np.arange(count))
+                for indices, part in rows:
+                    self.write(indices, part)
 
         write_whole(self._path, write, self._where, sync=False)  # after a power failure the checksums tell
 
@@ -214,14 +221,13 @@ class ScenarioFile:
         ways.set_sieve_buf_size(0)
         with named(self._where, self._path):
             self._file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, ways))
-            self._rows = {k: self._file[k] for k in self._columns}
 
     def _put(self, name: str, indices: NDArray[np.int64], rows: Any) -> None:
         """Writes rows of an array, where indices increase."""
         if len(indices):
             first, last = int(indices[0]), int(indices[-1])
             with named(self._where, self._path):
-                self._rows[name][slice(first, last + 1) if last - first + 1 == len(indices) else indices] = rows
+                self._file[name][slice(first, last + 1) if last - first + 1 == len(indices) else indices] = rows
 
     def _blank(self, indices: NDArray[np.int64]) -> None:
         """Makes scenarios as they were before they ran."""
@@ -249,8 +255,10 @@ class ScenarioFile:
 
     def close(self) -> None:
         """Closes the file, whose arrays stay mapped. Scenarios whose writing was interrupted by Ctrl-C become blank."""
-        self._tidy()
-        self.abandon()
+        try:
+            self._tidy()
+        finally:
+            self.abandon()
 
     def abandon(self) -> None:
         """Closes the file after an error."""
