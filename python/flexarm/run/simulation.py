@@ -94,7 +94,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     span = time - float(run.times[0])
     # a limit may hold a loop, but not in its model's range
     limits = failed or beyond is not None
-    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v)) else None
+    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v).item()) else None
     if not failed:
         rows = result.t, result.q, result.v
         blown = integrator.explicit and beyond_explicit(

@@ -18,7 +18,7 @@ from ..parts.beam import STRAINS
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
-_TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
+TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _AS_FAST = 0.9  # of a run's largest rate: rates that are like it
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
 _LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
@@ -87,7 +87,7 @@ def beyond_explicit(
         joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
         speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
         k = int(speed.argmax())
-        if step * speed[k] > _TURNED:
+        if step * speed[k] > TURNED:
             limit, growth = explicit_limit(arm, step, qs[k], held, v[k])
             span = float(np.gradient(t)[speed > _AS_FAST * speed[k]].sum())
             when = f" at t = {t[k]:.4g} s, where the joints move at up to {speed[k]:.3g} rad/s or m/s,"
