@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,6 @@ import flexarm._core as _core
 from .._check import Array, array, batch, finite, number
 from .link import Link
 from .part import as_table
-
-if TYPE_CHECKING:
-    pass
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
