@@ -53,7 +53,7 @@ Many runs
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
     Failure                             a run that could not go on; Ctrl-C: BatchInterrupted, SweepInterrupted
 Warnings
-    ModelWarning, StateWarning          a number that is probably a mistake; a state that does not last
+    ModelWarning, StateWarning          a part beyond its theory, or an angle in degrees; a state that does not last
     RangeWarning, LoopWarning           a run beyond the range of its model; a control loop that grows
     StepWarning, SlowWarning            steps that miss a part of the motion; so many that the run will hardly end
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
@@ -65,6 +65,7 @@ Elsewhere: flexarm.env, .tasks (Gymnasium), .torch, .jax, .cli; `flexarm example
 # ruff: noqa: I001  (X as X: so do type checkers know what is for others)
 from . import _starting as _starting  # first, for Ctrl-C
 
+import typing as _typing
 from types import ModuleType as _ModuleType
 
 from ._core import __version__ as __version__
@@ -203,9 +204,11 @@ from .view.view import View as View
 _RENAMED = {"PulseWarning": "StepWarning", "WatchWarning": "RangeWarning"}
 
 
-def __getattr__(name: str) -> object:
-    more = f"; it is {_RENAMED[name]} now" if name in _RENAMED else ""
-    raise AttributeError(f"module 'flexarm' has no attribute '{name}'{more}")
+if not _typing.TYPE_CHECKING:  # to which any name would be right
+
+    def __getattr__(name: str) -> object:
+        more = f"; it is {_RENAMED[name]} now" if name in _RENAMED else ""
+        raise AttributeError(f"module 'flexarm' has no attribute '{name}'{more}")
 
 
 def __dir__() -> list[str]:

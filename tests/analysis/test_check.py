@@ -238,7 +238,7 @@ def test_runs_without_rows_and_batches_without_states_are_checked() -> None:
     with pytest.raises(fa.SimulationError) as e:
         fa.simulate(poor, [0, 1], v0=[1e200, 0])
     batch = fa.simulate_batch(poor, [0, 0.01], v0=np.ones((2, 2)), integrator="implicit", step=5e-3, outputs=["tau"])
-    for result in (e.value.result, batch[0]):
+    for result in (e.value.result, batch[0], fa.simulate_batch(poor, [0, 0.01], integrator="ida")[0]):
         assert "leave out 2.9 %" in str(result.check())
 
 

@@ -633,13 +633,13 @@ fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 def test_killed_in_mid_write_it_goes_on(tmp_path):
     path = tmp_path / "sweep.h5"
-    script = KILLED.format(tests=str(Path(__file__).parents[1]), path=str(path), after=30)
+    script = KILLED.format(tests=str(Path(__file__).parents[1]), path=str(path), after=34)
     killed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     left = fa.BatchResult.load(path)
     assert np.isnan(left.q[12:]).all() and np.isfinite(left.q[:12]).all() and (left.status[12:] == 4).all()
     run = fa.simulate_batch(two_links(), TIMES, out=path, **SWEEP)
-    assert run.stats["resumed"] == 12  # 7 arrays: blank, of three chunks of four, then two of the fourth
+    assert run.stats["resumed"] == 12  # 8 arrays: blank, of three chunks of four, then two of the fourth
     np.testing.assert_array_equal(run.q, fa.simulate_batch(two_links(), TIMES, **SWEEP).q)
 
 

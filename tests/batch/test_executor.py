@@ -246,8 +246,9 @@ def test_failures_keep_their_number_in_the_whole_batch():
         parameters = {"link.0.beam.material.youngs_modulus": stiff}
         return fa.simulate_batch(hubs, t, q0, parameters=parameters, integrator="rk4", step=2e-3, **more)
 
-    with ThreadPoolExecutor(2) as threads:
+    with ThreadPoolExecutor(2) as threads, pytest.warns(fa.StepWarning, match="scenario 4: .* below 0.000351 s") as w:
         here, there = run(), run(executor=threads, batch=2)
+    assert len(w) == 2
     assert [f.index for f in here.failures] == [4] and here.failures == there.failures
     assert np.array_equal(here.q, there.q, equal_nan=True) and np.array_equal(here.status, there.status)
     with ThreadPoolExecutor(2) as threads, pytest.raises(ValueError, match="scenario 5"):

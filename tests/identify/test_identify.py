@@ -432,3 +432,11 @@ def test_three_numbers_whose_sum_alone_is_told_are_named_together() -> None:
     left = x - J @ list(fit.values.values())
     assert np.linalg.norm(left - J @ found.changes) / np.linalg.norm(left) == pytest.approx(1.01, abs=5e-4)
     np.testing.assert_allclose(found.changes, C[0] / C[0, 0] * found.changes[0], rtol=1e-3)
+
+
+def test_all_warnings_of_the_fitted_runs_are_told(data: fa.Data) -> None:
+    """Those of ranges alone had been: a pulse of a load that no step has seen was not."""
+    push = fa.Load(0, force=lambda t: (0.0, 1e-3 if 0.5014 < t < 0.5016 else 0.0, 0.0))
+    options = {"integrator": "implicit", "step": 5e-3}
+    with pytest.warns(fa.StepWarning, match=r"loads\[0\]: is 0.001 at t = 0.50"):
+        fa.identify(replace(scene(), loads=(push,), options=options), data, [MASS], **MEASURED)

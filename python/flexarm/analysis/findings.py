@@ -96,7 +96,8 @@ class StepWarning(RunWarning):
     pulse of a callable.
 
     Attributes:
-        finding: its value is the step (s) with its limit, a count, or the height of the pulse.
+        finding: its value and limit are the step of "rk4" and its limit (s); how often joints switched, or steps were
+            halved, and how often is too often; or its value is the height of the pulse.
         growth: of the fastest motion, by one step of "rk4"; else nan.
     """
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array
 from ..acting.load import at_time
@@ -207,10 +208,11 @@ def _text(pole: complex) -> str:
     return f"{pole.real:.3g} +- {abs(pole.imag):.3g}i"
 
 
-def has_grown(v: Array) -> bool:
-    """Whether rates (nt, n) are in the last fifth of the rows far above those of the first tenth, and near the largest
-    of all: what settles is not growing."""
-    parts = v[: max(2, len(v) // 10)], v[-max(2, len(v) // 5) :]
-    first, last = (np.abs(part).max(axis=0, initial=0.0) for part in parts)
-    grown = last > 3.0 * first
-    return bool(grown.any() and (grown & (last >= 0.5 * np.abs(v).max(axis=0, initial=0.0))).any())
+def has_grown(v: Array) -> NDArray[np.bool_]:
+    """Whether rates (..., nt, n) are in the last fifth of the rows far above those of the first tenth, and near the
+    largest of all: what settles is not growing."""
+    rows = v.shape[-2]
+    parts = v[..., : max(2, rows // 10), :], v[..., -max(2, rows // 5) :, :], v
+    first, last, most = (np.maximum(x.max(axis=-2, initial=0.0), -x.min(axis=-2, initial=0.0)) for x in parts)
+    grown: NDArray[np.bool_] = ((last > 3.0 * first) & (last >= 0.5 * most)).any(axis=-1)
+    return grown

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexarm._core import Feedback, Sampler
 
-from .._check import Array, outside
+from .._check import Array
 from .._threads import each
 from ..acting.control import Controller, Run, padded
 from ..analysis.findings import RangeWarning
@@ -62,7 +61,7 @@ def run_simulations(
     for name in job.outputs:
         blocks[name][:] = np.nan
     failures: list[Failure] = []
-    steps, told = np.zeros(len(indices), np.int64), set[type]()
+    steps = np.zeros(len(indices), np.int64)
 
     def one(k: int) -> None:
         def look(now: float) -> None:
@@ -72,10 +71,7 @@ def run_simulations(
 
         setup = setups[k % len(setups)]
         result, status, failure = _one(job, setup, int(indices[k]), look)
-        for warning in result._wrong:  # those of ranges are in `beyond`
-            if not isinstance(warning, RangeWarning) and type(warning) not in told:
-                told.add(type(warning))
-                warnings.warn(warning.of(f"scenario {indices[k]}"), stacklevel=outside())
+        blocks["wrong"][k] = [x for x in result._wrong if not isinstance(x, RangeWarning)]  # which are in `beyond`
         if status != NOT_DONE:
             beyond[k] = worst_range(setup.arm, result.t, result.q) or np.nan
         for name in job.outputs:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,7 @@ from ..run.variation import Setup
 from .arguments import check_balls
 from .job import ENDED, FAILED, Job
 from .problems import problems_of, run_problems
-from .rollout import OVER, Failure, failures_of, grown_loop, out_of_range
+from .rollout import OVER, Failure, failures_of, judge, out_of_range
 
 
 def run_steps(
@@ -57,13 +56,10 @@ def run_steps(
         return s.arm, one.zero if q0 is None else q0[k % len(q0)], s.loads, list(s.control)
 
     found = failures_of(blocks, scenario, prescribed, job.t)
+    judge(blocks, scenario, problems, job.t, job.every, job.integrator, job.stepping().core["step"])
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED
     blocks["status"][ended] = ENDED
-    if "v" in blocks and any(s.control for s in setups):
-        grown = grown_loop(scenario, prescribed, job.t, blocks["v"], blocks["status"])
-        if grown is not None:
-            warnings.warn(grown[1].of(f"scenario {indices[grown[0]]}"), stacklevel=2)
     return [replace(f, index=int(indices[f.index])) for f in found], stats
 
 

@@ -135,7 +135,7 @@ class Job:
         out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
         out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
         out |= {"events": np.full(count, None)} if self.events else {}
-        return {**out, "out_of_range": np.full((count, 4), np.nan)}
+        return {**out, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
 
     def stepping(self) -> Integrator:
         """The integrator that the core steps by."""

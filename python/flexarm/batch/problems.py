@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 
 import flexarm._core as _core
 
-from .._check import Array, outside
+from .._check import Array
 from ..acting.voltage import is_patch
+from ..analysis.findings import RunWarning
 from ..arm import Arm
 from ..run.integrators import Integrator
 from ..run.problem import Problem
@@ -81,7 +81,9 @@ def run_problems(
             stats = batch.run(dict(blocks), workers, alive)
         except ValueError as e:
             raise ValueError(str(e) if names is None else renamed(str(e), names)) from None
-    for pulse in one.missed():
-        if pulse is not None:
-            warnings.warn(pulse, stacklevel=outside())
     return stats
+
+
+def first_missed(problems: Sequence[Problem]) -> tuple[int, RunWarning] | None:
+    """The first problem whose run has not seen a pulse of a callable, and its warning."""
+    return next(((k, pulse) for k, p in enumerate(problems) for pulse in p.missed() if pulse), None)

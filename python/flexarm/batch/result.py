@@ -35,6 +35,8 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
     result.status, events = int(held["status"][i] == ENDED), held.get("events")
     if events is not None and events[i] is not None:
         result.t_events, result.q_events, result.v_events = events[i]
+    if held.get("wrong") is not None:
+        result._wrong = list(held["wrong"][i] or ())
     return result
 
 
@@ -72,6 +74,7 @@ class BatchResult:
     keeps_loads: bool = True  #: a file keeps none
     events: NDArray[Any] | None = None
     _job: Job | None = field(default=None, repr=False, compare=False)
+    _wrong: NDArray[Any] | None = field(default=None, compare=False)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -91,7 +94,7 @@ class BatchResult:
         """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan. It has derivatives
         (`Result.gradient`), unless it is from a file, or its forces `tau` change with time."""
         i = range(len(self))[i]
-        held = {k: getattr(self, k) for k in (*OUTPUTS, "status", "reached", "events")}
+        held = {k: getattr(self, k) for k in (*OUTPUTS, "status", "reached", "events")} | {"wrong": self._wrong}
         setup = self.variation.scenario(i)
         found = one_result(setup, self.t, held, i, self.keeps_loads)
         job = self._job

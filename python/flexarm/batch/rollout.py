@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,11 +20,12 @@ from ..acting.following import smooth
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
-from ..analysis.findings import LoopWarning, RunWarning, StepWarning
+from ..analysis.findings import LoopWarning, RunWarning
 from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from ..run.integrators import INTEGRATORS, Integrator
-from ..run.steps import beyond_explicit
+from ..run.problem import Problem
+from ..run.steps import TURNED, beyond_explicit
 from ..run.variation import Setup
 from .arguments import (
     check_balls,
@@ -36,7 +38,7 @@ from .arguments import (
     scenario_count,
     stepping,
 )
-from .problems import STEP_BYTES, problems_of, run_problems
+from .problems import STEP_BYTES, first_missed, problems_of, run_problems
 
 _REASONS = {
     1: "the mass matrix is singular",
@@ -153,39 +155,64 @@ def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
     return found
 
 
-def steps_too_long(
-    integrator: str, arm: Arm, step: float | None, span: float, q: Array, held: Sequence[int],
-    rows: tuple[Array, Array, Array] | None,
-) -> StepWarning | None:  # fmt: skip
-    """The warning of an explicit integrator that took steps above its limit; arguments as of `beyond_explicit`, with
-    rows of nan that were not reached."""
-    if not INTEGRATORS[integrator].explicit or step is None:
-        return None
-    if rows is not None:
-        there = np.isfinite(rows[1]).all(axis=1) & np.isfinite(rows[2]).all(axis=1)
-        rows = rows[0][there], rows[1][there], rows[2][there]
-    return beyond_explicit(arm, step, span, q, held, rows)
+def judge(
+    blocks: Mapping[str, Any], scenario: _Scenario, problems: Sequence[Problem], times: Array, every: int,
+    integrator: str, step: float,
+) -> None:  # fmt: skip
+    """Notes in blocks["wrong"], (B,), the warnings that scenarios deserve; arguments as of `failures_of`. Of
+    several that one arm or control makes wrong, the fastest few are looked at: loops of continuous control where rates
+    have grown, steps of an explicit integrator there, where the arm moves fast, and where a run failed.
 
-
-def grown_loop(
-    scenario: _Scenario, prescribed: Sequence[int], times: Array, v: Array, status: NDArray[np.int32]
-) -> tuple[int, LoopWarning] | None:
-    """The first scenario that was done, but that a loop of continuous control has made grow; arguments as above."""
-    looks = 0
-    for k in np.flatnonzero(status == 0).tolist():
-        if not loops.has_grown(v[k]):
-            continue
+    Args:
+        problems: that were run. every: times between two rows. integrator, step (s): of the run.
+    """
+    wrong, v, explicit = blocks["wrong"], blocks.get("v"), INTEGRATORS[integrator].explicit
+    pulse = first_missed(problems)
+    if pulse is not None:
+        wrong[pulse[0]] = [pulse[1]]
+    if not explicit and not any(p.controls for p in problems):
+        return
+    status, prescribed, begin = blocks["status"], problems[0].prescribed, float(times[0])
+    done, ran = np.isin(status, (0, OVER)), status != NOT_DONE
+    grown, fast, size = np.zeros_like(done), ran, np.zeros(len(done))
+    if v is not None:
+        size = np.fmax(np.fmax.reduce(v, (1, 2), initial=0.0), -np.fmin.reduce(v, (1, 2), initial=0.0))
+        grown = done & loops.has_grown(v)
+        for k in np.flatnonzero(status == OVER):  # after the end its rows are nan
+            grown[k] = loops.has_grown(v[k][np.isfinite(v[k]).all(axis=1)])
+        fast = ran & (grown | ~done | (v.shape[1] < 4) | (step * size > TURNED))
+    looks = Counter[int]()  # by arm, and at loops
+    some = np.flatnonzero(fast if explicit else grown)
+    for k in some[np.argsort(-size[some], kind="stable")].tolist():  # the fastest first
         arm, q0, loads, control = scenario(k)
-        if not control:
-            continue
-        time = float(times[-1] - times[0])
-        loop = loops.unstable(arm, q0, prescribed, times, loads, control, time, False)
-        looks += 1
-        if loop is not None:
-            return k, loop
-        if looks == _LOOKS:
-            break
-    return None
+        end, found = blocks["reached"][k] if done[k] else times[-1], list[RunWarning | None]()
+        span = float(end) - begin
+        if grown[k] and control and looks[0] < _LOOKS:
+            looks[0] += 1
+            found.append(loops.unstable(arm, q0, prescribed, times, loads, control, span, False))
+        if explicit and looks[id(arm)] < _LOOKS:
+            looks[id(arm)] += 1
+            found.append(beyond_explicit(arm, step, span, q0, prescribed, _reached_rows(blocks, times[::every], k)))
+        wrong[k] = [*(wrong[k] or ()), *filter(None, found)]
+
+
+def _reached_rows(blocks: Mapping[str, Any], t: Array, k: int) -> tuple[Array, Array, Array] | None:
+    """Of scenario k, if they are kept."""
+    if not {"q", "v"} <= blocks.keys():
+        return None
+    q, v = blocks["q"][k], blocks["v"][k]
+    there = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    return t[there], q[there], v[there]
+
+
+def lowest(wrong: NDArray[Any]) -> dict[type, RunWarning]:
+    """Of each kind of warning in `wrong`, (B,), that of the lowest scenario, which it names."""
+    found: dict[type, RunWarning] = {}
+    for k, own in enumerate(wrong):
+        for warning in own or ():
+            if type(warning) not in found:
+                found[type(warning)] = warning.of(f"scenario {k}")
+    return found
 
 
 def _listed(name: str, given: Any, count: str) -> list[Any]:
@@ -275,8 +302,8 @@ def rollout(
         RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
             that did not fail; `stats["out_of_range"]` tells how many.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
-        StepWarning: steps of "rk4" above the limit of the first arm; a callable has a pulse between two steps that no
-            step has seen.
+        StepWarning: steps of "rk4" above the limit of a scenario's arm, which has grown; a callable has a pulse
+            between two steps that no step has seen.
     """
     return rolled(tell, **locals())
 
@@ -331,7 +358,7 @@ def rolled(
         if alive and not stats["interrupted"]:
             alive(1.0)
     interrupted = stats.pop("interrupted")
-    t = times[::every]
+    t, wrong = times[::every], np.full(count, None)
     ranges = out_of_range(arms, t, blocks["q"])
     beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
     stats |= {"wall_time": time.perf_counter() - started, **({"out_of_range": beyond.size} if beyond.size else {})}
@@ -340,19 +367,16 @@ def rolled(
         s = setup(k)
         return s.arm, q[k % len(q)], s.loads, s.control
 
-    prescribed = problems[0].prescribed
-    failures = failures_of(blocks, scenario, prescribed, times)
+    failures = failures_of(blocks, scenario, problems[0].prescribed, times)
     result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    grown = grown_loop(scenario, prescribed, times, result.v, result.status) if control is not None else None
-    if grown is not None:
-        tell(grown[1].of(f"scenario {grown[0]}"))
-    elif beyond.size:
+    judge({**blocks, "wrong": wrong}, scenario, problems, times, every, chosen.name, length)
+    found = lowest(wrong)
+    if beyond.size and LoopWarning not in found:
         i = int(beyond[0])
         tell(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "))
-    first = t, result.q[0], result.v[0]
-    if blown := steps_too_long(chosen.name, one, length, float(times[-1]), q[0], prescribed, first):
-        tell(blown)
+    for warning in found.values():
+        tell(warning)
     return result

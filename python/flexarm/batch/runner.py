@@ -155,7 +155,7 @@ class Runner:
             return blocks
         arm, times = job.variation.setup.arm, job.t[:: job.every]
         found = job.summary(arm, blocks, lambda k: one_result(setups[k % len(setups)], times, blocks, k))
-        return {**found, **{k: blocks[k] for k in ("status", "reached", "out_of_range")}}
+        return {**found, **{k: blocks[k] for k in ("status", "reached", "out_of_range", "wrong")}}
 
     def _sent(self, part: NDArray[np.int64]) -> dict[str, Any]:
         """What `run_share` is given of a part."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, outside, whole
+from .._check import Array, array, choice, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage, split_drives
-from ..analysis.findings import LoopWarning
+from ..analysis.findings import LoopWarning, RangeWarning
 from ..analysis.loops import unstable
 from ..analysis.validity import range_warning
 from ..arm import Arm
@@ -27,7 +26,7 @@ from ..run.variation import Setup, Variation
 from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
-from .rollout import NOT_DONE, BatchInterrupted, steps_too_long
+from .rollout import NOT_DONE, BatchInterrupted, lowest, tell
 from .runner import Runner
 from .storage import File, Memory
 
@@ -178,7 +177,7 @@ def simulate_batch(
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
-        StepWarning: steps of "rk4" above the limit of `arm`.
+        StepWarning, SlowWarning: as `simulate`. Of each kind, that of the lowest scenario found.
     """
     job, count = make_job(
         arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
@@ -203,25 +202,23 @@ def simulate_batch(
     stats = {"engine": engine, **runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
     arrays: dict[str, Any] = {k: held.get(k) for k in (*OUTPUTS, "status", "reached", "events")}
     result = BatchResult(job.t[:: job.every], **arrays, variation=job.variation, failures=failures,
-                         stats={**stats, "wall_time": time.perf_counter() - started}, _job=job)  # fmt: skip
+                         stats={**stats, "wall_time": time.perf_counter() - started}, _job=job,
+                         _wrong=held["wrong"])  # fmt: skip
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    if beyond.size:  # that of the first scenario that deserves one
+    found = lowest(held["wrong"])
+    if beyond.size:  # a loop that bends its beams too far is named instead
         i = int(beyond[0])
         loop = _loop_of(job, i, float(held["reached"][i]))
-        worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
-        warnings.warn(worst if loop is None else loop.of(f"scenario {i}"), stacklevel=2)
-    warn_of_first(job, held)
+        if loop is None:
+            arm = job.variation.scenario(i).arm
+            found[RangeWarning] = range_warning(arm, held["out_of_range"][i], f"scenario {i}: ")
+        else:
+            found.setdefault(LoopWarning, loop.of(f"scenario {i}"))
+    for warning in found.values():
+        tell(warning)
     return result
-
-
-def warn_of_first(job: Job, held: Mapping[str, Any]) -> None:
-    """StepWarning of the first scenario's arm, and its rows if they are held."""
-    s, q0, prescribed = _start(job, 0)
-    rows = (job.kept_times, held["q"][0], held["v"][0]) if {"q", "v"} <= held.keys() else None
-    if found := steps_too_long(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed, rows):
-        warnings.warn(found, stacklevel=outside())
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:

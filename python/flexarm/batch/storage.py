@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 import flexarm._core as _core
 
 from .._check import Array
+from ..analysis.findings import Finding, RunWarning
 from ..run.outputs import titles
 from ..run.variation import Variation
 from ..store.files import unsealed, zipped
@@ -50,6 +52,22 @@ def _once(t: Array, variation: Variation) -> dict[str, tuple[Any, Any]]:
 def in_bytes(reason: str) -> bytes:
     """As a file keeps it: cut between two letters."""
     return reason.encode()[:REASON_BYTES].decode(errors="ignore").encode()
+
+
+def _packed(wrong: Iterable[RunWarning]) -> bytes:
+    """A line of JSON for each, of those that have room in a file."""
+    out = b""
+    for x in wrong:
+        line = json.dumps({**vars(x), "kind": type(x).__name__, "finding": vars(x.finding)}, default=float).encode()
+        out += line + b"\n" if len(out) + len(line) < 2 * REASON_BYTES else b""
+    return out
+
+
+def _unpacked(lines: bytes) -> list[RunWarning] | None:
+    if not lines:
+        return None
+    kinds, found = {x.__name__: x for x in RunWarning.__subclasses__()}, map(json.loads, lines.splitlines())
+    return [kinds[x.pop("kind")](Finding(**x.pop("finding")), **x) for x in found]
 
 
 def failures_in(held: Mapping[str, Any]) -> list[Failure]:
@@ -101,7 +119,7 @@ class Memory:
         kept |= {"status": np.full(count, NOT_DONE, np.int32), "reached": np.full(count, job.t[0])}
         kept |= {"events": np.full(count, None)} if job.keeps_events else {}
         self._job, self._failures, self._touched = job, list[Failure](), np.zeros(count, bool)
-        self._held = {**kept, "out_of_range": np.full((count, 4), np.nan)}
+        self._held = {**kept, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
 
     def missing(self) -> NDArray[np.int64]:
         """Scenarios that are not done."""
@@ -127,7 +145,7 @@ class Memory:
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
         """What is kept, and what failed. Of scenarios that Ctrl-C came to before they were written, nothing."""
         blank = {**dict.fromkeys(self._job.kept(), np.nan), "status": NOT_DONE, "reached": self._job.t[0]}
-        for k, value in {**blank, "out_of_range": np.nan}.items():
+        for k, value in {**blank, "out_of_range": np.nan, "wrong": None}.items():
             self._held[k][~self._touched] = value
         return self._held, sorted(self._failures, key=lambda f: f.index)
 
@@ -154,7 +172,7 @@ class File:
         self._events = batch_events.columns(*job.event_sizes()) if job.keeps_events else {}
         columns |= {"reason": Column((), f"S{REASON_BYTES}", ""), "out_of_range": Column((4,), "<f8", np.nan)}
         columns |= {**self._events, "reached": Column((), "<f8", float(job.t[0]), [("reached", "s")])}
-        columns |= {"status": Column((), "<i4", NOT_DONE)}
+        columns |= {"status": Column((), "<i4", NOT_DONE), "wrong": Column((), f"S{2 * REASON_BYTES}", "")}
         told = {**about(job.variation), "marks": job_marks(job, name)}
         self._job = job
         self._file = ScenarioFile(
@@ -178,6 +196,7 @@ class File:
             failures = [*failures, *self._crowded(indices, rows)]
             rows |= batch_events.packed(rows["events"], *self._job.event_sizes())
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: in_bytes(f.reason) for f in failures}
+        rows["wrong"] = np.array([_packed(x or ()) for x in rows["wrong"]], f"S{2 * REASON_BYTES}")
         rows["reason"] = np.array([reasons[i] for i in indices.tolist()], f"S{REASON_BYTES}")
         self._file.write(indices, rows)
 
@@ -201,6 +220,7 @@ class File:
         arrays = self._file.arrays
         held = {k: np.array(arrays[k]) for k in ("status", "reached", "reason", "out_of_range")}
         held |= {k: arrays[k] for k in self._job.kept()}
+        held["wrong"] = np.fromiter(map(_unpacked, arrays["wrong"]), object, len(held["status"]))
         if self._events:
             held["events"] = batch_events.unpacked(arrays, self._file.done())
         return held, failures_in(held)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._check import outside
 from ..acting.sampled import Sampled
+from ..analysis.findings import RangeWarning, RunWarning
 from ..arm import Arm
 from ..run.result import Result
 from ..run.simulation import simulated
@@ -25,7 +26,12 @@ def _simulated(scene: Scene, progress: bool) -> Result:
 def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
     """A run, which warns of the first quantity that leaves its range, too."""
     result = _simulated(scene, progress)
-    for warning in [*result._wrong, *watch.left(result)[:1]]:
+    return _told(result, *watch.left(result)[:1])
+
+
+def _told(result: Result, *more: RunWarning) -> Result:
+    """The result, of whose wrong numbers it warns."""
+    for warning in [*result._wrong, *more]:
         warnings.warn(warning, stacklevel=outside())
     return result
 
@@ -39,13 +45,13 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     first = _simulated(lean, progress)
     left = watch.left(first)
     if not left:
-        return first
+        return _told(first)
     q0 = None if lean.q0 is None else carried_q(lean.q0, lean.arm, arm)
     v0 = None if lean.v0 is None else carried_v(lean.v0, lean.arm, arm)
     rich = replace(lean, arm=arm, options=options, q0=q0, v0=v0)
     cut = max(0, int(np.searchsorted(first.t, left[0].time)) - 1)
     if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
-        return _simulated(rich, progress)
+        return _told(_simulated(rich, progress))
     begin = embed(first, rich.arm, slice(cut, cut + 1))
     rest = _simulated(replace(rich, t=lean.t[cut:], q0=begin.q[0], v0=begin.v[0]), progress)
     before = embed(first, rich.arm, slice(0, cut))
@@ -53,4 +59,8 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     stats = {k: first.stats.get(k, 0) + v if isinstance(v, (int, float)) else v for k, v in rest.stats.items()}
     rows: dict[str, Any] = {name: np.vstack([getattr(before, name), getattr(rest, name)]) for name in ("q", "v", "a")}
     t = np.concatenate([first.t[:cut], rest.t])
-    return Result(rich.arm, t, **rows, tau=tau, stats=stats, loads=rest.loads, status=rest.status)
+    joined = Result(rich.arm, t, **rows, tau=tau, stats=stats, loads=rest.loads, status=rest.status)
+    ranges = [x for x in first._wrong if isinstance(x, RangeWarning) and x.time < t[cut]]
+    others = [x for x in first._wrong if not isinstance(x, (RangeWarning, *map(type, rest._wrong)))]
+    joined._wrong = [*ranges, *others, *rest._wrong]
+    return _told(joined)

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 
 from .._console import complain, json_text
+from ..analysis.findings import RunWarning, SlowWarning
 from ..run.simulation import SimulationError, simulated
 from ..scene.check import check, check_run
 from . import options
@@ -22,12 +23,20 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
 
 
+def _slow(warning: RunWarning) -> None:
+    """Says during the run that it will hardly end."""
+    if isinstance(warning, SlowWarning):
+        complain(f"warning: {warning}")
+
+
 def run(args: argparse.Namespace) -> int:
     """Prints the findings; 0, or 1 if the run could not go on."""
     scene = options.read(args.scene, args.tip)
     failure = None
     try:
-        made = simulated(scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), progress=True, **scene.options)
+        made = simulated(
+            scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), progress=True, tell=_slow, **scene.options
+        )
         found = check_run(scene, made)
     except SimulationError as e:
         failure, found = e, check(scene)

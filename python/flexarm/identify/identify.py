@@ -11,7 +11,7 @@ import numpy as np
 
 from .._check import whole
 from .._console import progress_bar
-from ..analysis.findings import RangeWarning
+from ..analysis.findings import RunWarning
 from ..data.data import Data
 from ..run.sensitivity import RunStopped
 from ..scene.scene import Scene
@@ -83,7 +83,7 @@ def identify(
     Warns:
         FitWarning: numbers, or combinations of them, that the data do not determine; poorly fitted columns; steps that
             are too long.
-        RangeWarning: of the fitted runs, as `simulate_batch`.
+        RangeWarning, LoopWarning, StepWarning, SlowWarning: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
@@ -128,7 +128,7 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
-    own = [w for w in heard if issubclass(w.category, RangeWarning)]
+    own = [w for w in heard if issubclass(w.category, RunWarning)]
     for message in {str(w.message): w.message for w in own}.values():
         warnings.warn(message, stacklevel=2)  # warnings of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:

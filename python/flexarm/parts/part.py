@@ -12,7 +12,8 @@ from .arguments import with_inherited
 
 
 class ModelWarning(UserWarning):
-    """A number of a model that is probably a mistake; the message gives the unit or the remedy."""
+    """A part is used beyond what it is good for, or an angle looks like one in degrees; the message gives the limit or
+    the remedy. What else in a model is probably a mistake, `check` finds."""
 
 
 #: first entries of tuples that name an item of a link, such as ("patch", link, patch)

@@ -31,7 +31,7 @@ class Problem(Acts):
 
     Attributes:
         controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
-        tell: told during the run what makes it very slow; None: nobody is.
+        tell: told during the run what makes it very slow; None: that is not looked for.
     """
 
     tell: Callable[[RunWarning], None] | None = None

@@ -94,7 +94,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     span = time - float(run.times[0])
     # a limit may hold a loop, but not in its model's range
     limits = failed or beyond is not None
-    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v)) else None
+    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v).item()) else None
     if not failed:
         rows = result.t, result.q, result.v
         blown = integrator.explicit and beyond_explicit(
@@ -194,13 +194,10 @@ def simulate(
             halved; a callable with a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes more than 2e7 steps; it names the cause, if known, and the remedy, during the run.
     """
-    run = simulated(
+    return simulated(
         arm, t, q0, v0, tau=tau, drive=drive, loads=loads, control=control, events=events, integrator=integrator,
         progress=progress, tell=_warn, **options,
     )  # fmt: skip
-    for warning in run._wrong:
-        _warn(warning)
-    return run
 
 
 def _warn(warning: RunWarning) -> None:
@@ -213,15 +210,21 @@ def simulated(
     control: Controller | Sequence[Controller] | None = None, events: Any = None, integrator: str | Integrator = "ida",
     progress: bool | Callable[[float], None] = False, tell: Callable[[RunWarning], None] | None = None, **options: Any,
 ) -> Result:  # fmt: skip
-    """As `simulate`, but without warnings, which are in the result's `_wrong`; `tell` is told during the run what makes
-    it very slow."""
+    """As `simulate`, but its warnings are in the result's `_wrong`, and told to `tell`, some of them during the run."""
     if "watch" in options:
         raise ValueError("watch: is asked for after the run, by result.check(watch)")
     chosen = integrator_of(integrator, **options)
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
-    run.tell = tell
+    wrong: list[RunWarning] = []
+
+    def note(warning: RunWarning) -> None:
+        wrong.append(warning)
+        if tell is not None:
+            tell(warning)
+
+    run.tell = note
     if callable(progress) or not progress:
         out = _integrate(run, chosen, progress or None)
     else:
@@ -232,5 +235,8 @@ def simulated(
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = source(setup, run.times, arm._posed(q0), v0, tau, integrator=chosen, events=events)
-    result._wrong = _judged(run, out, result, chosen)
+    result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
+    for warning in _judged(run, out, result, chosen):
+        if type(warning) not in already:
+            note(warning)
     return result

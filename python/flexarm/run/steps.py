@@ -18,7 +18,7 @@ from ..parts.beam import STRAINS
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
-_TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
+TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _AS_FAST = 0.9  # of a run's largest rate: rates that are like it
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
 _LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
@@ -33,13 +33,13 @@ _OWN = 3.0  # parts of what it does around, below which a departure is but curva
 
 def explicit_limit(
     arm: Arm, step: float, q: Array, held: Sequence[int], v: Array | None = None
-) -> tuple[str, float]:
+) -> tuple[str, float, float]:
     """Words the limit of rk4's steps, of small motions of all rates but those `held`, about rest with the joints as in
-    q, or about a motion at rates v; stuck joints are free to slide. And how much the fastest grows by one step. "" and
-    1.0 if these steps are below it."""
+    q, or about a motion at rates v; stuck joints are free to slide. And how much the fastest grows by one step, and
+    the limit (s). "", 1.0 and inf if these steps are below it."""
     free = ~np.isin(np.arange(arm.nv), held)
     if not free.any():
-        return "", 1.0
+        return "", 1.0, np.inf
     q = np.array(q)
     try:
         if v is None:
@@ -50,11 +50,11 @@ def explicit_limit(
         M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
         modes = replace(motions, free=free, M=M, G=G, K=K).solve()
     except ValueError:
-        return "", 1.0
+        return "", 1.0, np.inf
     bound = modes.frequencies > 0.0  # all else is not pulled back
     s, shapes = modes.eigenvalues[bound], modes.shapes[free][:, bound]
     if not s.size:
-        return "", 1.0
+        return "", 1.0, np.inf
     s, w = np.minimum(s.real, 0.0) + 1j * s.imag, np.abs(s)
     low, high = np.full(s.size, 2.0), np.full(s.size, 4.0)  # of step times |s|: between them rk4 begins to amplify
     for _ in range(40):
@@ -63,10 +63,11 @@ def explicit_limit(
         low, high = np.where(grows, low, middle), np.where(grows, middle, high)
     k = int((low / w).argmin())
     if step * w[k] <= low[k]:
-        return "", 1.0
+        return "", 1.0, np.inf
     pull = (np.abs(np.diag(K)) + w[k] * np.abs(np.diag(G))) * np.abs(shapes[:, k]) ** 2
     most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
-    return f", here {w[k]:.3g} rad/s of {most}: below {low[k] / w[k]:.3g} s", float(_growth(step * s).max())
+    limit = float(low[k] / w[k])
+    return f", here {w[k]:.3g} rad/s of {most}: below {limit:.3g} s", float(_growth(step * s).max()), limit
 
 
 def _growth(z: Any) -> Array:
@@ -80,28 +81,28 @@ def beyond_explicit(
 ) -> StepWarning | None:
     """Warns where steps of rk4 above their limit (see explicit_limit) have made rounding errors felt in a run of `span`
     (s): the limit about rest, or in rows (t, q, v) of the run that of the row at which its joints move fastest."""
-    limit, growth = explicit_limit(arm, step, q, held)
+    words, growth, limit = explicit_limit(arm, step, q, held)
     when = ""
     if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _BLOWN:
         t, qs, v = rows
         joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
         speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
         k = int(speed.argmax())
-        if step * speed[k] > _TURNED:
-            limit, growth = explicit_limit(arm, step, qs[k], held, v[k])
+        if step * speed[k] > TURNED:
+            words, growth, limit = explicit_limit(arm, step, qs[k], held, v[k])
             span = float(np.gradient(t)[speed > _AS_FAST * speed[k]].sum())
             when = f" at t = {t[k]:.4g} s, where the joints move at up to {speed[k]:.3g} rad/s or m/s,"
     if np.log(growth) * span / step < _BLOWN:
         return None
     what = (
-        f"is{when} above 2.83 over the highest frequency{limit}; what moves so fast grows {growth:.3g} times in every "
+        f"is{when} above 2.83 over the highest frequency{words}; what moves so fast grows {growth:.3g} times in every "
         "step"
     )
-    return StepWarning(_step_finding("rk4", step, what, "take shorter steps"), growth=growth)
+    return StepWarning(Finding(_where("rk4", step), what, step, limit, "s", "take shorter steps"), growth=growth)
 
 
-def _step_finding(integrator: str, step: float, what: str, remedy: str) -> Finding:
-    return Finding(f'integrator = "{integrator}", step = {step:g}', what, step, unit="s", remedy=remedy)
+def _where(integrator: str, step: float) -> str:
+    return f'integrator = "{integrator}", step = {step:g}'
 
 
 def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
@@ -114,18 +115,20 @@ def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarnin
         f"{'three steps' if integrator == 'rk4' else 'a step'} behind another of the same joint: the joint follows a "
         "vibration too fast for the step, and the motion may be wrong"
     )
-    return StepWarning(_step_finding(integrator, step, what, 'take a smaller step, or integrator="implicit"'))
+    remedy = 'take a smaller step, or integrator="implicit"'
+    return StepWarning(Finding(_where(integrator, step), what, count, _HASTY, "switches", remedy))
 
 
 def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
     """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
     were not may be too long as well."""
     count, steps = stats["failed_steps"], stats["steps"]
-    if not count > max(_FEW, _OFTEN * steps):
+    most = max(_FEW, _OFTEN * steps)
+    if not count > most:
         return None
     what = f"steps had to be halved {count} times, in {steps} steps: those that were not may be too long as well"
     remedy = "the motion may be wrong; compare it with a run of a smaller step"
-    return StepWarning(_step_finding(integrator, step, what, remedy))
+    return StepWarning(Finding(_where(integrator, step), what, count, most, "times", remedy))
 
 
 def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:

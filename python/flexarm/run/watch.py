@@ -174,5 +174,5 @@ def check(result: Rows, watch: Watch | None) -> Findings:
         moved = [arm.joint_rate(key) for key, law in drive.items() if isinstance(law, Motion)]
         found += _beyond_motor(arm, result, moved)
         if not source.integrator.fixed:
-            found += short_steps(arm, int(result.stats["steps"]), float(np.ptp(result.t)))
+            found += short_steps(arm, int(result.stats.get("steps", 0)), float(np.ptp(result.t)))
     return Findings(found)

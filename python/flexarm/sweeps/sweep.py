@@ -17,9 +17,9 @@ from ..analysis.findings import RangeWarning
 from ..analysis.validity import range_warning
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
-from ..batch.rollout import NOT_DONE
+from ..batch.rollout import NOT_DONE, lowest, tell
 from ..batch.runner import Runner
-from ..batch.simulate import make_job, warn_of_first
+from ..batch.simulate import make_job
 from ..batch.storage import File, Memory
 from ..scene.scene import Scene, load
 from ..store.files import named
@@ -99,7 +99,8 @@ def sweep(
         i, worst = result.beyond[0]
         others = f" (and {len(result.beyond) - 1} others)" if len(result.beyond) > 1 else ""
         warnings.warn(worst.of(f"scenario {i}{others}"), stacklevel=2)
-    warn_of_first(job, held)
+    for found in lowest(held["wrong"]).values():
+        tell(found)
     return result
 
 
