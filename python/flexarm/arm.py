@@ -265,7 +265,7 @@ class Arm(Chain):
 
         Args:
             ratios: {mode: ratio}, numbered as in `modes(q, lock=lock)` without damping; a list, from mode 0 on; or one
-            number for all modes. 2 % is 0.02.
+                number for all modes. 2 % is 0.02.
             q, lock, loads, t: as of `modes`.
 
         Raises:
@@ -321,7 +321,7 @@ class Arm(Chain):
         q = None if q is None else self._single(q=q)[0]
         found = balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
         if (beyond := worst_range(self, np.zeros(1), found[None])) is not None:
-            warnings.warn(range_warning(self, beyond, "equilibrium: ", still=True), stacklevel=2)
+            warnings.warn(range_warning(self, beyond, still=True).of("equilibrium"), stacklevel=2)
         return found
 
     def trim(
@@ -333,8 +333,7 @@ class Arm(Chain):
 
         Args:
             q: the joints' positions: all coordinates (nq,), of which the elastic ones are the start of the search; or
-                as
-                `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
+                as `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
             loads, t: external forces and moments, with their values at time t (s).
             voltages: of the patches (V), as of `equilibrium`.
 
@@ -351,7 +350,7 @@ class Arm(Chain):
         volts = np.zeros(self.nv) if voltages is None else voltage_forces(self, voltages)
         found = balance.trim(self, q, at_time(self, loads, t), volts)
         if (beyond := worst_range(self, np.zeros(1), found.q[None])) is not None:
-            warnings.warn(range_warning(self, beyond, "trim: ", still=True), stacklevel=2)
+            warnings.warn(range_warning(self, beyond, still=True).of("trim"), stacklevel=2)
         return found
 
     def inverse_derivatives(

@@ -11,7 +11,7 @@ from ..parts.joints import Fixed
 from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
 from ..parts.shapes import curvature_at
 from ..parts.taper import Taper
-from .modes import modes
+from .modes import locked_modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
 
@@ -50,8 +50,7 @@ def lowest_frequencies(arm: Chain, n: int) -> tuple[str, str]:
     if not any(link.beam is not None and link.beam.ne for link in arm.links):
         return "none, the arm is rigid", ""
     try:
-        locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        found = modes(arm._alike(arm.links), None, None, locked, ())
+        found = locked_modes(arm)
     except ValueError as e:
         return f"none: {e}", ""
     return " ".join(f"{f:.4g}" for f in found.frequencies[:n]), " ".join(f"{z:.4g}" for z in found.damping[:n])

@@ -252,6 +252,11 @@ def motions_about(arm: Chain, q: Array, v: Array, loads: Any = ()) -> SmallMotio
     return SmallMotions(arm, q, np.ones(arm.nv, bool), M, by_v + M @ W, by_q @ E + by_v @ W)
 
 
+def locked_modes(arm: Chain) -> Modes:
+    """About zero, with all joints locked, without gravity."""
+    return modes(arm._alike(arm.links), lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+
+
 def modes(
     arm: Chain,
     q: ArrayLike | None = None,

@@ -157,12 +157,12 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     return _unresolved(arm, t, q) if worst is None else (*worst[1:], others)
 
 
-def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
-    """Words what `worst_range` found. `name` begins the message; `still`: it is about one state, without times."""
+def range_warning(arm: Chain, found: Iterable[float], still: bool = False) -> RangeWarning:
+    """Words what `worst_range` found. `still`: it is about one state, without times."""
     found = link, time, rotation, others = tuple(map(float, found))
     since, beam = "" if still else f"from t = {time:.6g} s ", arm.links[int(link)].beam
     assert beam is not None
-    where, unit = name + arm.names[int(link)], "rad"
+    where, unit = arm.names[int(link)], "rad"
     limit = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
     if rotation <= 0.0:
         what = f"{_shortened(*found)}{', ' * (not still)}{since.strip()}"

@@ -376,7 +376,7 @@ def rolled(
     found = lowest(wrong)
     if beyond.size and LoopWarning not in found:
         i = int(beyond[0])
-        tell(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "))
+        tell(range_warning(arms[i % len(arms)], ranges[i]).of(f"scenario {i}"))
     for warning in found.values():
         tell(warning)
     return result

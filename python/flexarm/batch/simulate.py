@@ -212,8 +212,8 @@ def simulate_batch(
         i = int(beyond[0])
         loop = _loop_of(job, i, float(held["reached"][i]))
         if loop is None:
-            arm = job.variation.scenario(i).arm
-            found[RangeWarning] = range_warning(arm, held["out_of_range"][i], f"scenario {i}: ")
+            worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i])
+            found[RangeWarning] = worst.of(f"scenario {i}")
         else:
             found.setdefault(LoopWarning, loop.of(f"scenario {i}"))
     for warning in found.values():

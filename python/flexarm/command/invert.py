@@ -138,7 +138,7 @@ def invert(
     if rings := check_rest(slower, motions, poles, accuracy):
         warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
     if (beyond := worst_range(arm, out.t, out.q)) is not None:
-        warnings.warn(range_warning(arm, beyond, "invert: "), stacklevel=2)
+        warnings.warn(range_warning(arm, beyond).of("invert"), stacklevel=2)
     if out.exceeded:
         text = "; ".join(map(str, out.exceeded)) + "; slow the path (stretch=True), or take another posture"
         warnings.warn(f"invert: {text}", InversionWarning, stacklevel=2)

@@ -17,7 +17,6 @@ from ..run.result import Result
 from ..run.simulation import simulated
 from .move_limits import Driven
 
-_MODES = 12  # steered, at most
 _LOOK = 96  # times in a period of the slowest mode at which the vibration is evaluated
 
 

@@ -57,13 +57,12 @@ def identify(
             the samples; (fa.Motion, column) of a joint that moves as measured; a function of the data that gives a
             Motion, Torque or Voltage. For several runs a list of such tables, or one for all. None: the scene's drives.
         outputs: the measured quantity of each column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its
-            second
-            component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,). None:
-            all names in both. Sensors are read without noise and quantisation, at the times of the data.
+            second component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,).
+            None: all names in both. Sensors are read without noise and quantisation, at the times of the data.
         noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
-        They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or leaves
-        more than a tenth of a column's deviation. seed: of the draw.
+            They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
+            leaves more than a tenth of a column's deviation. seed: of the draw.
         integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". If neither gives a step,
             it is the time between two rows of the data, halved until it no longer affects the values.
         max_iterations: of each least squares.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.findings import Finding, RunWarning, SlowWarning, StepWarning
-from ..analysis.modes import motions_about, small_motions
+from ..analysis.modes import locked_modes, motions_about, small_motions
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
@@ -163,7 +163,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
     if not elastic:
         return None
     try:
-        modes = arm._alike(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+        modes = locked_modes(arm)
     except ValueError:
         return None
     order = np.argsort(modes.frequencies)

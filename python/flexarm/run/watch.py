@@ -15,6 +15,7 @@ from ..acting.motor import torque_limits
 from ..analysis.coarse import coarse
 from ..analysis.findings import Finding, Findings, RangeWarning
 from ..analysis.mistakes import mistakes
+from ..analysis.modes import locked_modes
 from ..analysis.validity import range_warning, rotation, worst_range
 from ..arm import Arm
 from .outputs import Rows
@@ -53,8 +54,7 @@ def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator
 def first_frequency(arm: Arm) -> float:
     """The lowest (rad/s) with all joints locked, without gravity; nan if there is none."""
     try:
-        locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        return float(arm._alike(arm.links).modes(lock=locked).frequencies[0])
+        return float(locked_modes(arm).frequencies[0])
     except (ValueError, IndexError):
         return np.nan
 
