@@ -88,7 +88,7 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
   inertia_ = s_.ws.M.diagonal();
 }
 
-/// What is prescribed does not change, and what it was before the step does not matter.
+/// Prescribed motions do not change, and their values before the step do not matter.
 void PredictiveStep::keep_given(MatrixXd& rows) const {
   for (const auto& [rate, at] : given_) {
     rows.row(rate).setZero();
@@ -110,7 +110,7 @@ void PredictiveStep::take(const VectorXd& p) {
   for (const auto& [rate, at] : given_) coulomb_[rate] = 0.0;
 }
 
-/// What acts at time t, into tau_, and what is prescribed.
+/// Forces at time t, into tau_, and prescribed motions.
 void PredictiveStep::drive(Stage& stage, double t) {
   s_.drive(t);
   given_q_ = s_.q;

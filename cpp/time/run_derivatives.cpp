@@ -143,12 +143,12 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   for (std::size_t k = 0; k < tape.entries.size(); ++k) {
     const Tape::Entry& entry = tape.entries[k];
     if (entry.h == 0.0) {
-      const MatrixXd now = accelerate(entry.point, q, v);
       if (method.remembers) {
-        a0 = alpha0 = now;
+        a0 = alpha0 = accelerate(entry.point, q, v);
+      } else if (const Saltation& leap = tape.leaps[leaps++]; leap.tears == 0.0) {
+        leap.leap(v.row(leap.of), v);
       } else {
-        const Saltation& leap = tape.leaps[leaps++];
-        leap.leap(leap.tears == 0.0 ? Eigen::RowVectorXd(v.row(leap.of)) : holding(entry.point, leap.of, now), v);
+        leap.leap(holding(entry.point, leap.of, accelerate(entry.point, q, v)), v);
       }
       finish(k + 1, first[k + 1]);
       continue;

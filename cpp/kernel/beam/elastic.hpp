@@ -4,7 +4,8 @@
 #pragma once
 
 #include "door/layout.hpp"
-#include "space/algebra.hpp"
+#include "space/plane.hpp"
+#include "space/space.hpp"
 
 namespace {
 

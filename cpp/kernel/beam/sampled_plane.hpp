@@ -137,6 +137,16 @@ void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const 
   for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
 }
 
+/// Turns a slice by an angle, at its rate.
+template <class S>
+void turn_slice(const S& turn, const S& rate, Slice<Plane<S>>& out) {
+  S sine, cosine;
+  sine_cosine(turn, sine, cosine);
+  out.frame.R = {cosine, sine};
+  out.rate.angular = {rate};
+  out.bias.angular = Plane<S>::zero_angular();
+}
+
 /// The slice at the end, after `place_points`.
 template <class S, class P>
 void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S* dq, const PlaneSeries<P>& s,
@@ -158,11 +168,7 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
     rate += t * dq[k];
     out.J[k].angular = {t};
   }
-  S sine, cosine;
-  sine_cosine(turn, sine, cosine);
-  out.frame.R = {cosine, sine};
-  out.rate.angular = {rate};
-  out.bias.angular = Sp::zero_angular();
+  turn_slice(turn, rate, out);
 }
 
 /// Puts a slice where the sums read it, as station `i`.
@@ -214,11 +220,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     rate += t * dq[k];
     out.J[k].angular = {t};
   }
-  S sine, cosine;
-  sine_cosine(turn, sine, cosine);
-  out.frame.R = {cosine, sine};
-  out.rate.angular = {rate};
-  out.bias.angular = {S{}};
+  turn_slice(turn, rate, out);
 }
 
 }  // namespace sampled

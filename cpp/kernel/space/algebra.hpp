@@ -2,9 +2,6 @@
 // for both. An inertia M = [A B; B^T D] takes a motion to a force.
 #pragma once
 
-#include "space/plane.hpp"
-#include "space/space.hpp"
-
 namespace {
 
 /// A velocity, an acceleration, or a column of a Jacobian: of a frame's origin, and of its turning.

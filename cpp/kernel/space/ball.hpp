@@ -3,7 +3,7 @@
 #pragma once
 
 #include "door/layout.hpp"
-#include "space/algebra.hpp"
+#include "space/space.hpp"
 
 namespace {
 

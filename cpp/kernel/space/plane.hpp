@@ -1,14 +1,10 @@
 // Motions, forces and inertias in the plane; those in space have the same names (algebra.hpp).
 #pragma once
 
+#include "space/algebra.hpp"
 #include "wide/functions.hpp"
 
 namespace {
-
-template <class Sp>
-struct Motion;
-template <class Sp>
-struct Force;
 
 template <class S>
 struct Plane {
@@ -86,7 +82,6 @@ struct Plane {
   static S& component(Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S component(const Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S& angular_component(Ang& a, int) { return a.z; }
-  static S angular_component(const Ang& a, int) { return a.z; }
 
   static Inertia no_inertia() {
     const S o{};

@@ -1,14 +1,10 @@
 // Motions, forces and inertias in space; those in the plane have the same names (algebra.hpp).
 #pragma once
 
+#include "space/algebra.hpp"
 #include "wide/functions.hpp"
 
 namespace {
-
-template <class Sp>
-struct Motion;
-template <class Sp>
-struct Force;
 
 template <class S>
 struct Space {
@@ -101,7 +97,6 @@ struct Space {
   static S& component(Lin& a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
   static S component(const Lin& a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
   static S& angular_component(Ang& a, int axis) { return component(a, axis); }
-  static S angular_component(const Ang& a, int axis) { return component(a, axis); }
   static Lin unit(int axis) {
     Lin u = zero();
     component(u, axis) += 1.0;
