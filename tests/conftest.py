@@ -28,7 +28,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def demonstration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
     """What `flexarm demo --json` computed, a demo.Demo, and what it printed."""
     from flexarm import cli
-    from flexarm.paper import demo
+    from flexarm.cli.paper import demo
 
     done, run = [], demo.run
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:

@@ -30,7 +30,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import pytest
-from flexarm.scene.scene import scene_from_dict
+from flexarm.run.scene.scene import scene_from_dict
 from markdown_it import MarkdownIt
 
 if sys.version_info >= (3, 11):

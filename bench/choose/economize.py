@@ -21,7 +21,7 @@ import flexarm as fa
 import numpy as np
 from flexarm.choose.models import ORDERS, BeamModel, Model, Models
 from flexarm.choose.trials import timed
-from flexarm.draw.tradeoff import label_errors, scale_errors
+from flexarm.data.draw.tradeoff import label_errors, scale_errors
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 

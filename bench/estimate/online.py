@@ -133,7 +133,7 @@ def rig(name: str) -> tuple[fa.Arm, list[fa.StrainGauge]]:
 def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, deflections measured and estimated, (nt, 2) rad each, from where both gauges read: the rig tares them at
     first."""
-    data = fa.load_data(ROOT / f"python/flexarm/validate/quanser/{name}.csv")
+    data = fa.load_data(ROOT / f"python/flexarm/identify/validate/quanser/{name}.csv")
     (arm, gauges), h = rig(name), 0.002
     since = data.t - data.t[0]
     t = np.arange(round(float(since[-1]) / h) + 1) * h

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE
+from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parents[2]

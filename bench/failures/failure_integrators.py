@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from failure_common import Entry, Rows, entry, legend, panels
-from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, RED, SKY
+from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, RED, SKY
 from stability import balls, beams, integrators
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 from failure_common import Entry, Rows, entry, legend, panels
-from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, RED
+from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, RED
 from scipy.optimize import brentq
 from stability import loops
 

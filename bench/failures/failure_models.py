@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from failure_common import ORDER, Entry, Rows, entry, legend, panels
 from flexarm.analysis.validity import LIMITS
-from flexarm.draw.style import BLUE, GREEN, INK, RED
+from flexarm.data.draw.style import BLUE, GREEN, INK, RED
 from stability import beams, chain
 
 

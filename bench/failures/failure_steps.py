@@ -5,7 +5,7 @@ from __future__ import annotations
 import flexarm as fa
 import numpy as np
 from failure_common import Entry, Rows, entry, legend, panels
-from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
+from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
 from stability import steps
 
 ALPHA, DAMPED, GAUSS = "implicit, radius 1", "implicit, radius 0.9", "gauss"

@@ -77,7 +77,7 @@ def scene(step: float, friction: bool = False, low_pass: bool = False) -> fa.Sce
 
 def with_values(base: fa.Scene, values: dict[str, float]) -> fa.Scene:
     """The scene with other numbers: a fit that has nothing to do gives it."""
-    from flexarm.run.variation import Setup, Variation
+    from flexarm.arm.variation import Setup, Variation
 
     setup = Setup(base.arm, base.drive, tuple(base.loads), tuple(base.control), base.sensors)
     made = Variation(setup, {k: np.array([x]) for k, x in values.items()}).scenario(0)

@@ -17,7 +17,7 @@ namespace {
 using Index = Eigen::Index;
 
 /// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.2 to
-/// 3 times what an arm by itself costs (bench/batch/few.py).
+/// 3 times what an arm by itself costs (bench/many/few.py).
 constexpr double kFew = 0.25;
 constexpr double kTooLong = 1e8;
 

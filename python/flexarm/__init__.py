@@ -69,23 +69,23 @@ import typing as _typing
 from types import ModuleType as _ModuleType
 
 from ._core import __version__ as __version__
-from .acting.computed import ComputedTorque as ComputedTorque, FeedForward as FeedForward
-from .acting.control import (
+from .model.acting.computed import ComputedTorque as ComputedTorque, FeedForward as FeedForward
+from .model.acting.control import (
     PD as PD,
     Controller as Controller,
     StateFeedback as StateFeedback,
     StrainFeedback as StrainFeedback,
 )
-from .acting.drive import Motion as Motion, Torque as Torque
-from .acting.load import Load as Load
-from .acting.motor import Motor as Motor
-from .acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
-from .acting.mpc import MPC as MPC, MPCWarning as MPCWarning
-from .acting.sampled import LinearController as LinearController, Sampled as Sampled
-from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
-from .acting.voltage import Voltage as Voltage
+from .model.acting.drive import Motion as Motion, Torque as Torque
+from .model.acting.load import Load as Load
+from .model.acting.motor import Motor as Motor
+from .model.acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
+from .model.acting.mpc import MPC as MPC, MPCWarning as MPCWarning
+from .model.acting.sampled import LinearController as LinearController, Sampled as Sampled
+from .model.acting.shaping import Shaper as Shaper, input_shaper as input_shaper
+from .model.acting.voltage import Voltage as Voltage
 from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
-from .analysis.design import lqg as lqg, lqr as lqr
+from .loop.design import lqg as lqg, lqr as lqr
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.findings import (
     Finding as Finding,
@@ -96,29 +96,29 @@ from .analysis.findings import (
 )
 from .analysis.damping import Decay as Decay, fit_decay as fit_decay
 from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
-from .analysis.resonant_design import irc as irc, ppf as ppf
+from .loop.resonant_design import irc as irc, ppf as ppf
 from .analysis.placement import PatchPlacement as PatchPlacement, placement as placement
-from .arm import Arm as Arm
-from .batch.result import BatchResult as BatchResult
-from .batch.gradient import (
+from .arm.arm import Arm as Arm
+from .many.batch.result import BatchResult as BatchResult
+from .many.batch.gradient import (
     Gradient as Gradient,
     StepDerivatives as StepDerivatives,
     rollout_gradient as rollout_gradient,
     step_derivatives as step_derivatives,
 )
-from .batch.rollout import (
+from .many.batch.rollout import (
     BatchInterrupted as BatchInterrupted,
     Failure as Failure,
     Rollout as Rollout,
     rollout as rollout,
 )
-from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
+from .many.batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
-from .command.move import LimitUse as LimitUse, Move as Move
-from .command.plan import MoveWarning as MoveWarning, plan_move as plan_move
-from .command.inversion import Inversion as Inversion
-from .command.invert import InversionWarning as InversionWarning, invert as invert
+from .command.moves.move import LimitUse as LimitUse, Move as Move
+from .command.moves.plan import MoveWarning as MoveWarning, plan_move as plan_move
+from .command.inversion.inversion import Inversion as Inversion
+from .command.inversion.invert import InversionWarning as InversionWarning, invert as invert
 from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data
@@ -134,8 +134,8 @@ from .identify.fit import (
 from .identify.identify import identify as identify
 from .identify.unknown import Unknown as Unknown
 from .loop.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
-from .parts.beam import Beam as Beam, RigidBody as RigidBody
-from .parts.joints import (
+from .model.parts.beam import Beam as Beam, RigidBody as RigidBody
+from .model.parts.joints import (
     Axes as Axes,
     Cylindrical as Cylindrical,
     Fixed as Fixed,
@@ -148,14 +148,14 @@ from .parts.joints import (
     Spherical as Spherical,
     Universal as Universal,
 )
-from .parts.link import Link as Link
-from .parts.look import Look as Look
-from .parts.material import Material as Material
-from .parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
-from .parts.part import ModelWarning as ModelWarning
-from .parts.patch import Patch as Patch, Piezo as Piezo
-from .parts.polygon import polygon as polygon
-from .parts.sections import (
+from .model.parts.link import Link as Link
+from .model.parts.look import Look as Look
+from .model.parts.material import Material as Material
+from .model.parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
+from .model.parts.part import ModelWarning as ModelWarning
+from .model.parts.patch import Patch as Patch, Piezo as Piezo
+from .model.parts.polygon import polygon as polygon
+from .model.parts.sections import (
     Box as Box,
     Circle as Circle,
     Ellipse as Ellipse,
@@ -165,8 +165,8 @@ from .parts.sections import (
     SectionMatrix as SectionMatrix,
     Tube as Tube,
 )
-from .parts.split import split as split
-from .parts.taper import Taper as Taper
+from .model.parts.split import split as split
+from .model.parts.taper import Taper as Taper
 from .robots.chain import Flexible as Flexible
 from .robots.tree import RobotWarning as RobotWarning
 from .run.integrators import RK4 as RK4, Gauss as Gauss, Ida as Ida, Implicit as Implicit
@@ -179,13 +179,13 @@ from .run.simulation import (
 )
 from .run.stepping import Simulation as Simulation
 from .run.watch import Watch as Watch
-from .scene.check import check as check
-from .scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
-from .scene.scene import Scene as Scene, load as load
-from .sensing.lowpass import LowPass as LowPass
-from .sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd
-from .sensing.sensor import Sampler as Sampler, Sensor as Sensor
-from .sensing.sensors import (
+from .run.scene.check import check as check
+from .run.scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
+from .run.scene.scene import Scene as Scene, load as load
+from .run.sensing.lowpass import LowPass as LowPass
+from .run.sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd
+from .run.sensing.sensor import Sampler as Sampler, Sensor as Sensor
+from .run.sensing.sensors import (
     Accelerometer as Accelerometer,
     Camera as Camera,
     Encoder as Encoder,
@@ -193,11 +193,11 @@ from .sensing.sensors import (
     StrainGauge as StrainGauge,
     Tachometer as Tachometer,
 )
-from .sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
-from .sweeps.sweep import sweep as sweep
-from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
-from .validate.validate import validate as validate
-from .validate.validation import Validation as Validation
+from .many.sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
+from .many.sweeps.sweep import sweep as sweep
+from .many.sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
+from .identify.validate.validate import validate as validate
+from .identify.validate.validation import Validation as Validation
 from .view.view import View as View
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, whole
-from .acting.control import force_columns, measured_rows
 from .analysis.findings import RangeWarning, RunWarning
-from .arm import Arm
-from .batch.rollout import rolled, tell
-from .run.variation import Setup, Variation
+from .arm.arm import Arm
+from .arm.variation import Setup, Variation
+from .many.batch.rollout import rolled, tell
+from .model.acting.control import force_columns, measured_rows
 from .tasks import TASKS, State, Task
 from .view.stage import greatest_strain
 from .view.view import show

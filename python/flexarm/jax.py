@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from .arm import Arm
-from .batch.differentiable import Rolling
+from .arm.arm import Arm
+from .many.batch.differentiable import Rolling
 from .run.integrators import Integrator
 
 try:

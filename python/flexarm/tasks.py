@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array
-from .arm import Arm
-from .parts.beam import Beam, RigidBody
-from .parts.joints import Revolute
-from .parts.link import Link
-from .parts.material import Material
-from .parts.sections import Rectangle
+from .arm.arm import Arm
+from .model.parts.beam import Beam, RigidBody
+from .model.parts.joints import Revolute
+from .model.parts.link import Link
+from .model.parts.material import Material
+from .model.parts.sections import Rectangle
 
 
 class State(NamedTuple):

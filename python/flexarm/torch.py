@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .arm import Arm
-from .batch.differentiable import Rolling
+from .arm.arm import Arm
+from .many.batch.differentiable import Rolling
 from .run.integrators import Integrator
 
 try:

@@ -19,7 +19,7 @@ from flexarm.choose.integrators import LINES, line_options
 from flexarm.choose.models import Models
 from flexarm.choose.trials import Run
 from flexarm.cli import main
-from flexarm.draw.tradeoff import Kind, model_styles
+from flexarm.data.draw.tradeoff import Kind, model_styles
 
 SWING = """
 gravity = [0, -9.81, 0]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from flexarm import _console
 from flexarm.cli import main
-from flexarm.paper import demo
+from flexarm.cli.paper import demo
 
 PENDULUM = """
 gravity = [0, -9.81, 0]

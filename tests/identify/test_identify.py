@@ -11,7 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm import _console
-from flexarm.run.variation import Setup, Variation
+from flexarm.arm.variation import Setup, Variation
 
 MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
 TRUE = {MASS: 0.05, MODULUS: 2.09e11, DAMPING: 0.05}

@@ -7,8 +7,8 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
-from flexarm.analysis.margins import Margins
-from flexarm.draw.loop import plot_loop
+from flexarm.data.draw.loop import plot_loop
+from flexarm.loop.margins import Margins
 from scipy.optimize import brentq
 
 INERTIA = 0.35

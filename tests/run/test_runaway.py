@@ -244,7 +244,7 @@ def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
     """At 100 Hz the demo's loop is lost beyond Ks = -0.01332, docs/strain-feedback.md; without dry friction."""
     from dataclasses import replace
 
-    from flexarm.paper.control import DRIVE_GAIN, KP, KV
+    from flexarm.cli.paper.control import DRIVE_GAIN, KP, KV
 
     link, t = fa.load("ist_control").arm.links[0], np.linspace(0, 8, 401)
     free = fa.Arm([replace(link, joint=replace(link.joint, coulomb=0.0))])

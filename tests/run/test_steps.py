@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, reference
+from flexarm.run.scene.scene import SCENES
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 
@@ -352,7 +353,7 @@ def test_ctrl_c_and_stats() -> None:
 def test_scene_files_and_command_line(tmp_path) -> None:
     from flexarm import cli
 
-    text = (fa.scene.SCENES / "ist.toml").read_text()
+    text = (SCENES / "ist.toml").read_text()
     at = text.index("[simulation]") + len("[simulation]")
     path = tmp_path / "fixed.toml"
     path.write_text(text[:at] + '\nintegrator = "implicit"\nstep = 1e-3\nspectral_radius = 0.8' + text[at:])

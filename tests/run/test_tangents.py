@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from arms import run_derivatives
 from flexarm._check import Array
+from flexarm.arm.variation import Setup, Variation
 from flexarm.run.perturbed import problems
-from flexarm.run.variation import Setup, Variation
 from scipy.integrate import solve_ivp
 
 SOLVERS = ("dense", "chain")

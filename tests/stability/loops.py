@@ -9,7 +9,7 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
-from flexarm.paper.control import DRIVE_GAIN, KP, KS, KV
+from flexarm.cli.paper.control import DRIVE_GAIN, KP, KS, KV
 from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 

@@ -12,12 +12,12 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array
-from ..acting.voltage import split_drives
-from ..parts.beam import STRAINS, Beam
-from ..parts.chain import Chain
-from ..parts.joints import Axes
-from ..parts.link import Link
-from ..parts.sections import SectionMatrix
+from ..model.acting.voltage import split_drives
+from ..model.parts.beam import STRAINS, Beam
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Axes
+from ..model.parts.link import Link
+from ..model.parts.sections import SectionMatrix
 from .findings import Finding
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance

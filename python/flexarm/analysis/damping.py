@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, number, whole
-from ..parts.chain import Chain
-from ..parts.link import Link
+from ..model.parts.chain import Chain
+from ..model.parts.link import Link
 from .modes import Modes, SmallMotions, small_motions
 
 _ROUNDS = 20  # of Newton's iteration

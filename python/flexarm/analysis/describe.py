@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from .._console import aligned
-from ..parts.beam import Beam
-from ..parts.chain import Chain
-from ..parts.joints import Fixed
-from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
-from ..parts.shapes import curvature_at
-from ..parts.taper import Taper
+from ..model.parts.beam import Beam
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Fixed
+from ..model.parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
+from ..model.parts.shapes import curvature_at
+from ..model.parts.taper import Taper
 from .modes import locked_modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite
-from ..parts.beam import STRAIN_NAMES
-from ..parts.chain import Chain
+from ..model.parts.beam import STRAIN_NAMES
+from ..model.parts.chain import Chain
 from .validity import turned_inside_out
 
 _AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance

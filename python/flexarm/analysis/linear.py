@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, choice, finite, number, tilde
-from ..parts.beam import STRAIN_NAMES
-from ..parts.chain import Chain
+from ..model.parts.beam import STRAIN_NAMES
+from ..model.parts.chain import Chain
 from .equilibrium import locked_rates, warn_unless_at_rest
 from .printed import model_table
 

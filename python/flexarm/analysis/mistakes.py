@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
-from ..parts.chain import Chain
-from ..parts.joints import Fixed
-from ..parts.sections import GeneralSection, SectionMatrix
+from ..model.parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Fixed
+from ..model.parts.sections import GeneralSection, SectionMatrix
 from .findings import Finding
 
 # Each is past anything that is built; a finding is no error, for who means it.

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite, number, whole
-from ..draw.modes import plot_modes
-from ..parts.beam import Beam
-from ..parts.chain import Chain
+from ..data.draw.modes import plot_modes
+from ..model.parts.beam import Beam
+from ..model.parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
 from .equilibrium import locked_rates, steady_state

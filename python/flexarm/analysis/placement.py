@@ -10,9 +10,9 @@ import numpy as np
 
 from .._check import Array, array, number, whole
 from .._console import progress_bar
-from ..draw.style import INK, PALETTE, label_axes, legend, new_figure
-from ..parts.chain import Chain
-from ..parts.patch import Patch
+from ..data.draw.style import INK, PALETTE, label_axes, legend, new_figure
+from ..model.parts.chain import Chain
+from ..model.parts.patch import Patch
 from .equilibrium import locked_rates
 
 if TYPE_CHECKING:

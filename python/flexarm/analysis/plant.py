@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, finite
-from ..parts.chain import Chain
+from ..model.parts.chain import Chain
 from .linear import turning
 from .modes import shift
 

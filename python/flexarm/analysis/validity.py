@@ -10,8 +10,8 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array
-from ..parts.beam import Beam
-from ..parts.chain import Chain
+from ..model.parts.beam import Beam
+from ..model.parts.chain import Chain
 from .findings import Finding, RangeWarning
 
 #: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from .._check import outside
-from ..acting.sampled import Sampled
 from ..analysis.findings import RangeWarning, RunWarning
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..model.acting.sampled import Sampled
 from ..run.result import Result
+from ..run.scene.scene import Scene
 from ..run.simulation import simulated
 from ..run.watch import Watch
-from ..scene.scene import Scene
 from .coordinates import carried_q, carried_v, embed
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from .._check import number
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
-from ..draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
-from ..scene.scene import Scene
+from ..data.draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
+from ..run.scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
 from .integrators import LINES, OVER_OUTPUTS, longest_gap
 from .models import Models, read_scene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..run.integrators import INTEGRATORS
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 from .coordinates import some_rows
 from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
 from .measures import Measure

@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._check import Array
-from ..arm import Arm
-from ..parts.beam import STRAINS, Beam
+from ..arm.arm import Arm
+from ..model.parts.beam import STRAINS, Beam
 from ..run.result import Result
 
 #: The pieces of a beam (or the whole beam), each with its start along the beam (m).

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..parts.beam import STRAINS
-from ..parts.link import Link
+from ..model.parts.beam import STRAINS
+from ..model.parts.link import Link
 from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
 from .models import ORDERS, Model, Models, lowest_order
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from .._check import number
 from .._console import aligned, progress_bar, seconds
-from ..arm import Arm
-from ..draw.tradeoff import Point, Trial, plot_trials
+from ..arm.arm import Arm
+from ..data.draw.tradeoff import Point, Trial, plot_trials
 from ..run.result import Result
+from ..run.scene.scene import Scene
 from ..run.watch import Watch
-from ..scene.scene import Scene
 from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch

@@ -11,11 +11,11 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array
-from ..acting.voltage import split_drives
-from ..arm import Arm
-from ..parts.beam import STRAINS
+from ..arm.arm import Arm
+from ..model.acting.voltage import split_drives
+from ..model.parts.beam import STRAINS
+from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from ..scene.scene import Scene
 from .coordinates import some_rows
 from .decisions import DECISIONS
 from .descent import Descent

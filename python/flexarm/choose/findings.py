@@ -7,8 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..arm import Arm
-from ..parts.beam import STRAINS
+from ..arm.arm import Arm
+from ..model.parts.beam import STRAINS
 from .models import Model, Models
 from .trials import OutOfTime, Run, Trials
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..acting.control import control_laws
-from ..acting.drive import Motion
-from ..acting.load import at_time
-from ..acting.voltage import split_drives
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..model.acting.control import control_laws
+from ..model.acting.drive import Motion
+from ..model.acting.load import at_time
+from ..model.acting.voltage import split_drives
 from ..run.result import Result
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 from .coordinates import Embedded, carried_v, embed, some_rows
 from .measures import Measure
 

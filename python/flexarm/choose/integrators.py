@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..run.integrators import INTEGRATORS, OPTIONS
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 
 #: The integrators that choose their own steps for a tolerance; every other one takes `step`.
 BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fixed)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, choice
-from ..acting.drive import Motion
-from ..acting.voltage import split_drives
-from ..arm import Arm
-from ..parts.beam import STRAIN_NAMES
+from ..arm.arm import Arm
+from ..model.acting.drive import Motion
+from ..model.acting.voltage import split_drives
+from ..model.parts.beam import STRAIN_NAMES
 from ..run.result import Result
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 
 MEASURES = ("tip", "joint", "strain")
 

@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..acting.control import control_laws
-from ..acting.sampled import Sampled
-from ..arm import Arm
-from ..parts.beam import STRAINS, Beam, RigidBody
-from ..parts.link import Link
-from ..parts.sections import SectionMatrix
-from ..parts.taper import Taper
-from ..scene.scene import Scene, load
+from ..arm.arm import Arm
+from ..model.acting.control import control_laws
+from ..model.acting.sampled import Sampled
+from ..model.parts.beam import STRAINS, Beam, RigidBody
+from ..model.parts.link import Link
+from ..model.parts.sections import SectionMatrix
+from ..model.parts.taper import Taper
+from ..run.scene.scene import Scene, load
 from .coordinates import nearest
 from .pieces import Pieces, jumps
 from .starts import Start

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..acting.computed import ComputedTorque, FeedForward
-from ..acting.control import Controller, StateFeedback, StrainFeedback, _JointLaw
-from ..acting.load import Load
-from ..acting.sampled import Sampled
-from ..acting.voltage import is_patch
-from ..arm import Arm
-from ..parts.beam import STRAINS, Beam
-from ..parts.joints import Fixed
-from ..parts.link import Link
-from ..parts.sections import SectionMatrix
-from ..parts.split import piece, split
-from ..parts.taper import Taper
-from ..scene.scene import Scene
+from ..arm.arm import Arm
+from ..model.acting.computed import ComputedTorque, FeedForward
+from ..model.acting.control import Controller, StateFeedback, StrainFeedback, _JointLaw
+from ..model.acting.load import Load
+from ..model.acting.sampled import Sampled
+from ..model.acting.voltage import is_patch
+from ..model.parts.beam import STRAINS, Beam
+from ..model.parts.joints import Fixed
+from ..model.parts.link import Link
+from ..model.parts.sections import SectionMatrix
+from ..model.parts.split import piece, split
+from ..model.parts.taper import Taper
+from ..run.scene.scene import Scene
 from .coordinates import nearest
 
 _NEAR = 1e-9  # of a beam's length: closer places count as one

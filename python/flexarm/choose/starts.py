@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from .._check import Array
-from ..acting.drive import Motion
 from ..analysis.equilibrium import elastic_rates
+from ..model.acting.drive import Motion
+from ..run.scene.scene import Scene
 from ..run.start import NEAR, acting, sagging, state
-from ..scene.scene import Scene
 from .coordinates import restated
 
 _FARTHEST_START = 0.5  # a start farther than this is not meant to be in equilibrium

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..run.scene.scene import Scene
 from ..run.watch import first_frequency
-from ..scene.scene import Scene
 from .integrators import DENSE, by_tolerance
 from .models import Model
 from .times import callables, probes

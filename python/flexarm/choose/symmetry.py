@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..acting.load import at_time
-from ..acting.voltage import split_drives
 from ..analysis.equilibrium import displaced
-from ..parts.beam import STRAINS
+from ..model.acting.load import at_time
+from ..model.acting.voltage import split_drives
+from ..model.parts.beam import STRAINS
 from ..run.result import Result
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 from .coordinates import embed, some_rows
 from .times import probes
 

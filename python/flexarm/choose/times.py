@@ -9,9 +9,9 @@ import numpy as np
 
 from .._check import Array
 from .._core import PiecewisePolynomial
-from ..acting.drive import Motion
+from ..model.acting.drive import Motion
 from ..run.result import Result
-from ..scene.scene import Scene
+from ..run.scene.scene import Scene
 
 _ROWS = 200  # output times of the runs that are compared, and as many times between them
 _PROBES = 4000

@@ -13,8 +13,8 @@ import numpy as np
 from .._check import Array
 from ..analysis.findings import RangeWarning
 from ..run.result import Result
+from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
-from ..scene.scene import Scene
 from .coordinates import carried_q, carried_v, some_rows
 from .integrators import OVER_OUTPUTS
 from .measures import Measure

@@ -8,10 +8,10 @@ import os
 from typing import Any
 
 from .._console import complain, empty_table, json_text, output_folder, print_table
-from ..scene.scene import load
-from ..sweeps.result import SweepInterrupted
-from ..sweeps.sweep import sweep
-from ..sweeps.vary import load_sweep
+from ..many.sweeps.result import SweepInterrupted
+from ..many.sweeps.sweep import sweep
+from ..many.sweeps.vary import load_sweep
+from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "simulate a scene many times over, its parameters varied"

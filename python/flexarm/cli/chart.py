@@ -9,7 +9,7 @@ import sys
 from .._console import complain, json_text, output_folder
 from ..choose.chart import chart
 from ..choose.measures import MEASURES
-from ..scene.scene import load
+from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "speed against accuracy of models and integrators on a scene"

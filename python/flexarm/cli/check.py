@@ -7,8 +7,8 @@ from dataclasses import asdict
 
 from .._console import complain, json_text
 from ..analysis.findings import RunWarning, SlowWarning
+from ..run.scene.check import check, check_run
 from ..run.simulation import SimulationError, simulated
-from ..scene.check import check, check_run
 from . import options
 
 SUMMARY = "list what could be better in a scene"

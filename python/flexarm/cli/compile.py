@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from .._console import json_text
-from ..scene.scene import load
+from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "write a scene as numbers, for C++"

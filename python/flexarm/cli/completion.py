@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from .._console import json_text
-from ..scene.scene import SCENES
+from ..run.scene.scene import SCENES
 from . import examples
 
 SUMMARY = "print a script that completes commands in a shell"

@@ -7,8 +7,8 @@ import itertools
 import os
 
 from .._console import json_text, output_folder, print_table, progress_bar
-from ..paper import demo
 from . import options
+from .paper import demo
 
 SUMMARY = "the paper's single-link experiment, held against its numbers"
 TEXT = "Needs no scene, network or display."

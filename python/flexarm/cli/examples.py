@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from .._console import json_text, output_folder
-from ..store.files import write_whole
+from ..data.store.files import write_whole
 from . import options
 
 SUMMARY = "list complete scripts, or copy them"

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from .._console import complain, json_text, output_folder
-from ..acting.drive import Motion
+from ..data.draw import style as plots
 from ..data.load import load_data
-from ..draw import style as plots
 from ..identify.fit import Fit, FitError, FitInterrupted
 from ..identify.identify import identify
 from ..identify.unknown import Unknown
-from ..scene.scene import load
+from ..model.acting.drive import Motion
+from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "fit unknown numbers of a scene to measured data"

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from .._console import empty_table, json_text, print_table
-from ..acting.drive import Motion
 from ..analysis.modes import Modes
-from ..scene.scene import Scene
+from ..model.acting.drive import Motion
+from ..run.scene.scene import Scene
 from . import options
 
 SUMMARY = "natural frequencies of a scene's arm"

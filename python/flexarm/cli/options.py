@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..scene.robot import from_mjcf, from_urdf
-from ..scene.scene import ROBOTS, Scene, load
+from ..run.scene.robot import from_mjcf, from_urdf
+from ..run.scene.scene import ROBOTS, Scene, load
 
 
 def scene(p: argparse.ArgumentParser) -> None:

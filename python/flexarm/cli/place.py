@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from .._console import json_text, output_folder, write_csv
 from ..analysis.placement import placement
-from ..arm import Arm
-from ..draw import style as plots
-from ..scene.scene import load
+from ..arm.arm import Arm
+from ..data.draw import style as plots
+from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "where to bond a piezo patch"

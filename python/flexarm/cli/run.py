@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._console import complain, empty_table, json_text, output_folder, print_table, write_csv, write_table
-from ..draw import style as plots
-from ..parts.labels import deflections, joint_coordinates, joint_rates
+from ..data.draw import style as plots
+from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..run.result import Result
+from ..run.scene.check import check_run
 from ..run.simulation import SimulationError, SimulationInterrupted
-from ..scene.check import check_run
 from . import options
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ import argparse
 import os
 
 from .._console import complain, json_text, output_folder
-from ..draw import style as plots
+from ..data.draw import style as plots
 from ..identify.fit import FitError
-from ..validate.recordings import SHIPPED
-from ..validate.validate import RIGS, validate
+from ..identify.validate.recordings import SHIPPED
+from ..identify.validate.validate import RIGS, validate
 from . import options
 
 SUMMARY = "compare the model of a measured arm with recordings of it"

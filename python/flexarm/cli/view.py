@@ -10,8 +10,8 @@ import numpy as np
 
 from .._console import complain, json_text
 from ..run.result import Result
+from ..run.scene.scene import ROBOTS
 from ..run.simulation import SimulationError, SimulationInterrupted
-from ..scene.scene import ROBOTS
 from ..view.page import library
 from ..view.stage import greatest_strain
 from . import options

@@ -11,9 +11,9 @@ import numpy as np
 
 from .._check import Array
 from .._console import aligned
-from ..draw.fit import plot_pair
 from . import signal
 from .data import Data, constant
+from .draw.fit import plot_pair
 from .signal import DataWarning
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, number
 from .._console import aligned
-from ..draw.trajectory import plot_panels
 from . import signal
+from .draw.trajectory import plot_panels
 from .files import write_columns
 from .signal import DataWarning
 from .units import Unit, unit

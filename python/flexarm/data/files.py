@@ -14,7 +14,7 @@ import numpy as np
 
 from .._check import Array, named
 from .._console import csv_text
-from ..store.files import Refused, check_digest, digest, label, sealed, texts, unsealed, write_whole, zipped
+from .store.files import Refused, check_digest, digest, label, sealed, texts, unsealed, write_whole, zipped
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, choice, number
-from ..store.files import Refused, readable
 from . import files, text
 from .data import Data, check_times, unit_of
 from .signal import DataWarning
+from .store.files import Refused, readable
 from .units import heading, unit
 
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")

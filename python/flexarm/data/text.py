@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array
-from ..store.files import Refused
+from .store.files import Refused
 
 _NOTHING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a")  # where a value is missing
 _COMMENTS = ("#", "%", "//")

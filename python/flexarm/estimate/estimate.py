@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .._check import Array
-from ..draw.trajectory import plot_panels
+from ..data.draw.trajectory import plot_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number, outside
-from ..acting.acts import acts_from, at_rest
-from ..acting.control import padded
-from ..arm import Arm
-from ..parts.part import ModelWarning
-from ..sensing.reading import Reading
-from ..sensing.sensor import Sensor
+from ..arm.arm import Arm
+from ..model.acting.acts import acts_from, at_rest
+from ..model.acting.control import padded
+from ..model.parts.part import ModelWarning
+from ..run.sensing.reading import Reading
+from ..run.sensing.sensor import Sensor
 from .estimate import Estimate
 from .rows import sensor_rows, unknowns
 

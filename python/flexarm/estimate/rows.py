@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from .._check import array, number
-from ..arm import Arm
-from ..sensing.lowpass import LowPass
-from ..sensing.sensor import Sensor
-from ..sensing.sensors import Camera, Encoder, StrainGauge, Tachometer
+from ..arm.arm import Arm
+from ..run.sensing.lowpass import LowPass
+from ..run.sensing.sensor import Sensor
+from ..run.sensing.sensors import Camera, Encoder, StrainGauge, Tachometer
 
 #: parameters by name, in the order of the core
 KINDS = ("payload", "damping", "coulomb", "offset", "gain")

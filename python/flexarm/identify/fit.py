@@ -12,8 +12,8 @@ from .._check import Array
 from .._console import aligned, seconds
 from ..data.compare import Comparison
 from ..data.data import Data
-from ..draw.fit import plot_fit
-from ..scene.scene import Scene
+from ..data.draw.fit import plot_fit
+from ..run.scene.scene import Scene
 from .statistics import Loose, Untold, Whiteness
 
 if TYPE_CHECKING:

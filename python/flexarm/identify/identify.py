@@ -13,8 +13,8 @@ from .._check import whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..data.data import Data
+from ..run.scene.scene import Scene
 from ..run.sensitivity import RunStopped
-from ..scene.scene import Scene
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .runs import scales
 from .search import Best, search

@@ -10,9 +10,9 @@ import numpy as np
 
 from .._check import Array
 from .._threads import each
+from ..arm.variation import Setup, Variation
 from ..run.result import Result
 from ..run.sensitivity import RunStopped
-from ..run.variation import Setup, Variation
 from .runs import Run
 from .simulated import runs as run_many
 from .simulated import sensitivities

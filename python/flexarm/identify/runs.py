@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, array, choice
-from ..acting.drive import Motion, Torque
-from ..acting.voltage import Voltage, is_patch
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..arm.variation import Setup
 from ..data.compare import Comparison
 from ..data.data import Data, constant
 from ..data.signal import DataWarning
 from ..data.units import unit
+from ..model.acting.drive import Motion, Torque
+from ..model.acting.voltage import Voltage, is_patch
 from ..run import outputs as run_outputs
 from ..run.result import Result
+from ..run.scene.scene import Scene
+from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import Output
 from ..run.start import check_one_start, state, warn_of_one_balance
-from ..run.variation import Setup
-from ..scene.scene import Scene
-from ..sensing.sensor import Sensor
 
 _OFTEN = 0.99  # least samples of a sensor for each row of the data
 _FIRST = 0.01  # first weight of a column with unknown noise, over its standard deviation

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..batch.simulate import simulate_batch
+from ..arm.variation import Setup, Variation
+from ..many.batch.simulate import simulate_batch
 from ..run.result import Result
 from ..run.sensitivity import ROWS, RunStopped, Sensitivities
 from ..run.simulation import source
 from ..run.start import state
-from ..run.variation import Setup, Variation
 
 
 def scenarios(

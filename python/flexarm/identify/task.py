@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, known_keys, number
-from ..acting.drive import Motion
-from ..acting.voltage import split_drives
-from ..batch.arguments import default_workers
 from ..data.compare import Comparison
+from ..many.batch.arguments import default_workers
+from ..model.acting.drive import Motion
+from ..model.acting.voltage import split_drives
 from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
+from ..run.scene.scene import Scene
+from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
-from ..scene.scene import Scene
-from ..sensing.sensor import Sensor
 from .fit import Fit, FitError
 from .problem import Problem
 from .runs import Run, measured_run, scales

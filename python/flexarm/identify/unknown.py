@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._check import Array, number
-from ..run.variation import Setup, Variation, fields_of, known_paths, numbered
+from ..arm.variation import Setup, Variation, fields_of, known_paths, numbered
 
 _FACTOR = 3.0  # range of random starts without bounds, as a factor
 

@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, choice, number, whole
-from ..acting.control import Controller
-from ..acting.load import Load, at_time
-from ..acting.sampled import LinearController
-from ..acting.shaping import Shaper, input_shaper
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
-from ..analysis.hybrid import Complex, Hybrid
-from ..analysis.laws import Channel, Tap, held_law, running_laws
 from ..analysis.linear import forces_of, rows_of
-from ..analysis.margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
-from ..arm import Arm
-from ..draw.loop import plot_loop
-from ..run.variation import Setup, Variation, fields_of, numbered
+from ..arm.arm import Arm
+from ..arm.variation import Setup, Variation, fields_of, numbered
+from ..data.draw.loop import plot_loop
+from ..model.acting.control import Controller
+from ..model.acting.load import Load, at_time
+from ..model.acting.sampled import LinearController
+from ..model.acting.shaping import Shaper, input_shaper
+from .hybrid import Complex, Hybrid
+from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
+from .margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
 from .table import table
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy as np
 
 from .._check import Array
 from .._console import progress_bar
-from ..analysis.hybrid import Complex
-from ..analysis.margins import first_crossing, stable
-from ..draw.loop import plot_locus
+from ..data.draw.loop import plot_locus
+from .hybrid import Complex
+from .margins import first_crossing, stable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

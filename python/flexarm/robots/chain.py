@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, array, choice, known_keys, number
-from ..parts.beam import Beam, RigidBody, Vector
-from ..parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
-from ..parts.link import Link
-from ..parts.look import Look
+from ..model.parts.beam import Beam, RigidBody, Vector
+from ..model.parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
+from ..model.parts.link import Link
+from ..model.parts.look import Look
 from .tree import MOVING, Mass, Pose, Tree, TreeJoint, merged
 
 _JOINTS = {"revolute": Revolute, "prismatic": Prismatic}

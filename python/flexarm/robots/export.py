@@ -6,8 +6,8 @@ import warnings
 from typing import Any
 
 from .._check import named
-from ..parts.chain import Chain
-from ..store.files import write_whole
+from ..data.store.files import write_whole
+from ..model.parts.chain import Chain
 from .segments import Segmented, segmented
 from .tree import RobotWarning
 from .write import WORLD, missing_features, mjcf, urdf

@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlparse
 import numpy as np
 
 from .._check import Array
-from ..parts.look import Look
+from ..model.parts.look import Look
 from .tree import Pose
 
 Looks = dict[str, list[tuple[Pose, Look]]]

@@ -9,11 +9,11 @@ import numpy as np
 
 from .._check import Array, whole
 from ..analysis.modes import modes, small_motions
-from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
-from ..parts.chain import Chain
-from ..parts.joints import Axes, Fixed
-from ..parts.link import Link
-from ..parts.split import piece
+from ..model.parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Axes, Fixed
+from ..model.parts.link import Link
+from ..model.parts.split import piece
 from .tree import Mass, Pose, merged, realisable
 
 #: a hinge for each strain, in the order of its rotations: about z, then the moved y, then the moved x

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._check import Array, choice
-from ..parts.look import Look
+from ..model.parts.look import Look
 
 MOVING = ("revolute", "prismatic")
 

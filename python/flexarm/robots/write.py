@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..parts.chain import Chain
-from ..parts.joints import Joint
-from ..parts.link import Link
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Joint
+from ..model.parts.link import Link
 from .segments import Segmented, locked_frequencies, mass_of
 from .tree import Mass, Pose, realisable
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from .._check import Array, array, choice
 from ..analysis.findings import RunWarning
-from ..arm import Arm
+from ..arm.arm import Arm
 from ..data.compare import Comparison, compared
 from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
-from ..parts.labels import deflections, joint_coordinates, joint_rates
+from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
 

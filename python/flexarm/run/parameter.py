@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import flexarm._core as _core
 
+from ..arm.variation import Setup
 from .problem import Problem
-from .variation import Setup
 
 
 class Neighbour(NamedTuple):

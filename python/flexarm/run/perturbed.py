@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array
+from ..arm.variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
 from .parameter import Neighbour, Parameter
 from .problem import Problem
 from .start import start
-from .variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
 
 #: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)

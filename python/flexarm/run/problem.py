@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number, whole
-from ..acting.acts import Acts
-from ..acting.control import PD, Controller, StrainFeedback
-from ..analysis import loops
 from ..analysis.findings import LoopWarning, RunWarning
-from ..arm import Arm
-from ..parts.labels import joint_rates
+from ..arm.arm import Arm
+from ..loop import loops
+from ..model.acting.acts import Acts
+from ..model.acting.control import PD, Controller, StrainFeedback
+from ..model.parts.labels import joint_rates
 from .result import Result
 from .start import start
 from .steps import missed

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array, named
-from ..acting.load import Load
 from ..analysis.findings import Findings, RunWarning
-from ..arm import Arm
+from ..arm.arm import Arm
 from ..data.compare import Comparison
 from ..data.data import Data
+from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
-from ..draw.trajectory import plot_panels
-from ..parts.labels import deflections, joint_coordinates, joint_rates
+from ..model.acting.load import Load
+from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
 from . import watch as monitors

@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 
 from .._check import outside
 from .._console import progress_bar
-from ..acting.control import Controller
-from ..acting.drive import Motion, Torque
-from ..acting.load import Load
-from ..acting.voltage import Voltage
-from ..analysis import loops
 from ..analysis.findings import RunWarning
 from ..analysis.validity import range_warning, worst_range
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..arm.variation import Setup
+from ..loop import loops
+from ..model.acting.control import Controller
+from ..model.acting.drive import Motion, Torque
+from ..model.acting.load import Load
+from ..model.acting.voltage import Voltage
 from .integrators import Integrator, integrator_of
 from .parameter import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
 from .steps import beyond_explicit, explicit_limit, halved, hasty, unbalanced
-from .variation import Setup
 from .watch import softened
 
 _FIRST = 5  # steps of a run that its start may be to blame for

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number
-from ..acting.control import PD, Controller, Run, StrainFeedback
-from ..acting.drive import Motion, Torque
-from ..acting.load import Load
-from ..acting.voltage import Voltage, is_patch, split_drives
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..model.acting.control import PD, Controller, Run, StrainFeedback
+from ..model.acting.drive import Motion, Torque
+from ..model.acting.load import Load
+from ..model.acting.voltage import Voltage, is_patch, split_drives
 from .integrators import Implicit, Integrator
 from .problem import Problem
 from .result import Result

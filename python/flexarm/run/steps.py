@@ -12,8 +12,8 @@ import numpy as np
 from .._check import Array
 from ..analysis.findings import Finding, RunWarning, SlowWarning, StepWarning
 from ..analysis.modes import locked_modes, motions_about, small_motions
-from ..arm import Arm
-from ..parts.beam import STRAINS
+from ..arm.arm import Arm
+from ..model.parts.beam import STRAINS
 
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some

@@ -10,14 +10,14 @@ from types import MappingProxyType
 import numpy as np
 
 from .._check import Array
-from ..acting.drive import Motion
-from ..acting.motor import torque_limits
 from ..analysis.coarse import coarse
 from ..analysis.findings import Finding, Findings, RangeWarning
 from ..analysis.mistakes import mistakes
 from ..analysis.modes import locked_modes
 from ..analysis.validity import range_warning, rotation, worst_range
-from ..arm import Arm
+from ..arm.arm import Arm
+from ..model.acting.drive import Motion
+from ..model.acting.motor import torque_limits
 from .outputs import Rows
 from .steps import short_steps
 

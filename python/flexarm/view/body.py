@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..acting.load import Load
-from ..parts.beam import Beam, RigidBody, inertia_matrix
-from ..parts.chain import Chain
-from ..parts.joints import Joint, Placement
-from ..parts.link import Link
-from ..parts.patch import Patch
-from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
+from ..model.acting.load import Load
+from ..model.parts.beam import Beam, RigidBody, inertia_matrix
+from ..model.parts.chain import Chain
+from ..model.parts.joints import Joint, Placement
+from ..model.parts.link import Link
+from ..model.parts.patch import Patch
+from ..model.parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
 from .meshes import LOOK_COLOUR, Mesh, meshes_of
 
 _ROUND = 28  # corners of a circle

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..parts.look import Look
+from ..model.parts.look import Look
 
 LOOK_COLOUR = "#9AA3AE"  # of a mesh without a colour
 Triangles = NDArray[np.int64]

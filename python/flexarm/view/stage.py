@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._check import Array
-from ..draw.style import BLUE, GREEN, ORANGE, PURPLE
+from ..data.draw.style import BLUE, GREEN, ORANGE, PURPLE
 from .track import Track
 
 #: between blue and red, light in the middle: Moreland, "Diverging color maps for scientific visualization", 2009

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
+from ..data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 from . import stage
 from .body import along
 from .meshes import Mesh, thinned

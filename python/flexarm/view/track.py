@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..acting.load import Load
-from ..parts.chain import Chain
+from ..model.acting.load import Load
+from ..model.parts.chain import Chain
 from .body import Body, length, make_body
 
 _BUDGET = 1.5e6  # bytes: frames of one page

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from .._check import Array, array, named, number
 from .._console import complain
-from ..acting.load import Load
-from ..parts.chain import Chain
-from ..store.files import write_whole
+from ..data.store.files import write_whole
+from ..model.acting.load import Load
+from ..model.parts.chain import Chain
 from . import page
 from .still import Still
 from .track import Track, make_track

@@ -1,0 +1,1 @@
+"""`Arm`, and arms that differ in parameters."""

@@ -1,0 +1,235 @@
+"""Stable inversion: joint torques and motions that carry the tip of a flexible arm along a path."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..._check import Array, choice, number
+from ..._console import progress_bar
+from ...analysis.validity import range_warning, worst_range
+from ...arm.arm import Arm
+from .inversion import Inversion
+from .limits import applied, bounds_of, exceeded, within
+from .path import Output, Path, Slower
+from .problem import Equations
+from .solve import Motions
+from .window import check_rest, solve
+
+METHODS = ("stable", "quasi-static", "rigid")
+_TOLERANCE, _SHARE, _LEAST = 1e-7, 1e-4, 1e-12  # (m, rad); share of the tip's way; rounding
+
+
+class InversionWarning(UserWarning):
+    """An inversion that exceeds a limit, or after which the arm does not come to rest."""
+
+
+def invert(
+    arm: Arm,
+    tip: Mapping[str, Any],
+    *,
+    q: ArrayLike | None = None,
+    posture: ArrayLike | None = None,
+    link: int = -1,
+    x: float | None = None,
+    t: ArrayLike | None = None,
+    passive: Iterable[Any] = (),
+    lock: Iterable[Any] = (),
+    method: str = "stable",
+    tolerance: float | None = None,
+    pre: float | None = None,
+    post: float | None = None,
+    limits: Mapping[str, Any] | None = None,
+    stretch: bool = False,
+    progress: Any = False,
+) -> Inversion:
+    """Joint torques and motions that carry the tip along a path: the stable inverse of the arm's dynamics.
+
+    The tip of a flexible arm answers its motors late, and first the wrong way: torques that are computed forward in
+    time for a wanted tip grow without bound. The bounded solution is not causal: the joints begin to move before the
+    tip does, and come to rest after it (pre- and post-actuation); the tip stands still meanwhile. It is computed for
+    the whole nonlinear arm, with gravity: inverse dynamics gives no force on any coordinate without a motor, the tip is
+    on the path, and the arm is at rest at both ends of a long enough window. Differences of eighth order in time, on
+    grids that are refined until the tip is within `tolerance`. (E. Bayo, J. Robotic Systems 4 (1987), 61-75; S.
+    Devasia, D. Chen and B. Paden, IEEE Trans. Automatic Control 41 (1996), 930-942; R. Seifried, M. Burkhardt and A.
+    Held, Multibody System Dynamics 30 (2013), 13-35.)
+
+    `tip` has as many components as joints are driven, or fewer. If fewer, the rule is: with beams bent by gravity
+    alone, the driven joints stand at each instant as near to the posture as the tip allows, by the sum of squares of
+    their coordinates (rad, m); the dynamic part is the smallest one, by the same measure. So a closed path brings
+    the joints back to their start. Joints in `passive` have no motor and move by the dynamics; those in `lock` do not
+    move.
+
+    Args:
+        arm: without ball joints. Its payload is part of it.
+        tip: by component, a Motion, or a number for one that stays: "x", "y", "z", the place in the world (m); "rx",
+            "ry", "rz", the rotation vector of the frame's axes in the world (rad; in the plane, "rz" is the angle);
+            "azimuth", the direction of the place, seen from above, atan2(y, x) (rad), which may go round and round.
+            Others are free. Each starts and ends at rest with zero acceleration: Motion(t, x, ends="rest").
+        q: the pose of rest before the path, (nq,): its joints; the elastic coordinates are brought into equilibrium.
+            Its tip must be at the start of the path. It is also the posture.
+        posture: instead: initial guess of the first pose, and the pose that the joints stay near to, (nq,); `zero`
+            if neither is given. A straight arm is singular: bend it a little in the wanted direction.
+        link, x: the slice that follows the path, as of `Arm.frame`.
+        t: (begin, end) of motions that are callables (s).
+        passive, lock: links, or (link, freedom).
+        method: "stable", or for comparison: "quasi-static": beams bend as gravity alone bends them, at each instant;
+            "rigid": beams do not bend (computed torque of the rigid arm).
+        tolerance: largest distance of the tip from the path between the rows of the result (m, rad). None: 1e-7, or a
+            ten-thousandth of the way of the tip, if that is less.
+        pre, post: time before and after the path (s), at least twelve steps of the grid; None: the decay time of the
+            poles of the internal dynamics.
+        limits: "torque", "speed": one number, or one for each driven joint, in the order of links, or by the names of
+            some, {"elbow": 5.0} (N m, N; rad/s, m/s); "range": (lowest, highest), or pairs likewise (rad, m); default:
+            the joints' stops. They are checked in the rows of the result.
+        stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
+        progress: shows progress on stderr: a bar, or lines where that is no terminal; or a callable (done, text).
+
+    Returns:
+        Inversion: `.torques`, `.motions`, `.t`, `.q`, `.tau`, `.pre`, `.post`, `.replay()`, `.plot()`.
+
+    Raises:
+        ValueError: bad arguments; a path that jumps, is out of reach, passes a singular pose, or does not begin at the
+            tip; joints that do not move the tip, or are too few; internal dynamics that ring for ever once the path
+            has begun; no convergence; limits that no slowing satisfies.
+
+    Warns:
+        InversionWarning: limits that are exceeded, without `stretch` (see `.exceeded`); an arm that does not come to
+            rest.
+        RangeWarning: a beam bent further than its order is good for.
+    """
+    begun = time.perf_counter()
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    choice("method", method, METHODS)
+    if tolerance is not None and not 0 < number("tolerance", tolerance) < np.inf:
+        raise ValueError(f"tolerance = {tolerance}: must be positive (m)")
+    path = Path(tip, t)
+    way = float(np.ptp(path(np.linspace(path.begin, path.end, 101)), axis=0).max())
+    accuracy = tolerance or min(_TOLERANCE, max(_SHARE * way, _LEAST))
+    of, keys = _equations(arm, Output(arm, link, x, path.names), passive, lock, method)
+    bounds = bounds_of(arm, limits, keys)
+    start = _start(of, path, q, posture)
+    window = tuple(None if w is None else _duration(n, w) for n, w in (("pre", pre), ("post", post)))
+
+    def solved(factor: float) -> tuple[Path | Slower, Motions, float, Any]:
+        slower = path if factor == 1.0 else Slower(path, factor)
+        return slower, *solve(of, slower, start, method, accuracy, window)
+
+    with progress_bar(progress, "inverting", None) as bar:
+        if bar is not None:
+            of.tell = lambda doing: bar(0.0, doing)
+        found, factor = within(solved, of, bounds, stretch)
+    slower, motions, poles = found[0], found[1], found[3]
+    tau = applied(of, motions)
+    out = Inversion(
+        arm, method, motions.t, motions.q, motions.v, motions.a, tau, slower(motions.t), path.names, keys,
+        pre=float(slower.begin - motions.t[0]), post=float(motions.t[-1] - slower.end), error=motions.error,
+        edge=max(motions.edges), iterations=int(found[2]), seconds=time.perf_counter() - begun, slowed=factor,
+        poles=poles,
+        exceeded=exceeded(of, motions, tau, bounds, keys), _path=slower, _at=(of.output.link, of.output.x),
+        _held=of.locked, _passive=of.passive,
+    )  # fmt: skip
+    if rings := check_rest(slower, motions, poles, accuracy):
+        warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
+    if (beyond := worst_range(arm, out.t, out.q)) is not None:
+        warnings.warn(range_warning(arm, beyond).of("invert"), stacklevel=2)
+    if out.exceeded:
+        text = "; ".join(map(str, out.exceeded)) + "; slow the path (stretch=True), or take another posture"
+        warnings.warn(f"invert: {text}", InversionWarning, stacklevel=2)
+    return out
+
+
+# -- arguments --------------------------------------------------------------------------------------------------------
+
+
+def _duration(name: str, value: Any) -> float:
+    if not 0 <= number(name, value) < np.inf:
+        raise ValueError(f"{name} = {value}: must not be negative (s)")
+    return float(value)
+
+
+def _freedoms(arm: Arm, name: str, links: Any) -> list[tuple[int, int]]:
+    """(link, freedom) of each freedom of the joints named."""
+    if isinstance(links, (str, Mapping)) or not isinstance(links, Iterable):
+        raise ValueError(f"{name} = {links!r}: must be a list of links, or (link, freedom)")
+    found = []
+    for key in links:
+        rates = arm.joint_rates(key, f"{name}: link")
+        n = arm._link(key[0] if isinstance(key, tuple) else key)
+        found += [(n, i - arm._core.first(n)) for i in rates]
+    return found
+
+
+def _name(arm: Arm, key: tuple[int, int]) -> str:
+    return arm.coordinates[arm.joint_rate(key)]
+
+
+def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -> tuple[Equations, list[Any]]:
+    if arm.nq != arm.nv:
+        name = arm.joint_names[arm.quaternions()[0][0]]
+        raise ValueError(f"arm: joint {name} is a ball; take three rotations in its place (Axes, Universal)")
+    free, locked = _freedoms(arm, "passive", passive), _freedoms(arm, "lock", lock)
+    for key in free:
+        if key in locked:
+            raise ValueError(f"passive: {_name(arm, key)} is in lock, too")
+    joints, inner, keys = [], [], []
+    for n, link in enumerate(arm.links):
+        first, count = arm._core.first(n), link.joint.nv
+        end = arm._core.first(n + 1) if n + 1 < len(arm.links) else arm.nv
+        for k in range(count):
+            if (n, k) in free:
+                inner.append(first + k)
+                if link.joint._per_freedom("coulomb", count)[k]:
+                    raise ValueError(f"passive: {_name(arm, (n, k))} has dry friction; only driven joints may have it")
+            elif (n, k) not in locked:
+                joints.append(first + k)
+                keys.append(n if count == 1 else (n, k))
+        inner += range(first + count, end)
+    p = len(output.names)
+    if len(joints) < p:
+        raise ValueError(
+            f"tip: {p} components ({', '.join(output.names)}) need {p} driven joints, the arm has {len(joints)}; give "
+            "fewer components, such as 'azimuth' for one joint that turns"
+        )
+    if method == "rigid" and free:
+        raise ValueError('passive: method="rigid" has none')
+    of = Equations(arm, output, joints, inner, np.zeros(len(joints)))
+    of.elastic = method != "rigid"
+    of.locked, of.passive = tuple(locked), tuple(free)
+    return of, keys
+
+
+def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
+    """The pose at rest at the beginning of the path; sets the posture."""
+    if q is not None and posture is not None:
+        raise ValueError("posture: q is the posture already; give one of them")
+    arm = of.arm
+    name, value = ("q", q) if q is not None else ("posture", posture)
+    pose = arm._place(name, value)
+    wanted = path(np.array([path.begin]))[0]
+    of.posture = pose[of.joints]
+    if not of.elastic:
+        pose = pose.copy()
+        pose[of.inner] = 0.0
+    if of.elastic:
+        joints = [(n, k) for n, link in enumerate(arm.links) for k in range(link.joint.nv)]
+        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in of.passive])
+    if q is not None:
+        off = of.output.error(pose[None], wanted[None])[0]
+        if np.linalg.norm(off) > 1e-6 * max(1.0, of.length):
+            says = ", ".join(f"{n} by {x:.4g}" for n, x in zip(path.names, off, strict=True))
+            raise ValueError(
+                f"q: the path does not begin at the tip of this pose in balance: it is away in {says} (m, rad); begin "
+                "it at arm.frame(arm.equilibrium(q, lock=...)), or give posture= instead, and a pose is found"
+            )
+    of.check_singular(pose, f"{name}: is a singular pose")
+    pose, _ = of.balance(pose, wanted, path.begin)
+    if posture is None:
+        of.posture = pose[of.joints]
+    return pose

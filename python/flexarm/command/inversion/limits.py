@@ -1,0 +1,137 @@
+"""Limits of joints: limits that a motion exceeds, and the slowing of the path that satisfies them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..._check import Array, array, choice
+from ...arm.arm import Arm
+from .problem import Equations
+from .solve import Motions
+
+LIMITS = ("torque", "speed", "range")
+_NEAR = 0.01  # tolerance of the factor by which a path is slowed
+
+
+class Exceeded(NamedTuple):
+    """A limit that an inversion exceeds: its kind ("torque", "speed", "range"), the joint's link (or (link, freedom)),
+    the time of the largest excess (s), the value there, the limit, and the joint's name in `arm.coordinates`."""
+
+    kind: str
+    joint: Any
+    time: float
+    value: float
+    limit: float
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.name}: {self.value:.4g} at t = {self.time:.4g} s, limit {self.limit:.4g}"
+
+
+def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
+    """Limits by kind: (m,), of the range (2, m)."""
+    m, out = len(keys), {}
+    if limits is not None and not isinstance(limits, Mapping):
+        raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
+    for name, value in (limits or {}).items():
+        choice("limits", name, LIMITS)
+        bounds = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
+        if name != "range" and not (bounds > 0).all():
+            raise ValueError(f"limits[{name!r}] = {value}: must be positive")
+        if name == "range" and not (bounds[:, 0] < bounds[:, 1]).all():
+            raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
+        out[name] = bounds.T
+    if "range" not in out:
+        stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),
+                                                                                 joint._per_freedom("upper", joint.nv))]
+                          for key in keys for n in [key[0] if isinstance(key, tuple) else key]
+                          for joint in [arm.links[n].joint]])  # fmt: skip
+        out["range"] = stops.reshape(m, 2).T
+    return out
+
+
+def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, ...]) -> Array:
+    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` if there is none."""
+    shape = (len(keys), 2) if len(none) == 2 else (len(keys),)
+    if isinstance(value, Mapping):
+        own, rates = arm.by_rate(field, value), [arm.joint_rate(key) for key in keys]
+        for i in set(own) - set(rates):
+            raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
+        read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
+        return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
+    limits = array(field, value)
+    try:
+        return np.broadcast_to(limits, shape)
+    except ValueError:
+        raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
+
+
+def applied(of: Equations, found: Motions) -> Array:
+    """The motors' torques, with the dry friction that they overcome."""
+    tau = np.zeros_like(found.tau)
+    tau[:, of.joints] = found.tau[:, of.joints]
+    first = of.arm._core.first
+    for n, link in enumerate(of.arm.links):
+        for k, dry in enumerate(link.joint._per_freedom("coulomb", link.joint.nv)):
+            i = first(n) + k
+            if dry and i in of.joints:
+                v = found.v[:, i]
+                tau[:, i] += dry * np.sign(v) * (np.abs(v) > 1e-6 * np.abs(v).max())
+    return tau
+
+
+def exceeded(
+    of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
+) -> list[Exceeded]:
+    out: list[Exceeded] = []
+    th, names = of.joints, [of.arm.coordinates[i] for i in of.joints]
+    for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):
+        if kind not in bounds:
+            continue
+        for k in np.flatnonzero(np.abs(values).max(axis=0) > bounds[kind] * (1 + 1e-9)).tolist():
+            at = int(np.abs(values[:, k]).argmax())
+            numbers = float(found.t[at]), float(values[at, k]), float(bounds[kind][k])
+            out.append(Exceeded(kind, keys[k], *numbers, names[k]))
+    q, (low, high) = found.q[:, th], bounds["range"]
+    for k in range(len(th)):
+        for at, limit, beyond in ((int(q[:, k].argmin()), low[k], q[:, k].min() < low[k]),
+                                  (int(q[:, k].argmax()), high[k], q[:, k].max() > high[k])):  # fmt: skip
+            if beyond:
+                out.append(Exceeded("range", keys[k], float(found.t[at]), float(q[at, k]), float(limit), names[k]))
+    return out
+
+
+def within(solved: Any, of: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
+    """A solution within the limits, and the factor by which the path is slowed for it."""
+    found = solved(1.0)
+    if not stretch:
+        return found, 1.0
+
+    def respected(motions: Motions) -> bool:
+        over = exceeded(of, motions, applied(of, motions), bounds, list(range(len(of.joints))))
+        if any(x.kind == "range" for x in over):
+            first = next(x for x in over if x.kind == "range")
+            raise ValueError(f"limits: {first}, and no slowing helps; take another posture")
+        return not over
+
+    if respected(found[1]):
+        return found, 1.0
+    low, high = 1.0, 2.0
+    while not respected((found := solved(high))[1]):
+        if high > 60:
+            raise ValueError(
+                "limits: are exceeded even by a path 64 times slower, so by gravity alone; allow more torque, or take "
+                "another posture"
+            )
+        low, high = high, 2 * high
+    while high / low > 1 + _NEAR:
+        middle = float(np.sqrt(low * high))
+        trial = solved(middle)
+        if respected(trial[1]):
+            high, found = middle, trial
+        else:
+            low = middle
+    return found, high

@@ -1,0 +1,1 @@
+"""Planned moves: fast, within limits, without vibration at their end."""

@@ -1,0 +1,157 @@
+"""The rig's scene for a recording, and the rig's unknown parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..._check import Array
+from ...arm.arm import Arm
+from ...arm.variation import Setup, Variation
+from ...data.compare import Comparison
+from ...model.acting.control import StateFeedback
+from ...model.acting.load import Load
+from ...run.scene.scene import Scene
+from ...run.sensing.sensor import Component, Sensor
+from ...run.sensing.sensors import Encoder, StrainGauge
+from ..unknown import Unknown
+from .recordings import CURRENTS, DEFLECTIONS, JOINTS, Recording
+
+#: Unknown parameters of the arm, by path, and prior knowledge of them.
+ARM = {
+    "link.0.beam.material.youngs_modulus": Unknown(mean=2.07e11, std=0.4e11),
+    "link.1.beam.material.youngs_modulus": Unknown(mean=2.07e11, std=0.4e11),
+    "link.0.tip.mass": Unknown(mean=1.4, std=0.5),
+    "link.0.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
+    "link.1.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
+    "control.1.limit": Unknown(low=1e-4, high=0.2),
+}
+#: Parameters that differ from recording to recording: the zero of the second joint's encoder, the calibration of both
+#: gauges, the pull of the cable, the level of the table.
+PER_RUN = {
+    "link.1.joint.outboard.rotation.2": Unknown(0.0, mean=0.0, std=0.5, low=-1.5, high=1.5),
+    "sensor.0.gain": Unknown(1.0, mean=1.0, std=0.2),
+    "sensor.1.gain": Unknown(1.0, mean=1.0, std=0.2),
+    "sensor.0.offset": Unknown(0.0, mean=0.0, std=0.005),
+    "sensor.1.offset": Unknown(0.0, mean=0.0, std=0.005),
+    "control.0.K.0.0": Unknown(0.1, mean=0.1, std=0.1),
+    "gravity.1": Unknown(0.0, mean=0.0, std=0.2),
+}
+#: State of the strips at the start of a recording that does not begin at rest: mean curvatures and their rates.
+START = {
+    "q0.1": Unknown(0.0, mean=0.0, std=0.3, each_run=False),
+    "q0.4": Unknown(0.0, mean=0.0, std=0.3, each_run=False),
+    "v0.1": Unknown(0.0, mean=0.0, std=5.0, each_run=False),
+    "v0.4": Unknown(0.0, mean=0.0, std=5.0, each_run=False),
+}
+#: Unknown parameters of the drives. The handbook's torques of an ampere are 8.9 and 0.87 N m, at an assumed efficiency.
+#: Each drive has dry and viscous friction, and some that saturates (control.2, control.3: N m s/rad at rest, N m at
+#: most): together a curve that bends down, as harmonic drives have it.
+DRIVES = {
+    "drive.0.scale": Unknown(mean=8.9, std=2.0),
+    "drive.1.scale": Unknown(mean=0.9, std=1.0),
+    "drive.0.offset": Unknown(mean=0.0, std=0.2),
+    "drive.1.offset": Unknown(mean=0.0, std=0.05),
+    "link.0.joint.coulomb": Unknown(low=0.0),
+    "link.1.joint.coulomb": Unknown(low=0.0),
+    "link.0.joint.damping": Unknown(low=0.0),
+    "link.1.joint.damping": Unknown(low=0.0),
+    "link.0.joint.reflected_inertia": Unknown(mean=0.063, std=0.05),
+    "control.2.K.0.6": Unknown(low=0.0),
+    "control.2.limit": Unknown(low=1e-3),
+    "control.3.K.0.9": Unknown(low=0.0),
+    "control.3.limit": Unknown(low=1e-4),
+}
+_STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps resolve no less
+#: Values of PER_RUN and of DRIVES, in order, fitted to the shipped recordings with the scene's values of the
+#: arm. The drives are not alike: the second one of "fsf" has ten times the dry friction.
+IDENTIFIED = {
+    "lqr": (
+        (-0.711, 1.048, 1.032, 9.4e-4, 4.3e-4, 0.0884, -0.125),
+        (11.2, 0.884, -0.0612, -0.00534, 1.50, 0.0696, 2.06, 0.0892, 0.166, 3.87, 1.75, 0.350, 0.0515),
+    ),
+    "fsf": (
+        (-0.0857, 0.8015, 0.9687, 3.9e-4, -1.22e-3, 0.1562, 0.3505),
+        (10.1, 2.49, -0.0475, 0.0095, 0.784, 1.19, 1.50, 0.0594, 0.193, 2.09, 1.07, 0.0457, 0.107),
+    ),
+}
+
+
+def identified(name: str) -> tuple[dict[str, float], dict[str, float]]:
+    """The values of IDENTIFIED, by path: of PER_RUN, and of DRIVES."""
+    each, drives = IDENTIFIED[name]
+    return dict(zip(PER_RUN, each, strict=True)), dict(zip(DRIVES, drives, strict=True))
+
+
+@dataclass(frozen=True)
+class TaredGauge(StrainGauge):
+    """A strain gauge that reads an angle (rad). Until `tare` (s) it reads 0, and afterwards subtracts its mean up to
+    `tare`, as the rig takes its zero."""
+
+    tare: float = 0.0
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("deflection", "rad")]
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Sequence[Load] | None) -> Array:
+        y = super()._measure(arm, t, q, v, a, loads)
+        dead = np.asarray(t < self.tare)
+        if t.ndim and dead.any():
+            y = np.where(dead[:, None], 0.0, y - y[dead].mean(axis=0))
+        return y
+
+
+def with_motion(scene: Scene, recording: Recording) -> Scene:
+    """The scene with its joints moved as measured, and its gauges tared as in the recording."""
+    drive: dict[Any, Any] = {k: recording.motion(name) for k, name in enumerate(JOINTS)}
+    return replace(scene, drive=drive, t=np.array(recording.data.t), sensors=tuple(_sensors(scene, recording).values()))
+
+
+def with_currents(scene: Scene, recording: Recording) -> Scene:
+    """The scene with the measured currents in its motors, and the joints' measured start."""
+    moved, arm = with_motion(scene, recording), scene.arm
+    q0 = scene.start()
+    v0 = np.zeros(arm.nv) if scene.v0 is None else np.array(scene.v0)
+    friction = []
+    for k, name in enumerate(JOINTS):
+        i = arm.joint_rate(k)
+        q0[arm.coordinate_of(i)], rate, _ = recording.motion(name)(0.0)
+        v0[i] = rate if abs(rate) > _STILL else 0.0
+        K, actuate = np.zeros((1, 2 * arm.nv)), np.zeros((1, arm.nv))
+        K[0, arm.nv + i] = actuate[0, i] = 1.0
+        friction.append(StateFeedback(K.tolist(), actuate=actuate.tolist(), limit=1.0))
+    drive: dict[Any, Any] = {k: recording.current(name) for k, name in enumerate(CURRENTS)}
+    return replace(moved, drive=drive, control=(*scene.control, *friction), q0=q0, v0=v0)
+
+
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """The scene with these values, by path."""
+    setup = Setup(scene.arm, scene.drive, scene.loads, scene.control, scene.sensors)
+    varied = Variation(setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+    return replace(scene, arm=varied.arm, drive=varied.drive, control=varied.control, sensors=varied.sensors)  # type: ignore
+
+
+def compared(scene: Scene, recording: Recording, names: Sequence[str]) -> Comparison:
+    """Compares a run of the scene with the recording."""
+    result = scene.run()
+    read = {name: sensor.read(result).y[:, 0] for name, sensor in outputs(scene, names).items()}
+    return result.compare(recording.data, read)
+
+
+def outputs(scene: Scene, names: Sequence[str]) -> dict[str, Sensor]:
+    """The sensor of each column of the recordings."""
+    return {name: scene.sensors[(*DEFLECTIONS, *JOINTS).index(name)] for name in names}
+
+
+def _sensors(scene: Scene, recording: Recording) -> dict[str, Sensor]:
+    """The scene's gauges by column, tared as in the recording, and its encoders without their steps."""
+    gauges = [s for s in scene.sensors if isinstance(s, StrainGauge)]
+    encoders = [s for s in scene.sensors if isinstance(s, Encoder)]
+    found: dict[str, Sensor] = {}
+    for name, gauge, tare in zip(DEFLECTIONS, gauges, recording.tares, strict=True):
+        settings = {f: getattr(gauge, f) for f in ("link", "x", "face", "gauge_factor", "filter", "gain", "offset")}
+        found[name] = TaredGauge(**settings, tare=tare)
+    return found | {name: replace(e, pulses=None) for name, e in zip(JOINTS, encoders, strict=True)}

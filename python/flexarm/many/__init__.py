@@ -1,0 +1,1 @@
+"""Many runs: batches and rollouts, and runs over parameters."""

@@ -1,0 +1,115 @@
+"""Checks of what `simulate_batch` and `rollout` are given."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..._check import Array, array, check_finite, choice, known_keys, whole
+from ..._threads import cores
+from ...arm.arm import Arm
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of
+
+STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)  #: which the core runs by itself
+
+
+def default_workers(workers: int | None) -> int:
+    """The number of threads: as many as this process may use cores, if None."""
+    if workers is None:
+        return cores()
+    if whole("workers", workers) < 1:
+        raise ValueError(f"workers = {workers}: must be at least 1")
+    return workers
+
+
+def scenario_count(sizes: Mapping[str, int]) -> int:
+    """B, from how many scenarios each argument is for; 1 suits all."""
+    most = max(sizes, key=lambda k: sizes[k])
+    count = sizes[most]
+    for name, n in sizes.items():
+        if n not in (1, count):
+            raise ValueError(f"{name}: is for {n} scenarios, {most} for {count}; must be 1 or {count}")
+    return count
+
+
+def rows(name: str, value: ArrayLike | None, default: Array) -> Array:
+    """(B or 1, n) from (B, n) or (n,)."""
+    a = default if value is None else array(name, value, batch_ndim=2)
+    if a.ndim not in (1, 2) or a.shape[-1] != default.shape[-1] or not len(a):
+        n = default.shape[-1]
+        raise ValueError(f"{name} has shape {a.shape}: must be ({n},) or (B, {n})")
+    return np.atleast_2d(a)
+
+
+def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep") -> Array:
+    """(B or 1, count or 1, nv) from what is held over steps; not copied where it is such an array already."""
+    if tau is None:
+        return np.zeros((1, 1, nv))
+    try:
+        a = np.ascontiguousarray(tau, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"tau = {tau!r}: must be numbers") from None
+    if a.ndim not in (2, 3) or a.shape[-1] != nv or a.size == 0:
+        raise ValueError(f"tau has shape {a.shape}: must be ({name}, {nv}) or (B, {name}, {nv}); {name} may be 1")
+    if count is not None and a.shape[-2] not in (1, count):
+        raise ValueError(f"tau has shape {a.shape}: its last axis but one must be {name} = {count}, or 1")
+    check_finite("tau", a, a.ndim == 3)
+    return a if a.ndim == 3 else a[None]
+
+
+def _physical_memory() -> float:
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return np.inf
+
+
+def check_memory(what: str, need: float, otherwise: str) -> None:
+    """Refuses what takes more bytes than there are."""
+    there = _physical_memory()
+    if need > there:
+        raise ValueError(
+            f"{what} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
+            f"{otherwise}"
+        )
+
+
+def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    """Arrays of these shapes: those of `out`, checked, or new ones."""
+    known_keys("out", out or {}, shapes)
+    made = {}
+    for name, shape in shapes.items():
+        x = (out or {}).get(name)
+        if x is None:
+            x = np.empty(shape)
+        elif not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape:
+            what = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
+            raise ValueError(f"out['{name}'] is {what}: must be an array of float64, shape {shape}")
+        elif not x.flags.c_contiguous or not x.flags.writeable:
+            raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
+        made[name] = x
+    return made
+
+
+def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
+    for k, at in arm.quaternions():
+        size = np.abs(q[:, at]).max(axis=1)
+        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
+        if bad.size:
+            whose = f"{field_name}[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
+            raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
+
+
+def check_every(every: int, nstep: int) -> None:
+    if not 1 <= every <= nstep:
+        raise ValueError(f"every = {every}: must be from 1 to the number of steps, {nstep}")
+
+
+def stepping(integrator: str | Integrator, **options: Any) -> Integrator:
+    """The integrator that the core's batches step by; arguments as of `integrator_of`."""
+    choice("integrator", integrator.name if isinstance(integrator, Integrator) else integrator, STEPPERS)
+    return integrator_of(integrator, **options)

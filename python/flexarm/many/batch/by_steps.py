@@ -1,0 +1,71 @@
+"""Scenarios of a batch by the core's steps, all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._check import Array
+from ...arm.arm import Arm
+from ...arm.variation import Setup
+from ...model.acting.control import Controller
+from .arguments import check_balls
+from .job import ENDED, FAILED, Job
+from .problems import problems_of, run_problems
+from .rollout import OVER, Failure, failures_of, judge, out_of_range
+
+
+def run_steps(
+    job: Job, setups: Sequence[Setup], indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any
+) -> tuple[list[Failure], dict[str, Any]]:
+    """Runs these scenarios, made of these setups, into their `Job.blocks`.
+
+    Returns:
+        What failed, and counts; counts["interrupted"] after Ctrl-C.
+    """
+    arms = [s.arm for s in setups]
+    one = arms[0]
+    for k, arm in enumerate(arms):
+        if arm is not one and arm.coordinates != one.coordinates:
+            raise ValueError(f"scenario {indices[k]}: its arm must have the same coordinates as the others")
+    q0, v0, tau = (None if x is None else _taken(x, indices) for x in (job.q0, job.v0, job.tau))
+    if q0 is not None:
+        check_balls(one, q0)
+    problems = problems_of(setups, len(indices), job.t, job.options.get("events"), indices)
+    prescribed = problems[0].prescribed
+    for i in prescribed:
+        for name, given, at in (("q0", q0, one.coordinate_of(i)), ("v0", v0, i)):
+            value = np.array([p.start[name][at] for p in problems])
+            if given is not None and (np.abs(given[:, at] - value) > 1e-9 * np.maximum(1.0, np.abs(value))).any():
+                raise ValueError(f"{name}: disagrees with the motion of '{one.coordinates[i]}' at t = {job.t[0]}")
+    kept = (*job.outputs, "status", "reached", *(("events",) if job.events else ()))
+    stats = run_problems(
+        problems, arms, len(indices), job.every, q0, v0, tau, job.stepping(), {k: blocks[k] for k in kept}, workers,
+        alive, whole=job.whole, names=indices,
+    )  # fmt: skip
+    arms = arms[:1] if all(arm is one for arm in arms) else arms
+    if "q" in blocks:
+        blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
+
+    def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
+        s = setups[k % len(setups)]
+        return s.arm, one.zero if q0 is None else q0[k % len(q0)], s.loads, list(s.control)
+
+    found = failures_of(blocks, scenario, prescribed, job.t)
+    judge(blocks, scenario, problems, job.t, job.every, job.integrator, job.stepping().core["step"])
+    ended = blocks["status"] == OVER
+    blocks["status"][[f.index for f in found]] = FAILED
+    blocks["status"][ended] = ENDED
+    return [replace(f, index=int(indices[f.index])) for f in found], stats
+
+
+def _taken(x: Array, indices: NDArray[np.int64]) -> Array:
+    """Those rows; not copied where they follow each other."""
+    if len(x) == 1:
+        return x
+    first, last = int(indices[0]), int(indices[-1])
+    return x[first : last + 1] if last - first + 1 == len(indices) else np.ascontiguousarray(x[indices])

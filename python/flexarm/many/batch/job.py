@@ -1,0 +1,151 @@
+"""What a batch is made of, and what is kept of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._check import Array
+from ...arm.arm import Arm
+from ...arm.variation import Variation
+from ...run.integrators import INTEGRATORS, OPTIONS, Integrator
+from ...run.problem import read_events
+from ...run.result import Result
+from .arguments import stepping
+
+ENDED = 1  #: by a terminal event, as `Result.status` has it
+FAILED = 5
+
+
+def has_friction(arm: Arm) -> bool:
+    """Whether a joint has dry friction."""
+    return any(np.any(x) for link in arm.links for x in (link.joint.coulomb, link.joint.stiction) if x is not None)
+
+
+class Summary(Protocol):
+    """What is kept of each scenario in place of its rows; its attributes are part of what a file knows a batch by.
+
+    Attributes:
+        every: how many of the job's rows between two that are kept.
+    """
+
+    @property
+    def every(self) -> int: ...
+
+    def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a scenario with so many rows."""
+
+    def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
+        """The same of all scenarios in `Job.blocks`, nan where one failed; `result` gives each as a Result."""
+
+
+def renamed(message: str, names: Any) -> str:
+    """A message about a scenario of a share, with the number (of `names`) that it has in the whole batch."""
+    return re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", message)
+
+
+@dataclass
+class Job:
+    """A batch: everything that its scenarios are made of, and how they are run. It pickles, where its laws do.
+
+    Attributes:
+        variation: the scenarios' arms, drives, loads and controllers.
+        t: output times (s). every: how many of them between two rows of the result.
+        q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
+        outputs: of "q", "v", "a", "tau".
+        integrator, step, options: of `simulate`.
+        summary: what is kept of each scenario; None: the outputs.
+        whole: scenarios of the whole batch, where this is a part of it, too; few ones are not worth the lanes.
+        balance: the word that q0 was given as, whose derivatives its runs have.
+    """
+
+    variation: Variation
+    t: Array
+    q0: Array | None
+    v0: Array | None
+    tau: Array | None
+    outputs: tuple[str, ...]
+    every: int
+    integrator: str
+    step: float | None
+    options: dict[str, Any] = field(default_factory=dict)
+    summary: Summary | None = None
+    whole: int = 0
+    balance: str | None = None
+
+    def taken(self, indices: NDArray[np.int64]) -> Job:
+        """The batch of these scenarios alone."""
+
+        def part(x: Array | None) -> Array | None:
+            return x if x is None or len(x) == 1 else np.ascontiguousarray(x[indices])
+
+        values = {path: part(v) for path, v in self.variation.values.items()}
+        try:
+            variation = Variation(self.variation.setup, values)  # type: ignore[arg-type]
+        except ValueError as e:
+            raise ValueError(renamed(str(e), indices)) from None
+        return replace(self, variation=variation, q0=part(self.q0), v0=part(self.v0), tau=part(self.tau))
+
+    @property
+    def rows(self) -> int:
+        return len(self.t[:: self.every])
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a scenario's result."""
+        return max(1, 8 * self.rows * sum(self.sizes().values()))
+
+    @property
+    def events(self) -> int:
+        """How many are looked for."""
+        return len(read_events(self.options.get("events")))
+
+    def sizes(self) -> dict[str, int]:
+        """Numbers in a row of each output."""
+        arm = self.variation.setup.arm
+        return {k: arm.nq if k == "q" else arm.nv for k in self.outputs}
+
+    def kept(self) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a scenario."""
+        if self.summary is not None:
+            return self.summary.kept(self.variation.setup.arm, self.rows)
+        return {k: (self.rows, size) for k, size in self.sizes().items()}
+
+    @property
+    def kept_times(self) -> Array:
+        """Of the rows that are kept."""
+        return self.t[:: self.every][:: self.summary.every if self.summary is not None else 1]
+
+    @property
+    def keeps_events(self) -> bool:
+        return bool(self.events) and self.summary is None
+
+    def event_sizes(self) -> tuple[int, int, int, int]:
+        """How many events, how many occurrences of each a file keeps, nq and nv."""
+        arm = self.variation.setup.arm
+        return self.events, self.rows, arm.nq, arm.nv
+
+    def blocks(self, count: int) -> dict[str, Any]:
+        """Arrays for so many scenarios, to be run into."""
+        out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
+        out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
+        out |= {"events": np.full(count, None)} if self.events else {}
+        return {**out, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
+
+    def stepping(self) -> Integrator:
+        """The integrator that the core steps by."""
+        return stepping(self.integrator, step=self.step, **{k: x for k, x in self.options.items() if k in OPTIONS})
+
+    def engine(self) -> str:
+        """ "steps": all in the core; "simulate": one call of `simulate` each."""
+        own = INTEGRATORS[self.integrator]
+        rubs = has_friction(self.variation.setup.arm) or self._varies_friction()
+        return "steps" if own.in_batches and (own.rubs or not rubs) else "simulate"
+
+    def _varies_friction(self) -> bool:
+        return any(path.rpartition(".")[2] in ("coulomb", "stiction") for path in self.variation.values)

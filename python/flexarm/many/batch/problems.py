@@ -1,0 +1,89 @@
+"""The problems of a batch, and their run in the core."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import flexarm._core as _core
+
+from ..._check import Array
+from ...analysis.findings import RunWarning
+from ...arm.arm import Arm
+from ...arm.variation import Setup
+from ...model.acting.voltage import is_patch
+from ...run.integrators import Integrator
+from ...run.problem import Problem
+from .job import renamed
+
+STEP_BYTES = 100  # of a step's times, here and in the core
+
+
+def problems_of(
+    setups: Sequence[Setup], count: int, t: Array, events: Any, names: NDArray[np.int64] | None = None
+) -> list[Problem]:
+    """One problem where all scenarios may share it, but for their arms, or one for each; callables of time are asked
+    once for all.
+
+    Args:
+        setups: one, or one for each of `count` scenarios. t: times of the run.
+        names: of the scenarios, in errors.
+    """
+    remembered: dict[int, Any] = {}
+
+    def made(k: int, s: Setup) -> Problem:
+        try:
+            return Problem(s.arm, t, None, None, None, s.drive, s.loads, s.control, events, remembered)
+        except ValueError as e:
+            if len(setups) == 1:
+                raise
+            raise ValueError(f"scenario {k if names is None else names[k]}: {e}") from None
+
+    first = made(0, setups[0])
+    if count == 1 or ((len(setups) == 1 or _differ_in_arms(setups)) and first.shares):
+        return [first]
+    return [first, *(made(k, setups[k % len(setups)]) for k in range(1, count))]
+
+
+def _differ_in_arms(setups: Sequence[Setup]) -> bool:
+    """Whether nothing differs but the arms, and nothing that acts on them depends on these."""
+    drive = setups[0].drive
+    if any(is_patch(key) for key in drive):
+        return False
+    same = all(s.drive is drive or all(s.drive[k] is drive[k] for k in drive) for s in setups)
+    return same and not any(s.loads or s.control for s in setups)
+
+
+def run_problems(
+    problems: Sequence[Problem], arms: Sequence[Arm], count: int, every: int, q0: Array | None, v0: Array | None,
+    tau: Array | None, integrator: Integrator, blocks: Mapping[str, Any], workers: int, alive: Any = None,
+    lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The core's run of a batch: writes into `blocks` (q, v, a, tau, events of those wanted, status, reached), and
+    gives its counts.
+
+    Args:
+        arms: of each scenario, in place of the one problem's; or that one.
+        q0, v0: (B or 1, n) in place of the problems'. tau: (B or 1, nt - 1 or more or 1, nv), held.
+    """
+    one = problems[0]
+    with one.both.naming():
+        try:
+            batch = _core.BatchProblem(
+                [p.core for p in problems], [a._core for a in arms] if len(arms) > len(problems) else [],
+                scenarios=count, t=one.times, every=every, q0=None if q0 is None else q0[:, None],
+                v0=None if v0 is None else v0[:, None], tau=tau, nq=one.arm.nq, nv=one.arm.nv, **integrator.core,
+                lanes=lanes, whole=whole,
+            )  # fmt: skip
+            stats = batch.run(dict(blocks), workers, alive)
+        except ValueError as e:
+            raise ValueError(str(e) if names is None else renamed(str(e), names)) from None
+    return stats
+
+
+def first_missed(problems: Sequence[Problem]) -> tuple[int, RunWarning] | None:
+    """The first problem whose run has not seen a pulse of a callable, and its warning."""
+    return next(((k, pulse) for k, p in enumerate(problems) for pulse in p.missed() if pulse), None)

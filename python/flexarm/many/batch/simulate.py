@@ -1,0 +1,236 @@
+"""Batches: many simulations that differ in their start, forces and parameters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..._check import Array, array, choice, whole
+from ..._console import progress_bar
+from ...analysis.findings import LoopWarning, RangeWarning
+from ...analysis.validity import range_warning
+from ...arm.arm import Arm
+from ...arm.variation import Setup, Variation
+from ...loop.loops import unstable
+from ...model.acting.control import Controller
+from ...model.acting.drive import Motion, Torque
+from ...model.acting.load import Load
+from ...model.acting.voltage import Voltage, split_drives
+from ...run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
+from ...run.start import check_one_start, start
+from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
+from .job import Job
+from .result import OUTPUTS, BatchResult
+from .rollout import NOT_DONE, BatchInterrupted, lowest, tell
+from .runner import Runner
+from .storage import File, Memory
+
+
+def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
+    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
+    parameters change the arm, some hundred arms at a time are held.
+
+    Args:
+        arm: the arm. scenarios: B. rows: nt, output times. outputs: which of "q", "v", "a", "tau" are kept.
+    """
+    return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
+
+
+def make_job(
+    arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator, **options: Any,
+) -> tuple[Job, int]:  # fmt: skip
+    """The batch, checked, and its number of scenarios."""
+    setup = _make_setup(arm, drive, loads, control)
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
+        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
+    integrator, options = spelled(integrator, options)
+    options = {k: x for k, x in options.items() if x is not None}
+    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].fixed:
+        options.setdefault("step", float(np.diff(times).min()))
+    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
+    step = options.pop("step", None)
+    check_every(whole("every", every), times.size - 1)
+    if isinstance(outputs, str) or not outputs:
+        raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
+    wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
+    variation = Variation(setup, parameters)
+    balance = q0 if isinstance(q0, str) else None
+    if balance is not None:
+        q0 = _balances(variation, balance, float(times[0]), tau)
+    q, v = rows("q0", arm._posed(q0), arm.zero), rows("v0", v0, np.zeros(arm.nv))
+    held = forces(tau, arm.nv, times.size, "nt")
+    starts = {}
+    for name, given, value in (("q0", q0, q), ("v0", v0, v)):
+        said = variation.initial(name, value)
+        starts[name] = None if given is None and said is value else said
+    sizes = {name: len(x) for name, x in starts.items() if x is not None}
+    count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
+    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
+              step, options, whole=count, balance=balance)  # fmt: skip
+    return job, count
+
+
+def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
+    """Where each scenario is in balance at time t (s), (B or 1, nq)."""
+    check_one_start(word, variation.values)
+    if tau is not None and word == "equilibrium":
+        raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
+    count, found = 1 if variation.one_setup else max(variation.sizes.values()), []
+    for i in range(count):
+        s = variation.scenario(i)
+        try:
+            found.append(start(s.arm, word, s.drive, s.loads, t))
+        except ValueError as e:
+            raise ValueError(f"q0 = {word!r}, scenario {i}: {e}") from None
+    return np.array(found)
+
+
+def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
+    """What the scenarios have in common, checked."""
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+    for key, law in (drive or {}).items():
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
+        if given is not None and not isinstance(given, (list, tuple, Controller)):
+            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
+    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
+    return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
+
+
+def simulate_batch(
+    arm: Arm,
+    t: ArrayLike,
+    q0: ArrayLike | str | None = None,
+    v0: ArrayLike | None = None,
+    *,
+    tau: ArrayLike | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    drive: Mapping[Any, Any] | None = None,
+    loads: Sequence[Load] | None = None,
+    control: Controller | Sequence[Controller] | None = None,
+    integrator: str | Integrator = "implicit",
+    outputs: Sequence[str] = ("q", "v"),
+    every: int = 1,
+    workers: int | None = None,
+    progress: Any = False,
+    out: str | Path | Mapping[str, Array] | None = None,
+    resume: bool = True,
+    name: str | None = None,
+    executor: Any = None,
+    batch: int | None = None,
+    **options: Any,
+) -> BatchResult:
+    """Simulates B scenarios over threads. What is not given B times is alike for all. What one scenario gives depends
+    neither on the workers nor on the others; one that fails is reported, and spoils no other.
+
+    Args:
+        arm, t, drive, loads, control: as of `simulate`.
+        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,). A q0 of "equilibrium" or "trim" is the balance of each scenario.
+        tau: generalised forces (N, N m), (B, nt, nv) or (nt, nv), held from t[k] to t[k + 1]; the last row acts on
+            nothing. An axis of length 1 stands for all scenarios or times.
+        parameters: what differs, each (B, ...), by its path in a scene: "link.0.tip.mass", "link.1.beam.length",
+            "link.0.beam.material.youngs_modulus", "link.0.tip.com.1", "gravity" (B, 3), "gravity.2", "control.0.kp",
+            "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.offset", "drive.0.delay", "drive.0.value"
+            of a constant torque, "q0.1".
+            Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
+        integrator, options: as of `simulate`; the step is the shortest time between two of t, if none is given.
+            "implicit" and "rk4" run wholly in the core, whatever acts on the arm; other integrators, and dry friction
+            with "rk4", take one `simulate` for each scenario. `stats["engine"]` says which; docs/batch.md has a table
+            of what each costs. A Python function that several scenarios share is called for all of them in turn: it
+            must not remember one of them.
+        outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
+        workers: threads; None: one for each core.
+        progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
+            done about ten times a second (with an executor: whenever a share is done) and at the end, and may raise to
+            give up.
+        out: arrays by name that the result is written into; or a file ("sweep.h5"), written as the scenarios are
+            done: the same call again does what is missing, whatever stopped it, and what is damaged.
+            Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
+        resume: whether to go on with such a file; if not, it is written over.
+        name: for a file, where functions or objects take part that are not flexarm's: a name for all of them, such as
+            "law 2", and another one when you change them. Their code is not compared; what they hold is.
+        executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
+            a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
+            die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
+        batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
+            whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
+            the forces differ; with an executor a 64th of all.
+
+    Returns:
+        BatchResult; `batch_memory` tells its bytes beforehand.
+
+    Raises:
+        ValueError: bad arguments, nan and inf among them; a scenario's, with its index. Nothing is run then.
+        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+
+    Warns:
+        RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        StepWarning, SlowWarning: as `simulate`. Of each kind, that of the lowest scenario found.
+    """
+    job, count = make_job(
+        arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
+        every=every, integrator=integrator, **options,
+    )  # fmt: skip
+    workers = default_workers(1 if workers is None and executor is not None else workers)
+    if not out:
+        what = f"outputs: {count} scenarios of {job.rows} rows"
+        check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
+    started = time.perf_counter()
+    engine = job.engine()
+    runner = Runner(job, count, engine, workers, batch, executor)
+    storage: File | Memory
+    if isinstance(out, (str, Path)):
+        storage = File(job, count, Path(out), resume, name)
+    else:
+        storage = Memory(job, count, out)
+    with progress_bar(progress, "simulating") as bar:
+        show = None if bar is None else lambda done: bar(done / count)
+        held, failures, interrupted = runner.run(storage, show)
+    beyond = np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]))
+    stats = {"engine": engine, **runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
+    arrays: dict[str, Any] = {k: held.get(k) for k in (*OUTPUTS, "status", "reached", "events")}
+    result = BatchResult(job.t[:: job.every], **arrays, variation=job.variation, failures=failures,
+                         stats={**stats, "wall_time": time.perf_counter() - started}, _job=job,
+                         _wrong=held["wrong"])  # fmt: skip
+    if interrupted:
+        done = int((result.status != NOT_DONE).sum())
+        raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
+    found = lowest(held["wrong"])
+    if beyond.size:  # a loop that bends its beams too far is named instead
+        i = int(beyond[0])
+        loop = _loop_of(job, i, float(held["reached"][i]))
+        if loop is None:
+            worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i])
+            found[RangeWarning] = worst.of(f"scenario {i}")
+        else:
+            found.setdefault(LoopWarning, loop.of(f"scenario {i}"))
+    for warning in found.values():
+        tell(warning)
+    return result
+
+
+def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
+    """The loop of control that has bent the beams of scenario i too far by the time reached (s), if one has."""
+    s, q0, prescribed = _start(job, i)
+    span = reached - float(job.t[0])
+    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, span, True) if s.control else None
+
+
+def _start(job: Job, i: int) -> tuple[Setup, Array, list[int]]:
+    """Of scenario i: how it is made, where it begins, and which rates are prescribed."""
+    s = job.variation.scenario(i)
+    joints = s.arm.by_rate("drive", split_drives(s.drive)[0])
+    q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
+    return s, q0, [k for k, law in joints.items() if isinstance(law, Motion)]

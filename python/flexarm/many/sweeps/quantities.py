@@ -1,0 +1,211 @@
+"""Numbers that sum a run up: what a sweep notes of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..._check import Array, array, choice
+from ...arm.arm import Arm
+from ...model.parts.beam import STRAIN_NAMES
+from ...model.parts.labels import joint_coordinates
+from ...run.result import Result
+from ...run.sensing.sensors import half_thickness
+from ..batch.job import FAILED
+from ..batch.rollout import NOT_DONE
+
+_PLACES = 17  # along a beam, where its strain is looked at
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Of a run: its columns with their units, and what computes them.
+
+    Attributes:
+        columns: (arm, link) -> [(name, unit), ...].
+        of: (result, link, band) -> as many numbers.
+        says: one line.
+        forces: whether it needs `Result.tau`.
+    """
+
+    columns: Callable[[Arm, int], list[tuple[str, str]]]
+    of: Callable[[Result, int, float], Array]
+    says: str
+    forces: bool = False
+
+
+def _one(name: str, unit: str) -> Callable[[Arm, int], list[tuple[str, str]]]:
+    return lambda arm, link: [(name, unit)]
+
+
+def _sizes(result: Result, link: int) -> Array:
+    """|deflection| of the beam's tip, (nt,)."""
+    return np.asarray(np.linalg.norm(result.tip_deflection(link), axis=1))
+
+
+def _residual(result: Result, link: int, band: float) -> Array:
+    late = result.t >= result.t[-1] - 0.1 * (result.t[-1] - result.t[0])
+    tip = result.tip_deflection(link)[late]
+    return np.array([np.ptp(tip, axis=0).max() / 2])
+
+
+def settling_time(t: Array, distance: Array, band: float) -> float:
+    """From t[0] to the last time that `distance` was above `band` times its greatest value (s), between two rows by a
+    straight line; nan where that is in the last tenth of the run, which then is too short to tell."""
+    limit = band * distance.max()
+    above = np.flatnonzero(distance > limit)
+    if not above.size:
+        return 0.0
+    k = int(above[-1])
+    if k + 1 == len(t):
+        return float("nan")
+    share = (distance[k] - limit) / (distance[k] - distance[k + 1])
+    settled = float(t[k] + share * (t[k + 1] - t[k]) - t[0])
+    return settled if settled <= 0.9 * float(t[-1] - t[0]) else float("nan")
+
+
+def _settling(result: Result, link: int, band: float) -> Array:
+    end = result.frame()[0]
+    return np.array([settling_time(result.t, np.linalg.norm(end - end[-1], axis=1), band)])
+
+
+def _strain(result: Result, link: int, band: float) -> Array:
+    beam = result.arm.links[link].beam
+    assert beam is not None
+    greatest = 0.0
+    for x in np.linspace(0.0, beam.length, _PLACES):
+        strains = np.abs(result.strain(link, float(x)))
+        stretch = strains[:, STRAIN_NAMES.index("eps")]
+        for row, along in ((1, "z"), (2, "y")):  # K2 bends z, K3 bends y
+            half = half_thickness(beam.section, along, float(x)) if strains[:, row].any() else 0.0
+            on_face = stretch + strains[:, row] * (np.nan if half is None else half)
+            greatest = max(greatest, float(on_face.max(initial=0.0)))
+    return np.array([greatest])
+
+
+def _joint_columns(suffix: str, *units: str) -> Callable[[Arm, int], list[tuple[str, str]]]:
+    """A column for each freedom of the link's joint; units of turning and of sliding ones."""
+
+    def columns(arm: Arm, link: int) -> list[tuple[str, str]]:
+        rates = arm.joint_rates(link)
+        kinds = {label: unit for _, label, unit in joint_coordinates(arm)}
+        names = [arm.coordinates[i] for i in rates]
+        return [(f"{name} {suffix}", units[kinds.get(name, "rad") != "rad"]) for name in names]
+
+    return columns
+
+
+def _of_joint(name: str) -> Callable[[Result, int, float], Array]:
+    return lambda r, link, band: np.asarray(np.abs(getattr(r, name)[:, r.arm.joint_rates(link)]).max(axis=0))
+
+
+def _state_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
+    return [
+        (f"{kind} {label}", "") for kind, labels in (("q", arm.q_names), ("v", arm.coordinates)) for label in labels
+    ]
+
+
+#: by name, what a sweep can note
+QUANTITIES: dict[str, Quantity] = {
+    "tip_deflection": Quantity(
+        _one("tip deflection", "m"),
+        lambda r, link, band: np.array([_sizes(r, link).max()]),
+        "greatest displacement of the beam's tip from rest, in its hub's axes",
+    ),
+    "residual": Quantity(
+        _one("residual", "m"),
+        _residual,
+        "amplitude of the beam's tip in the last tenth of the run: half of peak to peak",
+    ),
+    "settling": Quantity(
+        _one("settling", "s"),
+        _settling,
+        "when the arm's end was last further from where the run leaves it than `band` times its greatest distance; "
+        "nan where that is in the last tenth of the run",
+    ),
+    "strain": Quantity(
+        _one("strain", "1"),
+        _strain,
+        "greatest strain of the beam's faces in bending, at the worst of 17 places along it",
+    ),
+    "speed": Quantity(_joint_columns("speed", "rad/s", "m/s"), _of_joint("v"), "greatest rate of the link's joint"),
+    "torque": Quantity(
+        _joint_columns("force", "N m", "N"),
+        _of_joint("tau"),
+        "greatest force of the link's joint, or its reaction where its motion is prescribed",
+        forces=True,
+    ),
+    "energy": Quantity(
+        _one("energy", "J"),
+        lambda r, link, band: np.array([float(x[-1]) for x in r.energy()]).sum(keepdims=True),
+        "kinetic and potential energy at the end of the run",
+    ),
+    "end_position": Quantity(
+        lambda arm, link: [(f"end {c}", "m") for c in "xyz"],
+        lambda r, link, band: r.frame()[0][-1],
+        "where the arm's end is at the end of the run, world axes",
+    ),
+    "final_state": Quantity(
+        _state_columns,
+        lambda r, link, band: np.concatenate([r.q[-1], r.v[-1]]),
+        "coordinates and rates at the end of the run",
+    ),
+}
+
+
+def quantity(output: str | Callable[[Result], float]) -> Quantity:
+    """Of that name, or what a function of a Result says: one number, in a column with the function's name."""
+    if isinstance(output, str):
+        return QUANTITIES[choice("outputs", output, QUANTITIES)]
+    if not callable(output):
+        raise ValueError(f"outputs: {output!r}: must be one of {', '.join(QUANTITIES)}, or a function of a Result")
+    name = getattr(output, "__name__", type(output).__name__)
+    return Quantity(_one(name, ""), lambda r, link, band: array(name, [output(r)], (1,)), "a function of yours")
+
+
+def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tuple[str, str]]:
+    """The columns (name, unit) of these quantities; ValueError where this arm does not have one."""
+    beam = arm.links[arm._link(link)].beam
+    for name in names:
+        if name in ("tip_deflection", "residual", "strain") and beam is None:
+            raise ValueError(f"outputs: {name}: link {link} has no beam; choose another link, or other outputs")
+        if name == "strain" and beam is not None and half_thickness(beam.section, "y", 0.0) is None:
+            raise ValueError(f"outputs: strain: the section of link {link} does not tell how far its faces are")
+    columns = [column for name in names for column in quantity(name).columns(arm, arm._link(link))]
+    twice = {name for name, _ in columns if [n for n, _ in columns].count(name) > 1}
+    if twice:
+        raise ValueError(f"outputs: {sorted(twice)[0]!r} is noted twice")
+    return columns
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a sweep keeps of each run, as `Job.summary` has it: numbers, and, where it keeps `trajectories`, every
+    `every`-th row of q and v. The arguments are those of `Sweep`."""
+
+    outputs: tuple[str | Callable[[Result], float], ...]
+    link: int | str
+    band: float
+    trajectories: bool
+    every: int
+
+    def _columns(self, arm: Arm) -> list[str]:
+        return [f"columns/{name}" for name, _ in check_quantities(arm, self.outputs, self.link)]
+
+    def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a run with so many rows."""
+        few, numbers = len(range(0, rows, self.every)), dict.fromkeys(self._columns(arm), ())
+        return numbers | ({"q": (few, arm.nq), "v": (few, arm.nv)} if self.trajectories else {})
+
+    def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
+        """The same of all runs in a batch's blocks, nan where one failed."""
+        names, noted, link = self._columns(arm), [quantity(x) for x in self.outputs], arm._link(self.link)
+        table = np.full((len(blocks["status"]), len(names)), np.nan)
+        for k in np.flatnonzero(~np.isin(blocks["status"], (FAILED, NOT_DONE))).tolist():
+            run = result(k)
+            table[k] = np.concatenate([x.of(run, link, self.band) for x in noted])
+        kept = {k: blocks[k][:, :: self.every] for k in ("q", "v") if self.trajectories}
+        return {**dict(zip(names, table.T, strict=True)), **kept}

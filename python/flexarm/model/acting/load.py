@@ -1,0 +1,145 @@
+"""Loads: forces and moments on the slices of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexarm._core as _core
+
+from ..._check import Array, array, choice, number
+from ..parts.chain import Chain
+from .drive import Law, sample_times
+
+Value = ArrayLike | Callable[[float], Any]
+
+_MOST = 64  # most cached places of an arm
+_PLACES: WeakKeyDictionary[_core.Arm, dict[Any, _core.Load]] = WeakKeyDictionary()  # a cache
+
+
+class Load(Law):
+    """A force and a moment on a slice, or spread along a beam (the external forces of the paper's Eq. 52, 53).
+
+    Args:
+        link: the link; -1 is the last.
+        x: the slice at x metres along that link's beam; None is the link's end (the end effector).
+        force, moment: N and N m: three numbers; with `t`, samples (nt, 3), linear in between; or a callable t -> three.
+        t: times of the samples (s).
+        along: (a, b) metres, instead of x: force (N/m) and moment (N) per length from a to b.
+        axes: "world", or "section" for axes that rotate with the slice (a follower force).
+    """
+
+    def __init__(
+        self,
+        link: int | str = -1,
+        x: float | None = None,
+        *,
+        force: Value | None = None,
+        moment: Value | None = None,
+        t: ArrayLike | None = None,
+        along: Sequence[float] | None = None,
+        axes: str = "world",
+    ) -> None:
+        self.link, self.x, self.axes = (
+            link,
+            None if x is None else number("x", x),
+            choice("axes", axes, ("world", "section")),
+        )
+        self.along: tuple[float, float] | None = None
+        if along is not None:
+            a, b = array("along", along, (2,)).tolist()
+            self.along = (a, b)
+        if x is not None and along is not None:
+            raise ValueError(f"along = {along!r}: give x or along, not both")
+        if force is None and moment is None:
+            raise ValueError("force = None: give a force, a moment, or both")
+        self._steady: Array | None = None  # the constant part
+        #: the arguments it was made of
+        self.given: dict[str, Any] = {
+            "link": link, "x": self.x, "force": _argument("force", force), "moment": _argument("moment", moment), "t":
+            t,
+            "along": along, "axes": axes
+        }  # fmt: skip
+        if any(callable(value) for value in (force, moment)):
+            if t is not None:
+                raise ValueError("t: goes with samples, not with a callable")
+            self.law: Any = _Wrench(_component("force", force), _component("moment", moment))
+            return
+        times = np.array([0.0, 1.0]) if t is None else sample_times(t)
+        columns: list[Array] = []
+        samples: tuple[tuple[str, Any], ...] = (("force", force), ("moment", moment))
+        for name, value in samples:
+            if t is None:
+                columns.append(np.tile(array(name, np.zeros(3) if value is None else value, (3,)), (2, 1)))
+            else:
+                columns.append(array(name, np.zeros((len(times), 3)) if value is None else value, (len(times), 3)))
+        self.constant = t is None
+        wrench = np.hstack(columns)
+        self._steady = wrench[0] if self.constant else None
+        slope = np.diff(wrench, axis=0) / np.diff(times)[:, None]
+        self.law = tuple(_core.PiecewisePolynomial(times, [slope[:, k], wrench[:-1, k]]) for k in range(6))
+
+    def __call__(self, t: float) -> Array:
+        """[force; moment] at time t (s), (6,)."""
+        if self._steady is not None:
+            return self._steady.copy()
+        if isinstance(self.law, tuple):
+            return np.array([part(t)[0] for part in self.law])
+        return np.asarray(self.law(t))
+
+    def __repr__(self) -> str:
+        where = f"along={self.along}" if self.along else f"x={self.x}"
+        return f"Load(link={self.link}, {where}, axes={self.axes!r})"
+
+    def place(self, arm: Chain) -> _core.Load:
+        """The place on an arm where it acts. ValueError if the arm has no such link or slice."""
+        n, world = arm._link(self.link, "load: link"), self.axes == "world"
+        known, key = _PLACES.setdefault(arm._core, {}), (n, self.x, self.along, world)
+        if key not in known:
+            if len(known) == _MOST:
+                known.clear()
+            if self.along is not None:
+                known[key] = _core.Load.along(arm._core, n, *self.along, world)
+            elif self.x is not None:
+                known[key] = _core.Load.at_slice(arm._core, n, self.x, world)
+            else:
+                known[key] = _core.Load.at_end(arm._core, n, world)
+        return known[key]
+
+
+class _Wrench:
+    def __init__(self, force: Callable[[float], Array], moment: Callable[[float], Array]) -> None:
+        self.parts = (force, moment)
+
+    def __call__(self, t: float) -> list[float]:
+        return [float(x) for part in self.parts for x in part(t)]
+
+
+def _argument(name: str, value: Any) -> Any:
+    return value if value is None or callable(value) else array(name, value)
+
+
+def _component(name: str, value: Any) -> Callable[[float], Array]:
+    if callable(value):
+        return lambda t: array(f"Load {name} at t = {t}", value(t), (3,))
+    constant = array(name, np.zeros(3) if value is None else value, (3,))
+    return lambda t: constant
+
+
+_NONE = np.zeros((0, 6))
+
+
+def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_core.Load], Array]:
+    """Places and wrenches (n, 6) of loads at time t."""
+    if loads is None:
+        return [], _NONE
+    if not isinstance(loads, (list, tuple)):
+        raise ValueError(f"loads = {loads!r}: must be a list of Load")
+    for k, load in enumerate(loads):
+        if not isinstance(load, Load):
+            raise ValueError(f"loads[{k}] = {load!r}: must be a Load")
+    return [load.place(arm) for load in loads], np.array([load(t) for load in loads]).reshape(-1, 6)

@@ -1,0 +1,103 @@
+"""Electric motors between a controller and its joint."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..._check import Array, number
+from ..parts.chain import Chain
+
+
+def finite(name: str, value: Any) -> float:
+    x = number(name, value)
+    if not np.isfinite(x):
+        raise ValueError(f"{name} = {value}: must be finite")
+    return x
+
+
+def positive(name: str, value: Any) -> float:
+    x = number(name, value)
+    if not 0.0 < x < np.inf:
+        raise ValueError(f"{name} = {value}: must be positive and finite")
+    return x
+
+
+def torque_limits(arm: Chain) -> Array:
+    """The largest total force of drives and controllers on each rate of an arm (N m, N), (nv,); infinity without a
+    limit."""
+    out = np.full(arm.nv, np.inf)
+    for k, link in enumerate(arm.links):
+        if link.joint.nv:
+            out[arm.joint_rates(k)] = link.joint._per_freedom("torque_limit", link.joint.nv)
+    return out
+
+
+def reach_of(arm: Chain, columns: Array, limit: Any) -> Array:
+    """The limit of each output with generalised forces `columns` (nv or more, nu): the least of its own limit and those
+    of the motors at its joints."""
+    with np.errstate(divide="ignore"):
+        shares = torque_limits(arm)[:, None] / np.abs(columns[: arm.nv])
+    return np.asarray(np.minimum(limit, shares.min(axis=0, initial=np.inf)))
+
+
+class Motor:
+    """A geared electric motor between a controller and its joint.
+
+    With `resistance`, the controller's output is a voltage and the back-EMF brakes; without, it is a current (an
+    amplifier in current mode, as the paper's).
+
+    Args:
+        torque_constant: k_t (N m/A), which is the back-EMF constant (V s/rad) too.
+        gear_ratio: n, motor revolutions for one of the joint.
+        efficiency: of the gear, 0 to 1.
+        limit: largest current (A), or voltage (V) with `resistance`; None: no limit.
+        resistance: R of the winding (ohm); None: current mode.
+        rotor_inertia: J_r (kg m²); give `reflected_inertia` = n² J_r to the joint.
+    """
+
+    def __init__(
+        self,
+        torque_constant: float = 1.0,
+        gear_ratio: float = 1.0,
+        *,
+        efficiency: float = 1.0,
+        limit: float | None = None,
+        resistance: float | None = None,
+        rotor_inertia: float = 0.0,
+    ) -> None:
+        self.torque_constant, self.gear_ratio = (
+            positive("torque_constant", torque_constant),
+            finite("gear_ratio", gear_ratio),
+        )
+        if self.gear_ratio == 0.0:
+            raise ValueError("gear_ratio = 0.0: must not be zero")
+        self.efficiency = positive("efficiency", efficiency)
+        if self.efficiency > 1.0:
+            raise ValueError(f"efficiency = {efficiency}: must be at most 1")
+        self.limit = None if limit is None else positive("limit", limit)
+        self.resistance = None if resistance is None else positive("resistance", resistance)
+        self.rotor_inertia = finite("rotor_inertia", rotor_inertia)
+        if self.rotor_inertia < 0.0:
+            raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
+
+    @property
+    def reflected_inertia(self) -> float:
+        """n² J_r (kg m²), the inertia of the rotor at the joint."""
+        return self.gear_ratio**2 * self.rotor_inertia
+
+    @property
+    def gain(self) -> float:
+        """Joint torque per unit of the controller's output (N m/A, or N m/V at rest)."""
+        per_ampere = self.torque_constant * self.gear_ratio * self.efficiency
+        return per_ampere if self.resistance is None else per_ampere / self.resistance
+
+    @property
+    def braking(self) -> float:
+        """Damping by the back-EMF at the joint (N m s/rad); zero in current mode."""
+        return 0.0 if self.resistance is None else self.gain * self.torque_constant * self.gear_ratio
+
+    def __repr__(self) -> str:
+        unit = "A" if self.resistance is None else "V"
+        return f"Motor({self.gain:.4g} N m/{unit}, limit={self.limit})"

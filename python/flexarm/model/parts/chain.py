@@ -1,0 +1,444 @@
+"""The chain: an immutable series of links, its indices, and its kinematics."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copyreg import __newobj__  # type: ignore[attr-defined]
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexarm._core as _core
+
+from ..._check import Array, array, batch, finite, number
+from .link import Link
+from .part import as_table
+
+_Kind = TypeVar("_Kind", bound="Chain")
+
+
+def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
+    """Indices of the links with each name, where a link may have its own name or its joint's."""
+    out: dict[str, tuple[int, ...]] = {}
+    for owner in ("link", "joint"):
+        own: dict[str, int] = {}
+        for k, link in enumerate(links):
+            name = (link if owner == "link" else link.joint).name
+            if name is None:
+                continue
+            if name in own:
+                raise ValueError(f"links[{k}]: its {owner} is called '{name}', as is that of link {own[name]}")
+            own[name] = k
+            if k not in out.get(name, ()):
+                out[name] = (*out.get(name, ()), k)
+    return out
+
+
+def _quaternion(turn: Array) -> Array:
+    """w, x, y, z of a rotation vector (rad)."""
+    half = 0.5 * float(np.linalg.norm(turn))
+    return np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * turn)])
+
+
+class Chain:
+    """The data of an arm: its links and gravity, the indices of its coordinates, its slices and their motion.
+
+    Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
+    count from 0 at the base; -1 is the last, and the default.
+    """
+
+    links: tuple[Link, ...]
+
+    def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        if not isinstance(links, Sequence):
+            raise ValueError(f"links = {links!r}: must be a list of links")
+        self.links: tuple[Link, ...] = tuple(links)
+        for k, link in enumerate(self.links):
+            if not isinstance(link, Link):
+                raise ValueError(f"links[{k}] = {link!r}: must be a Link")
+        self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
+        self._numbers = _numbers(self.links)
+        own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
+               for k, link in enumerate(self.links)]  # fmt: skip
+        #: name of each link: its own, or its joint's (if no other link has that), or "link 0" and so on
+        self.names: tuple[str, ...] = tuple(
+            link.name or joint or f"link {k}" for k, (link, joint) in enumerate(zip(self.links, own, strict=True))
+        )
+        #: name of each link's joint: its own (if no other link has that), or the link's name and the joint's type
+        self.joint_names: tuple[str, ...] = tuple(
+            joint or f"{self.names[k]} {self.links[k].joint.type}" for k, joint in enumerate(own)
+        )
+        self.coordinates: tuple[str, ...] = self._labels()
+        with self.naming():
+            self._core = _core.Arm([link._core for link in self.links], self.gravity)
+        self.nq: int = self._core.nq
+        self.nv: int = self._core.nv
+        self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
+        self.patch_matrix.flags.writeable = False
+        self.patches: list[tuple[int, int]] = [
+            (k, i) for k, link in enumerate(self.links) if link.beam for i in range(len(link.beam.patches))
+        ]  #: (link, patch) of each column of patch_matrix
+
+    def to_dict(self) -> dict[str, Any]:
+        """The inverse of `from_dict`."""
+        return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
+
+    def _alike(self: _Kind, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> _Kind:
+        """An arm of the same class; a subclass's own `__init__`, which may take other arguments, is not called."""
+        out = type(self).__new__(type(self))
+        Chain.__init__(out, links, gravity)
+        return out
+
+    def __reduce__(self) -> Any:
+        return __newobj__, (type(self),), (self.links, self.gravity)
+
+    def __setstate__(self, state: Any) -> None:
+        Chain.__init__(self, *state)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and (self.links, self.gravity) == (other.links, other.gravity)
+
+    __hash__ = None  # type: ignore[assignment]  # beams hold dictionaries
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
+
+    def __getitem__(self, link: Any) -> Link:
+        """The link of a name (its own or its joint's) or a number."""
+        return self.links[self._link(link)]
+
+    def __iter__(self) -> Iterator[Link]:
+        return iter(self.links)
+
+    def _labels(self) -> tuple[str, ...]:
+        """A label per rate, such as "elbow" and "forearm bending_y 1"."""
+        out: dict[str, int] = {}
+        for k, link in enumerate(self.links):
+            labels = [self.joint_names[k] + label.removeprefix(link.joint.type) for label in link.joint.labels]
+            counts = link.beam.counts if link.beam is not None else {}
+            labels += [f"{self.names[k]} {s} {i + 1}" for s in _core.STRAINS for i in range(counts.get(s, 0))]
+            for label in labels:
+                if label in out:
+                    other = f"a coordinate of link {out[label]}, too"
+                    raise ValueError(f"links[{k}]: '{label}' is {other}; take other names")
+                out[label] = k
+        return tuple(out)
+
+    def in_names(self, text: str) -> str:
+        """A message of the core, with names in place of the numbers of coordinates and links."""
+
+        def coordinate(m: re.Match[str]) -> str:
+            k, rest = int(m[1]), m[2]
+            kind = self.links[k].joint.type
+            joint = rest == kind or rest.startswith(f"{kind} ")
+            return f"'{self.joint_names[k]}{rest.removeprefix(kind)}'" if joint else f"'{self.names[k]} {rest}'"
+
+        text = re.sub(r"'link (\d+) ([^']*)'", coordinate, text)
+        return re.sub(r"(?<=beam of )link (\d+)", lambda m: self.names[int(m[1])], text)
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Puts these names into the core's errors."""
+        try:
+            yield
+        except ValueError as e:
+            raise ValueError(self.in_names(str(e))) from None
+
+    def _link(self, link: Any, field: str = "link") -> int:
+        """The index of a link, given by its number, its name or its joint's. Only this function reads links."""
+        n = len(self.links)
+        if isinstance(link, str):
+            found = self._numbers.get(link, ())
+            if len(found) == 1:
+                return found[0]
+            if found:
+                two = f"is link {found[0]} and the joint of link {found[1]}"
+                raise ValueError(f"{field} = {link!r}: {two}; give a number")
+            known = ", ".join(self._numbers)
+            near = get_close_matches(link, self._numbers, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
+            raise ValueError(f"{field} = {link!r}: no link and no joint has this name; {hint}")
+        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
+            raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
+        return int(link) % n
+
+    def joint_rates(self, link: Any, field: str = "link") -> list[int]:
+        """Indices in v of the rates of a link's joint, or of one of them if `link` is (link, freedom); `field` is the
+        argument's name in errors."""
+        name, freedom = link if isinstance(link, tuple) and len(link) == 2 else (link, None)
+        n = self._link(name, field)
+        nv = self.links[n].joint.nv
+        if nv == 0:
+            raise ValueError(f"{field} = {link}: its joint is fixed, it has no coordinate")
+        if freedom is None:
+            return list(range(self._core.first(n), self._core.first(n) + nv))
+        if isinstance(freedom, bool) or not isinstance(freedom, (int, np.integer)) or not 0 <= freedom < nv:
+            raise ValueError(f"{field} = {link}: its joint has freedoms 0 to {nv - 1}")
+        return [self._core.first(n) + int(freedom)]
+
+    def joint_rate(self, link: Any, field: str = "link") -> int:
+        """The index of one rate, given by a link whose joint has one freedom, or by (link, freedom)."""
+        rates = self.joint_rates(link, field)
+        if len(rates) > 1:
+            raise ValueError(f"{field} = {link}: its joint has {len(rates)} freedoms; name one as ({link}, 0)")
+        return rates[0]
+
+    def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
+        """The values of `keyed` by index of the rate instead of by link or (link, freedom)."""
+        if keyed is not None and not isinstance(keyed, Mapping):
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number or name")
+        out: dict[int, Any] = {}
+        for link, value in (keyed or {}).items():
+            i = self.joint_rate(link, f"{field}: link")
+            if i in out:
+                raise ValueError(f"{field}: link = {link}: is named twice")
+            out[i] = value
+        return out
+
+    def coordinate_of(self, rate: int) -> int:
+        """Index in q of the coordinate whose rate has index `rate` in v; -1 for the rates of a ball."""
+        return self._core.coordinate_of(rate)
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """A label for each coordinate of q: as `coordinates`, and the components of quaternions; (nq,)."""
+        names = [""] * self.nq
+        for i, label in enumerate(self.coordinates):
+            if self.coordinate_of(i) >= 0:
+                names[self.coordinate_of(i)] = label
+        for k, at in self.quaternions():
+            names[at] = [f"{self.joint_names[k]} quaternion {c}" for c in "wxyz"]
+        return tuple(names)
+
+    def quaternions(self) -> list[tuple[int, slice]]:
+        """The links with a ball in their joint, each with the slice of q that holds its quaternion (w, x, y, z)."""
+        ends = [self._core.first_q(k) + link.joint.nq for k, link in enumerate(self.links)]
+        return [(k, slice(end - 4, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
+
+    def ball_rates(self) -> list[tuple[int, slice]]:
+        """The links with a ball in their joint, each with the slice of v that holds its three rates."""
+        ends = [self._core.first(k) + link.joint.nv for k, link in enumerate(self.links)]
+        return [(k, slice(end - 3, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
+
+    @property
+    def zero(self) -> Array:
+        """All coordinates zero, except the quaternions of balls: 1 0 0 0; (nq,)."""
+        return np.array(self._core.zero)
+
+    def patch_column(self, link: Any, patch: Any, field: str = "") -> int:
+        """The column of `patch_matrix` that belongs to a link's patch."""
+        n = self._link(link, f"{field}link")
+        beam = self.links[n].beam
+        count = len(beam.patches) if beam else 0
+        if not count:
+            raise ValueError(f"{field}link = {link}: has no patches")
+        if isinstance(patch, bool) or not isinstance(patch, (int, np.integer)) or not -count <= patch < count:
+            whose = f"the patches of {self.names[n]}"
+            raise ValueError(f"{field}patch = {patch!r}: must be from {-count} to {count - 1}, {whose}")
+        return self.patches.index((n, int(patch) % count))
+
+    def pose(self, joints: Mapping[Any, Any]) -> Array:
+        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`.
+
+        The dictionary itself may stand for q in all methods, and for q0 in `simulate`.
+
+        Args:
+            joints: by link: its number, its name or its joint's; or by (link, freedom). The value is a number (rad, m);
+                of a joint with several freedoms a list, in which a ball's turn is a rotation vector (rad), three
+                numbers, or a quaternion w, x, y, z. {"elbow": 0.3, 0: -1.0}
+
+        Raises:
+            ValueError: an unknown name, a joint named twice, too few or too many numbers.
+        """
+        if not isinstance(joints, Mapping):
+            raise ValueError(f"joints = {joints!r}: must be a dictionary, by link number or name, such as {{0: 0.3}}")
+        q, seen = self.zero, set[int]()
+        for link, value in joints.items():
+            rates = self.joint_rates(link, "joints: link")
+            if not seen.isdisjoint(rates):
+                raise ValueError(f"joints: link = {link}: is named twice")
+            seen.update(rates)
+            places = [self.coordinate_of(i) for i in rates]
+            slides = [k for k in places if k >= 0]
+            given = np.atleast_1d(array(f"joints: {link!r}", value))
+            if isinstance(link, tuple) and not slides:
+                raise ValueError(f"joints: link = {link}: is a ball's, which has no angle; give the whole joint's turn")
+            ball = len(places) - len(slides)
+            lengths = [len(slides) + part for part in ((3, 4) if ball else (0,))]
+            if given.ndim != 1 or len(given) not in lengths:
+                want = " or ".join(map(str, lengths))
+                turn = ", a ball's turn by a rotation vector (rad) or a quaternion" if ball else ""
+                raise ValueError(f"joints: {link!r} = {value!r}: must be {want} number{'s' * (want != '1')}{turn}")
+            q[slides] = given[: len(slides)]
+            if ball:
+                at = dict(self.quaternions())[self._link(link[0] if isinstance(link, tuple) else link)]
+                turn_by = given[len(slides) :]
+                q[at] = turn_by if len(turn_by) == 4 else _quaternion(turn_by)
+        self.check_balls("joints", q)
+        return q
+
+    @contextmanager
+    def _pointing_to_pose(self, field: str = "q") -> Iterator[None]:
+        """Adds a hint at `pose` to the error of a wrong number of coordinates."""
+        try:
+            yield
+        except ValueError as e:
+            if not str(e).startswith(f"{field} has shape"):
+                raise
+            raise ValueError(
+                f"{e}, those of arm.q_names, elastic ones too; arm.pose({{0: 0.3}}) makes them of the joints' alone"
+            ) from None
+
+    def _posed(self, q: Any) -> Any:
+        """q; a dictionary is converted by `pose`."""
+        return self.pose(q) if isinstance(q, Mapping) else q
+
+    def _place(self, field: str, q: Any) -> Array:
+        """q (nq,): `zero` for None, the `pose` of a dictionary; quaternions are not checked."""
+        with self._pointing_to_pose(field):
+            return self.zero if q is None else array(field, self._posed(q), (self.nq,))
+
+    @staticmethod
+    def _x(x: float | None) -> float | None:
+        return None if x is None else number("x", x)
+
+    def _batch(self, balls: bool = True, /, **named: Any) -> list[Array]:
+        """q (..., nq) and the others (..., nv), checked and broadcast; a single valid state is returned at once.
+        `balls`: whether quaternions are checked for zero length."""
+        if self._core.one_state(named, balls):
+            return list(named.values())
+        named = {k: self._posed(value) if k == "q" else value for k, value in named.items()}
+        with self._pointing_to_pose():
+            arrays = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        if balls:
+            self.check_balls("q", arrays[list(named).index("q")])
+        return arrays
+
+    def _single(self, **named: Any) -> list[Array]:
+        if self._core.one_state(named, True):
+            return list(named.values())
+        named["q"] = self._posed(named["q"])
+        with self._pointing_to_pose():
+            arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        self.check_balls("q", arrays[list(named).index("q")])
+        return arrays
+
+    def check_balls(self, field: str, q: Array) -> None:
+        """Raises ValueError if a quaternion in q (..., nq) has zero length, or a length whose square overflows."""
+        for k, at in self.quaternions():
+            size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
+            for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
+                if bad.any():
+                    raise ValueError(
+                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of {self.joint_names[k]} must have a "
+                        "length, from 1e-100 to 1e100"
+                    )
+
+    # -- kinematics ----------------------------------------------------------------------------------------------------
+
+    def frame(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (..., 3) and orientation (..., 3, 3) in the world of the slice of a link's beam at x metres.
+
+        x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
+        """
+        (q,) = self._batch(q=q)
+        p, R = self._core.frame(q, self._link(link), self._x(x))
+        return finite("frame", p), finite("frame", R)
+
+    def jacobian(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
+        """Jacobian (..., 6, nv) of a frame of `frame`: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
+        (q,) = self._batch(q=q)
+        return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
+
+    def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
+        """Time derivative (..., 6, nv) of `jacobian` at the rates v: acceleration = J a + dJ/dt v."""
+        q, v = self._batch(q=q, v=v)
+        return finite("jacobian rate", self._core.jacobian_rate(q, v, self._link(link), self._x(x)))
+
+    def velocity(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
+        """Velocity (..., 6) of a frame of `frame`: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
+        q, v = self._batch(q=q, v=v)
+        return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
+
+    def acceleration(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None
+    ) -> Array:
+        """Acceleration (..., 6) of a frame of `frame`: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        q, v, a = self._batch(q=q, v=v, a=a)
+        return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])
+
+    def center_of_mass(self, q: ArrayLike) -> Array:
+        """Position (..., 3) of the whole arm's centre of mass in the world (m)."""
+        (q,) = self._batch(q=q)
+        if not any(link.mass for link in self.links):
+            raise ValueError("links: no link has a mass, so there is no centre of mass")
+        return finite("centre of mass", self._core.momentum(q, np.zeros((*q.shape[:-1], self.nv)))[1])
+
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
+        axes. At order 0, of the truncated kinetic energy, it differs a little from mass times the centre's velocity."""
+        q, v = self._batch(q=q, v=v)
+        return finite("momentum", self._core.momentum(q, v)[0])
+
+    def strain(self, q: ArrayLike, link: int | str = -1, x: float = 0.0) -> Array:
+        """Strains (Eq. 18-21) at x metres along a link's beam, (..., 6): K1, K2, K3 (1/m), phi12, phi13 (rad) and eps;
+        of a beam that is curved at rest, the strains beyond its `curvature`."""
+        (q,) = self._batch(False, q=q)
+        return finite("strain", self._core.strain(q, self._link(link), number("x", x)))
+
+    def deflection(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
+        """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
+        (q,) = self._batch(q=q)
+        n = self._link(link)
+        beam = self.links[n].beam
+        if beam is None:
+            raise ValueError(f"link = {link}: has no beam, so no deflection")
+        return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x)))
+
+    def charge(self, q: ArrayLike, link: int | str = -1, patch: int = 0) -> Array:
+        """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
+        reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
+        (q,) = self._batch(False, q=q)
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = self.patch_matrix[:, self.patch_column(link, patch)]
+            used = np.flatnonzero(force)
+            return finite("charge", np.asarray(q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]))
+
+    def patch_voltage(self, q: ArrayLike, link: int | str = -1, patch: int = 0) -> Array:
+        """Voltage (V) of a link's patch with open electrodes, (...): -charge / capacitance; a patch that shrinks under
+        a positive voltage shows one when stretched. The reaction of this voltage on the motion is left out."""
+        with np.errstate(over="ignore"):
+            return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
+
+    def capacitance(self, link: int | str = -1, patch: int = 0) -> float:
+        """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
+
+        Raises:
+            ValueError: no such patch, or its material has no permittivity.
+        """
+        n = self._link(link)
+        self.patch_column(n, patch)
+        beam = self.links[n].beam
+        assert beam is not None
+        value = float(beam._core.patch_capacitances[patch])
+        if not value > 0:
+            raise ValueError(
+                f"permittivity = {beam.patches[patch].material.permittivity}: patch {patch} of {self.names[n]} needs "
+                "it to sense a voltage"
+            )
+        return value
+
+    # -- inertia and energy --------------------------------------------------------------------------------------------
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
+        return finite("mass matrix", self._core.mass_matrix(*self._batch(q=q)))
+
+    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
+        """Kinetic and potential energy (J), each of shape (...): potential is elastic less sum of m g . p."""
+        e = finite("energy", self._core.energy(*self._batch(q=q, v=v)))
+        return tuple(e.tolist()) if e.ndim == 1 else (e[..., 0], e[..., 1])

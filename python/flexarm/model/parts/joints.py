@@ -1,0 +1,296 @@
+"""Joints (paper Sec. 4.1): zero to six freedoms between the end of one link and the next link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+import flexarm._core as _core
+
+from ..._check import Array, array, number
+from .beam import Vector, as_floats
+from .part import Part, read_name
+
+UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
+_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia", "torque_limit")
+PerFreedom = float | Sequence[float]
+_Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
+
+
+def _axis(value: Any) -> Vector:
+    if isinstance(value, str):
+        if value not in UNIT:
+            raise ValueError(f'axis = {value!r}: must be "x", "y", "z" or three numbers')
+        return UNIT[value]
+    return value  # type: ignore[no-any-return]
+
+
+def _rotation(field_name: str, value: Any) -> Array:
+    """A rotation matrix from a rotation vector (rad) or a 3 x 3 matrix."""
+    a = array(field_name, value)
+    if a.shape == (3, 3):
+        return a
+    if a.shape != (3,):
+        raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_rotvec(a).as_matrix())
+
+
+@dataclass(frozen=True)
+class Placement(Part):
+    """A frame on one side of a joint.
+
+    Args:
+        position: m.
+        rotation: a rotation vector (rad), or a 3 x 3 matrix.
+    """
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
+    _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
+        self._set("position", as_floats(self.position))
+        self._set("rotation", as_floats(self.rotation))
+        self._set("_core", core)
+
+
+@dataclass(frozen=True, repr=False)
+class Joint(Part):
+    """Base of all joints. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
+
+    Args:
+        stiffness: of springs (N/m, N m/rad). A ball's spring acts on the angle of its whole turn, alike about all
+            axes.
+        rest: positions at which the springs are unloaded (m, rad).
+        damping: viscous (N s/m, N m s/rad).
+        lower, upper: soft stops (m, rad); None: no stop. Of a ball, `upper` is the largest angle of its turn, below pi,
+            alike about all axes.
+        limit_stiffness: of the stops (N/m, N m/rad).
+        limit_damping: of the stops (N s/m, N m s/rad); it sets in over the first 1e-3 m or rad of penetration, so that
+            the force stays continuous.
+        coulomb: dry friction (N, N m): the force that opposes sliding, at any speed. It acts in all time integration
+            (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks, exactly still,
+            until more than `stiction` is needed to hold it. Functions of one instant (`forward_dynamics`,
+            `inverse_dynamics`, `linearize`) leave it out.
+        stiction: largest force that holds a sticking freedom (N, N m), at least `coulomb`; None: equal to `coulomb`.
+        reflected_inertia: of the drive's rotor, seen from the joint: gear ratio squared times rotor inertia (kg,
+            kg m²). The rotor's own gyroscopic moments are left out.
+        torque_limit: of the motor or its gear (N m, N): the largest absolute sum of drives, controllers and `tau`;
+            None: no limit. It acts in all time integration; `Result.tau` is the limited torque. A prescribed motion and
+            the functions of one instant have no limit. Springs, dampers, stops and dry friction are not in the sum.
+        inboard: frame of the joint on the link below, from that link's end.
+        outboard: frame of the link, from the joint's moving side.
+        name: such as "elbow"; it may be used instead of the link's number, and labels the coordinates. No dots, no
+            number; unique in the arm.
+    """
+
+    stiffness: PerFreedom = field(default=0.0, kw_only=True)
+    rest: PerFreedom = field(default=0.0, kw_only=True)
+    damping: PerFreedom = field(default=0.0, kw_only=True)
+    lower: PerFreedom | None = field(default=None, kw_only=True)
+    upper: PerFreedom | None = field(default=None, kw_only=True)
+    limit_stiffness: PerFreedom = field(default=0.0, kw_only=True)
+    limit_damping: PerFreedom = field(default=0.0, kw_only=True)
+    coulomb: PerFreedom = field(default=0.0, kw_only=True)
+    stiction: PerFreedom | None = field(default=None, kw_only=True)
+    reflected_inertia: PerFreedom = field(default=0.0, kw_only=True)
+    torque_limit: PerFreedom | None = field(default=None, kw_only=True)
+    inboard: Placement | None = field(default=None, kw_only=True)
+    outboard: Placement | None = field(default=None, kw_only=True)
+    name: str | None = field(default=None, kw_only=True)
+    #: one label and one unit ("rad" or "m") for each rate
+    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    units: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _core: _core.Joint = field(init=False, repr=False, compare=False)
+
+    type: ClassVar[str] = ""
+    ball: ClassVar[bool] = False
+
+    def _freedoms(self) -> list[_Freedom]:
+        return []
+
+    def _per_freedom(self, name: str, n: int) -> list[float]:
+        value = getattr(self, name)
+        if value is None and name == "stiction":
+            return self._per_freedom("coulomb", n)
+        if value is None:
+            return [-np.inf if name == "lower" else np.inf] * n
+        if not isinstance(value, (list, tuple)):
+            self._set(name, number(name, value))
+            return [getattr(self, name)] * n
+        self._set(name, tuple(array(name, value, (n,)).tolist()))
+        return list(getattr(self, name))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        read_name(self.name)
+        if not isinstance(getattr(self, "axis", ""), str):
+            self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
+        freedoms = self._freedoms()
+        labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
+        labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
+        forces = []
+        if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
+            columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
+            forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
+        sides = []
+        for side in ("inboard", "outboard"):
+            place = getattr(self, side)
+            if place is not None and not isinstance(place, Placement):
+                raise ValueError(f"{side} = {place!r}: must be a Placement or None")
+            sides.append((place or Placement())._core)
+        motions = [(rotates, axis) for _, rotates, axis in freedoms]
+        self._set("_core", _core.Joint(motions, self.ball, labels, forces, *sides))
+        units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)
+        self._set("labels", tuple(labels))
+        self._set("units", tuple(units))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same structure as in a scene file, without the arguments that have their defaults."""
+        defaults = {name: type(self).__dataclass_fields__[name].default for name in (*_FORCES, "inboard", "outboard")}
+        return {k: v for k, v in super().to_dict().items() if k not in defaults or v != defaults[k]}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.to_dict().items() if k != 'type')})"
+
+    @property
+    def nv(self) -> int:
+        """Degrees of freedom: number of rates."""
+        return len(self.labels)
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates; a ball has four for its three rates."""
+        return self.nv + self.ball
+
+    @property
+    def q_units(self) -> tuple[str, ...]:
+        """A unit for each coordinate: as `units`, and 1 for each component of a quaternion."""
+        return self.units[:-3] + ("1",) * 4 if self.ball else self.units
+
+
+@dataclass(frozen=True, repr=False)
+class Fixed(Joint):
+    """Rigid connection: no freedom; springs, dampers, stops and friction have no effect."""
+
+    type: ClassVar[str] = "fixed"
+
+
+@dataclass(frozen=True, repr=False)
+class Revolute(Joint):
+    """Rotation by q (rad) about an axis.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
+
+    axis: str | Vector = "z"
+    type: ClassVar[str] = "revolute"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("", True, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Prismatic(Joint):
+    """Translation by q (m) along an axis.
+
+    A beam behind it is clamped to the slide and moves with it at constant length: it is neither a telescope nor a beam
+    that slides through a guide.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
+
+    axis: str | Vector = "x"
+    type: ClassVar[str] = "prismatic"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("", False, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Cylindrical(Joint):
+    """Translation (m) along and rotation (rad) about one axis.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
+
+    axis: str | Vector = "z"
+    type: ClassVar[str] = "cylindrical"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("translation", False, _axis(self.axis)), ("rotation", True, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Universal(Joint):
+    """Rotations (rad) about x, then about the moved y."""
+
+    type: ClassVar[str] = "universal"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("x", True, UNIT["x"]), ("y", True, UNIT["y"])]
+
+
+@dataclass(frozen=True, repr=False)
+class Planar(Joint):
+    """Translations (m) along x and y, then a rotation (rad) about z."""
+
+    type: ClassVar[str] = "planar"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("x", False, UNIT["x"]), ("y", False, UNIT["y"]), ("rotation", True, UNIT["z"])]
+
+
+@dataclass(frozen=True, repr=False)
+class Spherical(Joint):
+    """Ball: q is a unit quaternion (w, x, y, z), v the angular velocity in the link's axes (rad/s). No singularity."""
+
+    type: ClassVar[str] = "spherical"
+    ball: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, repr=False)
+class Free(Joint):
+    """Six freedoms: q = (x, y, z, unit quaternion w x y z), position in the axes the joint sits on (m);
+    v = (its rate, angular velocity in the link's axes)."""
+
+    type: ClassVar[str] = "free"
+    ball: ClassVar[bool] = True
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [(a, False, UNIT[a]) for a in "xyz"]
+
+
+@dataclass(frozen=True, repr=False)
+class Axes(Joint):
+    """Up to six elementary motions, one after the other (Euler-angle style; singular where two axes meet).
+
+    Args:
+        axes: in this order, such as ("tx", "ty", "rz"): translations (m) along and rotations (rad) about the x, y and z
+            that the motions before have moved.
+    """
+
+    axes: Sequence[str] = ()
+    type: ClassVar[str] = "axes"
+
+    def _freedoms(self) -> list[_Freedom]:
+        names = (self.axes,) if isinstance(self.axes, str) else self.axes
+        if not isinstance(names, (list, tuple)):
+            raise ValueError(f"axes = {names!r}: must be a list of motions, such as ['tx', 'rz']")
+        names = tuple(names)
+        self._set("axes", names)
+        for name in names:
+            if name not in ("tx", "ty", "tz", "rx", "ry", "rz"):
+                raise ValueError(f"axes = {list(names)!r}: {name!r} must be one of tx, ty, tz, rx, ry, rz")
+        return [(name, name[0] == "r", UNIT[name[1]]) for name in names]

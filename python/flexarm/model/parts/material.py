@@ -1,0 +1,38 @@
+"""Materials of beams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import flexarm._core as _core
+
+from ..._check import number
+from .part import Part
+
+
+@dataclass(frozen=True)
+class Material(Part):
+    """Linear elastic material.
+
+    Args:
+        density: kg/m^3.
+        youngs_modulus: Pa.
+        poisson_ratio: for torsion and shear; this or `shear_modulus`, not both.
+        shear_modulus: Pa.
+    """
+
+    density: float
+    youngs_modulus: float
+    poisson_ratio: float | None = None
+    shear_modulus: float | None = None
+    _core: _core.Material = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
+            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
+                self._set(f, number(f, getattr(self, f)))
+        self._set(
+            "_core",
+            _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus),
+        )

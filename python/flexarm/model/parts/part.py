@@ -1,0 +1,86 @@
+"""The base of all parts of an arm: immutable dataclasses with a counterpart in the core."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from ..._check import plain
+from .arguments import with_inherited
+
+
+class ModelWarning(UserWarning):
+    """A part is used beyond what it is good for, or an angle looks like one in degrees; the message gives the limit or
+    the remedy. What else in a model is probably a mistake, `check` finds."""
+
+
+#: first entries of tuples that name an item of a link, such as ("patch", link, patch)
+_TAKEN = ("patch", "load", "force", "acceleration")
+
+
+def read_name(value: Any) -> str | None:
+    """The name of a link or a joint, or None. Dots are refused: they separate the words of paths. So are numbers."""
+    if value is None:
+        return None
+    if not isinstance(value, str) or not value.strip() or value != value.strip() or not value.isprintable():
+        raise ValueError(f"name = {value!r}: must be text without blanks around it, such as 'elbow'")
+    if "." in value:
+        raise ValueError(f"name = {value!r}: must have no dot, which parts the words of a path ('link.elbow.tip.mass')")
+    if value in _TAKEN or re.fullmatch(r"(link )?[-+]?\d+", value):
+        raise ValueError(f"name = {value!r}: means something else already; take another")
+    return value
+
+
+class Part:
+    """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
+
+    _core: Any
+
+    def __init_subclass__(cls) -> None:
+        cls.__doc__ = with_inherited(cls)
+
+    def __post_init__(self) -> None:
+        """Converts NumPy's numbers to Python's, so that parts compare, print and save alike."""
+        for name, value in self._arguments().items():
+            self._set(name, plain(value))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)  # dataclasses here are frozen
+
+    def _arguments(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
+
+    def __reduce__(self) -> Any:
+        return _rebuild, (type(self), {k: _unwrapped(v) for k, v in self._arguments().items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same structure as in a scene file."""
+        out: dict[str, Any] = {}
+        kind = getattr(self, "type", None)
+        if kind is not None:
+            out["type"] = kind
+        for name, value in self._arguments().items():
+            if value is not None and not (isinstance(value, tuple) and not value):
+                out[name] = as_table(value)
+        return out
+
+
+def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:
+    return cls(**arguments)
+
+
+def _unwrapped(value: Any) -> Any:
+    """Read-only mappings as dictionaries, which can be pickled."""
+    if isinstance(value, Mapping):
+        return {k: _unwrapped(v) for k, v in value.items()}
+    return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value
+
+
+def as_table(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: as_table(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [as_table(v) for v in value]
+    return value.to_dict() if isinstance(value, Part) else value
