@@ -48,7 +48,9 @@ for order in (0, 1, 2, "exact"):
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
     drive = {0: fa.Motion(hub)}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RangeWarning)  # orders 0 and 1 bend the beam much too far: that is the point
+        warnings.simplefilter(
+            "ignore", fa.errors.RangeWarning
+        )  # orders 0 and 1 bend the beam much too far: that is the point
         try:
             run = fa.simulate(arm, t, drive=drive, integrator="gauss", step=0.05)
         except fa.SimulationError as e:

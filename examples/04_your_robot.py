@@ -30,7 +30,7 @@ tube = fa.Beam(
     basis="legendre",
 )
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore", fa.RobotWarning)  # it tells that the tube stands for the forearm's 0.35 kg
+    warnings.simplefilter("ignore", fa.errors.RobotWarning)  # it tells that the tube stands for the forearm's 0.35 kg
     arm = fa.from_urdf(Path(__file__).with_suffix(".urdf"), tip="gripper", flexible={"forearm": tube})
 print(arm)
 

@@ -50,7 +50,7 @@ for share in (0.0, 0.5, 3.0):
     delay = share * limit
     growth = fa.closed_loop(arm, law(delay)).growth
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.LoopWarning)  # which tells the same of the last one
+        warnings.simplefilter("ignore", fa.errors.LoopWarning)  # which tells the same of the last one
         run = fa.simulate(arm, t, control=law(delay), integrator="implicit", step=5e-4)
     bend = 1e3 * run.tip_deflection()[:, 1]
     decay = fa.fit_decay(t[500:], bend[500:], modes=3)

@@ -1,9 +1,8 @@
 """A pair of piezo patches damps a cantilever.
 
-Shows: where to bond a patch (`fa.placement`), positive position feedback from one patch to another (`fa.ppf`), damping
-that is measured in a decay (`fa.fit_decay`).
-You see: the tip of the bent strip let go, with the loop open and closed; the damping ratio of its first mode in the
-run, beside that of the closed loop's pole.
+Shows: where to bond a patch (`fa.place_patch`), positive position feedback from one patch to another (`fa.ppf`),
+damping that is measured in a decay (`fa.fit_decay`). You see: the tip of the bent strip let go, with the loop open and
+closed; the damping ratio of its first mode in the run, beside that of the closed loop's pole.
 Takes: 3 s. Needs: nothing besides flexarm.
 
     python 08_piezo_damping.py [--output DIR]
@@ -31,7 +30,7 @@ def cantilever(*patches: fa.Patch) -> fa.Arm:
     return fa.Arm([fa.Link(fa.Fixed(), beam=replace(strip, patches=patches))])
 
 
-where = fa.placement(cantilever(), patch=patch, modes=2, weights=[1, 0.3])
+where = fa.place_patch(cantilever(), patch=patch, modes=2, weights=[1, 0.3])
 start = max(where.best - 0.03, 0.0)  # `best` is the middle of the patch
 print(f"The best place of the patch is from {1e3 * start:.0f} to {1e3 * (start + 0.06):.0f} mm.")
 actor = replace(patch, start=start, end=start + 0.06)

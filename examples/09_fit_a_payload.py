@@ -1,6 +1,6 @@
 """What hangs on the arm? Payload, friction and damping from a recorded run.
 
-Shows: a file of columns with units in (`fa.load_data`), `fa.identify` with intervals, validation on a second run.
+Shows: a file of columns with units in (`fa.Data.load`), `fa.identify` with intervals, validation on a second run.
 You see: a table of the fitted numbers, each with the interval that should hold the true one, beside the true ones: the
 records come from a finer model (order "exact", 4 shape functions, another integrator) with noise and encoder steps, and
 are read back from CSV files, in degrees, as a rig would write them.
@@ -25,7 +25,7 @@ steel = fa.Material(density=7850, youngs_modulus=209e9, poisson_ratio=0.3)
 beam = fa.Beam(0.5, fa.Rectangle(y=0.002, z=0.02), steel, {"bending_y": 3}, "legendre", damping_ratio=0.01)
 joint = fa.Revolute("z", reflected_inertia=0.01, damping=0.1, coulomb=0.02)
 arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(mass=0.1))])  # the guess
-encoder, gauge = fa.Encoder(0, pulses=5000, quadrature=True), fa.StrainGauge(0, x=0.02)
+encoder, gauge = fa.sensors.Encoder(0, pulses=5000, quadrature=True), fa.sensors.StrainGauge(0, x=0.02)
 
 true = {"link.0.tip.mass": 0.215, "link.0.joint.damping": 0.06, "link.0.joint.coulomb": 0.045}
 
@@ -46,8 +46,8 @@ def record(file: str, frequency: float, seed: int) -> Path:
     return path
 
 
-data = fa.load_data(record("recorded.csv", 1.4, seed=1))
-kept_aside = fa.load_data(record("kept_aside.csv", 2.2, seed=2))
+data = fa.Data.load(record("recorded.csv", 1.4, seed=1))
+kept_aside = fa.Data.load(record("kept_aside.csv", 2.2, seed=2))
 print(data)
 
 options = {"integrator": "implicit", "step": 0.0005}

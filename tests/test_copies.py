@@ -24,20 +24,22 @@ def arm(patches: tuple[fa.Patch, ...] = ()) -> fa.Arm:
 
 def scene(law: Any = None) -> fa.Scene:
     drive = {0: law or fa.Torque(T, np.sin(40 * T))}
-    return fa.Scene(arm(), drive, t=T, sensors=(fa.Encoder(),), options={"integrator": "implicit", "step": 0.01})
+    return fa.Scene(
+        arm(), drive, t=T, sensors=(fa.sensors.Encoder(),), options={"integrator": "implicit", "step": 0.01}
+    )
 
 
-def fit() -> fa.Fit:
+def fit() -> fa.results.Fit:
     run = scene().run()
     noise = 1e-4 * np.random.default_rng(0).standard_normal(len(T))
     data = fa.Data(T, {"angle": run.q[:, 0] + noise}, {"angle": "rad"})
     return fa.identify(scene(), data, {"link.0.tip.mass": 0.12}, step=1e-3, outputs={"angle": "sensor.0"}, inputs={})
 
 
-def validation() -> fa.Validation:
+def validation() -> fa.results.Validation:
     done = fit()
     judged = Judged("lqr", "motion", "all", 0.0, done.comparisons[0], done.nrmse)
-    return fa.Validation([judged], {"motion": done}, notes=["..."])
+    return fa.results.Validation([judged], {"motion": done}, notes=["..."])
 
 
 def piezo() -> fa.Patch:
@@ -66,10 +68,10 @@ MADE: dict[str, Callable[[], Any]] = {
     "modes": lambda: arm().modes(),
     "mpc": mpc,
     "move": lambda: fa.plan_move(arm(), 0.0, 0.5, torque=1.0),
-    "placement": lambda: fa.placement(arm(), patch=piezo(), modes=1),
+    "placement": lambda: fa.place_patch(arm(), patch=piezo(), modes=1),
     "plan": lambda: fa.economize(scene(), 1e-2),
     "result": lambda: scene().run(),
-    "reading": lambda: fa.Encoder().read(scene().run()),
+    "reading": lambda: fa.sensors.Encoder().read(scene().run()),
     "scene": scene,
     "sensitivities": lambda: scene().run().sensitivities(["link.0.tip.mass"]),
     "step derivatives": lambda: fa.step_derivatives(arm(), arm().zero, [0.0, 0.0], [0.1, 0.0], step=0.01),

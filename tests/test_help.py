@@ -1,42 +1,89 @@
-"""What `dir(fa)` and `help(fa)` show: a user's names, all of them, on two screens."""
+"""`dir(fa)` and `help(fa)` show the public names, all of them; old names tell the new ones."""
 
 import inspect
 import pydoc
 import re
+import subprocess
+import sys
 from dataclasses import fields, is_dataclass
+from functools import reduce
 from types import ModuleType
 from typing import Any
 
 import flexarm as fa
 import pytest
+from flexarm import _face
 
-NAMES = [name for name in dir(fa) if name != "__version__"]
-ACCEPTED = [name for name in NAMES if not issubclass(type(getattr(fa, name)), type)]
-ACCEPTED += [name for name in NAMES if name not in ACCEPTED and not issubclass(getattr(fa, name), BaseException)]
+LISTS = (fa, fa.sections, fa.sensors, fa.results, fa.errors)
+NAMES = {module: _face.public(module) for module in LISTS}
+ALL = {name: thing for names in NAMES.values() for name, thing in names.items()}
+ACCEPTED = [name for name, thing in ALL.items() if not (isinstance(thing, type) and issubclass(thing, BaseException))]
 
 
 def test_dir_shows_public_names_alone() -> None:
-    assert not [name for name in NAMES if name.startswith("_") or isinstance(getattr(fa, name), ModuleType)]
-    assert {"Arm", "simulate", "rollout", "RangeWarning"} <= set(NAMES) and fa.__version__
+    assert set(dir(fa)) == {*NAMES[fa], "sections", "sensors", "results", "errors", "__version__"}
+    assert {"Arm", "simulate", "rollout", "SimulationError"} <= set(NAMES[fa]) and fa.__version__
     room: dict[str, Any] = {}
     exec("from flexarm import *", room)
-    assert set(NAMES) <= set(room)
+    assert set(NAMES[fa]) <= set(room)
+    import flexarm.sensors
+
+    assert flexarm.sensors.Encoder is fa.sensors.Encoder
 
 
-def test_help_is_a_map_of_two_screens() -> None:
-    lines = pydoc.plain(pydoc.render_doc(fa)).splitlines()
-    assert len(lines) <= 107 and max(map(len, lines)) <= 124
-    assert fa.__doc__
-    words = set(re.findall(r"\w+", fa.__doc__))
-    assert set(NAMES) <= words, "names that the docstring of flexarm does not list"
-    meant = {w for w in words if re.search("[a-z][A-Z]", w)} - {"ValueError"}
-    assert meant <= set(NAMES), "names that the docstring lists and flexarm does not have"
+def test_a_name_stands_in_one_list() -> None:
+    """But for the commonest sections, which are names of flexarm as well."""
+    assert set(NAMES[fa]) & set(NAMES[fa.sections]) == {"Rectangle", "Circle", "Tube", "SectionMatrix"}
+    assert sum(len(names) for names in NAMES.values()) == len(ALL) + 4
+    warn = {name for name, thing in ALL.items() if isinstance(thing, type) and issubclass(thing, BaseException)}
+    assert warn - {"SimulationError"} == set(NAMES[fa.errors])
+
+
+@pytest.mark.parametrize("module", LISTS, ids=lambda module: module.__name__)
+def test_help_is_a_map_of_the_names(module: ModuleType) -> None:
+    """A line for each, with the first sentence of its docstring, in the width of a terminal."""
+    lines = pydoc.plain(pydoc.render_doc(module)).splitlines()
+    assert max(map(len, lines)) <= 124 and len(lines) <= 170
+    told = dict(re.findall(r"^ {8}(\w+) +(\S.*)$", "\n".join(lines), re.MULTILINE))
+    assert set(NAMES[module]) <= set(told)
+    assert not [name for name in NAMES[module] if re.search(r"\b(Eq|Sec|Fig|al)$|^The result|^What", told[name])]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("Encoder", "sensors.Encoder"),
+        ("RangeWarning", "errors.RangeWarning"),
+        ("Modes", "results.Modes"),
+        ("Sweep", "SweepPlan"),
+        ("load_data", "Data.load"),
+        ("placement", "place_patch"),
+    ],
+)
+def test_an_old_name_tells_the_new_one(old: str, new: str) -> None:
+    assert reduce(getattr, new.split("."), fa) and not hasattr(fa, old)
+    with pytest.raises(AttributeError, match=f"'{old}'; it is fa.{new} now$"):
+        getattr(fa, old)
+    with pytest.raises(ImportError, match=f"'{old}'; it is fa.{new} now$"):
+        exec(f"from flexarm import {old}")
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'$"):
+        _ = fa.Nothing
+
+
+def test_renamed_names_exist() -> None:
+    assert all(reduce(getattr, new.split("."), fa) for new in _face._RENAMED.values())
+    assert not set(_face._RENAMED) & set(ALL)
+
+
+def test_without_docstrings_the_names_are_left() -> None:
+    code = "import flexarm as fa; assert fa.__doc__.count('Arm') and fa.errors.__doc__"
+    subprocess.run([sys.executable, "-OO", "-c", code], check=True)
 
 
 @pytest.mark.parametrize("name", sorted(ACCEPTED))
 def test_arguments_are_explained(name: str) -> None:
     """Of functions and of the classes a user makes; what a class does not show of itself is no user's."""
-    what = getattr(fa, name)
+    what = ALL[name]
     shown = set(inspect.signature(what).parameters)
     if is_dataclass(what):
         shown -= {f.name for f in fields(what) if not f.repr}

@@ -9,12 +9,14 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm import _face
 from flexarm.tasks import Task, TipTracking
 
 
 def callables() -> Iterator[tuple[str, Callable[..., Any]]]:
     """All public functions, classes and methods."""
-    for name, thing in [*((n, getattr(fa, n)) for n in dir(fa)), ("tasks.Task", Task)]:
+    lists = (fa, fa.sections, fa.sensors, fa.results)
+    for name, thing in [*(x for module in lists for x in _face.public(module).items()), ("tasks.Task", Task)]:
         if callable(thing) and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
             yield name, thing
         if inspect.isclass(thing):
@@ -50,14 +52,20 @@ def test_a_step_is_a_step_and_what_acts_is_named() -> None:
     assert [name for name, kind in named if kind is not inspect.Parameter.KEYWORD_ONLY] == []
 
 
+def test_one_meaning_has_one_name() -> None:
+    """Names that other arguments have in their place: of a tolerance, a time for deciding, a ratio of a gear."""
+    others = {"tol", "time_budget", "gear", "k", "i", "h", "dt"}
+    assert [(name, p.name) for name, p in PARAMETERS if p.name in others] == []
+
+
 @pytest.mark.parametrize(
     "of",
     [
         lambda arm, q, link: arm.strain(q, **link),
         lambda arm, q, link: arm.deflection(q, **link),
         lambda arm, q, link: arm.joint_reaction(q, np.ones(arm.nv), np.ones(arm.nv), **link),
-        lambda arm, q, link: fa.StrainGauge(**link).measure(arm, 0.0, q, np.ones(arm.nv)),
-        lambda arm, q, link: fa.Encoder(noise=1.0, **link).read(run(arm)).y,
+        lambda arm, q, link: fa.sensors.StrainGauge(**link).measure(arm, 0.0, q, np.ones(arm.nv)),
+        lambda arm, q, link: fa.sensors.Encoder(noise=1.0, **link).read(run(arm)).y,
         lambda arm, q, link: fa.simulate(arm, [0, 0.01], q, control=fa.PD(1.0, 0.1, **link)).q,
         lambda arm, q, link: fa.simulate(arm, [0, 0.01], q, control=fa.StrainFeedback(1.0, 0.1, 0.1, **link)).q,
         lambda arm, q, link: fa.simulate(arm, [0, 0.01], drive={link.get("link", -1): fa.Torque(0.1)}).q,

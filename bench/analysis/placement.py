@@ -3,7 +3,7 @@
     python bench/analysis/placement.py [-o DIR]
 
 Writes into DIR (default: here) placement.csv and placement.png: authority of a pair of PZT plates, 50 mm x 20 mm x
-0.2 mm, on the first three modes over its place, hub held and hub free (with 2e-3 kg m^2), from `fa.placement`; and
+0.2 mm, on the first three modes over its place, hub held and hub free (with 2e-3 kg m^2), from `fa.place_patch`; and
 patch_shapes.csv and patch_shapes.png: what one beam, and three beams joined rigidly at the patch's ends, have wrong of
 the static tip at one volt (closed form) and of three frequencies (the three beams, with many shape functions).
 """
@@ -44,7 +44,7 @@ def split(n: int, patch: fa.Patch) -> fa.Arm:
 
 def places(out: Path, head: str) -> None:
     arm = fa.Arm([strip(12, joint=fa.Revolute("z"))])
-    cases = {"hub held": fa.placement(arm, patch=PAIR), "hub free": fa.placement(arm, patch=PAIR, lock=[])}
+    cases = {"hub held": fa.place_patch(arm, patch=PAIR), "hub free": fa.place_patch(arm, patch=PAIR, lock=[])}
     with (out / "placement.csv").open("w", newline="") as f:
         f.write(head)
         writer = csv.writer(f)
@@ -55,7 +55,7 @@ def places(out: Path, head: str) -> None:
     for (top, below), (name, p) in zip(axes.T, cases.items(), strict=True):
         print(f"\n{name}: {p}")
         for k, w in enumerate(p.frequencies):
-            single = fa.placement(arm, patch=PAIR, lock=None if name == "hub held" else [], weights=np.eye(3)[k])
+            single = fa.place_patch(arm, patch=PAIR, lock=None if name == "hub held" else [], weights=np.eye(3)[k])
             print(f"best for mode {k} alone: from {1e3 * single.best:.2f} mm, {single.best_authority[k]:.4g} m/V")
             relative = p.authority[:, k] / np.abs(p.authority[:, k]).max()
             top.plot(1e3 * p.x, relative, color=COLOURS[k], label=f"mode {k}, {w:.4g} rad/s")

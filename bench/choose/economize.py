@@ -115,7 +115,7 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 # -- exhaustive search -------------------------------------------------------------------------------------------------
 
 
-def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int]) -> list[Model]:
+def candidates(scene: fa.Scene, plan: fa.results.ModelPlan, most: dict[str, int]) -> list[Model]:
     """All models with up to so many modes of these strains, link by link, of every order, in the plan's basis."""
     models = Models(scene)
     strains = fa._core.STRAINS
@@ -261,7 +261,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=ROOT / "docs")
     parser.add_argument("--only", choices=("scenes", "search"))
     args = parser.parse_args()
-    warnings.simplefilter("ignore", fa.RangeWarning)
+    warnings.simplefilter("ignore", fa.errors.RangeWarning)
     figures, page = args.o / "figures", args.o / "economize.md"
     figures.mkdir(parents=True, exist_ok=True)
     made = f"flexarm {fa.__version__}, {platform.machine()}, Python {platform.python_version()}"

@@ -140,15 +140,17 @@ def fit_marks(
 def traces(p: np.ndarray, duration: float = 1.0) -> np.ndarray:
     """Joint angle and strain of the root of a response, each millisecond, (2 nt,)."""
     r = response(p, duration=duration)
-    return np.concatenate([r.q[:, 0], fa.StrainGauge(0).measure(r.arm, r.t, r.q, r.v, r.a)[:, 0]])
+    return np.concatenate([r.q[:, 0], fa.sensors.StrainGauge(0).measure(r.arm, r.t, r.q, r.v, r.a)[:, 0]])
 
 
-def fit_traces(record: np.ndarray, noise: tuple[float, float], start: np.ndarray, duration: float = 1.0) -> fa.Fit:
+def fit_traces(
+    record: np.ndarray, noise: tuple[float, float], start: np.ndarray, duration: float = 1.0
+) -> fa.results.Fit:
     """All five values, PATHS[:5], from a recording (2 nt,) of joint and strain with noise of these standard
     deviations."""
     inertia, gain, viscous, dry, ref = (float(x) for x in start)
     law = fa.StrainFeedback(dc.KP, dc.KV, 0.0, x=0.0, reference=ref, motor=fa.Motor(gain))
-    scene = fa.Scene(arm_with(inertia, viscous, dry), control=(law,), sensors=(fa.StrainGauge(0),),
+    scene = fa.Scene(arm_with(inertia, viscous, dry), control=(law,), sensors=(fa.sensors.StrainGauge(0),),
                      options={"integrator": "implicit"})  # fmt: skip
     n = record.size // 2
     columns = {"joint": record[:n], "strain": record[n:]}
@@ -372,7 +374,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
     out = parser.parse_args().o
     out.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", fa.RangeWarning)
+    warnings.simplefilter("ignore", fa.errors.RangeWarning)
     lines: list[str] = []
 
     def say(text: str) -> None:

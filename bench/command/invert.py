@@ -143,7 +143,7 @@ ARMS: dict[str, tuple[Any, list[float], tuple[float, ...], float]] = {
 }
 
 
-def largest(inverse: fa.Inversion, arm: fa.Arm | None = None, **options: Any) -> str:
+def largest(inverse: fa.results.Inversion, arm: fa.Arm | None = None, **options: Any) -> str:
     return f"{np.linalg.norm(inverse.tip_error(inverse.replay(arm, **options)), axis=1).max():.1e}"
 
 
@@ -185,7 +185,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
     out = parser.parse_args().o
     out.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", fa.RangeWarning)
+    warnings.simplefilter("ignore", fa.errors.RangeWarning)
     one_link(out)
     write(out / "arms.csv", [tried(name) for name in ARMS])
 

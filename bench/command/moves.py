@@ -69,7 +69,7 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-def swing(move: fa.Move, drive: dict[Any, fa.Motion], end: float) -> float:
+def swing(move: fa.results.Move, drive: dict[Any, fa.Motion], end: float) -> float:
     """Of the arm's end after `end` seconds, with other motions from the same start (m)."""
     arm, start = move.arm, move.simulate(after=0.0).q[0]
     period = 2 * move.half_period
@@ -79,7 +79,7 @@ def swing(move: fa.Move, drive: dict[Any, fa.Motion], end: float) -> float:
     return float(np.linalg.norm(run.frame()[0][1:] - rest, axis=1).max())
 
 
-def zv(move: fa.Move) -> tuple[dict[Any, fa.Motion], float]:
+def zv(move: fa.results.Move) -> tuple[dict[Any, fa.Motion], float]:
     """The rigid move shaped, and its duration."""
     shaper = fa.input_shaper("zv", move.frequencies[1, 0])
     return {k: shaper.shape(m) for k, m in move.rigid_drive.items()}, move.rigid_duration + shaper.duration
@@ -224,7 +224,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
     out = parser.parse_args().o
     out.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", fa.RangeWarning)
+    warnings.simplefilter("ignore", fa.errors.RangeWarning)
     two_masses()
     servo()
     table, shown = [], {}

@@ -39,10 +39,10 @@ def batch(out: Path | None, count: int = 6, times: Any = TIMES, **more: Any) -> 
     )
 
 
-def sweep(folder: Path) -> fa.SweepResult:
+def sweep(folder: Path) -> fa.results.SweepResult:
     scene = replace(fa.load("ist"), t=TIMES, options={"integrator": "implicit", "step": 1e-3})
     vary = fa.Vary("grid", {LENGTH: np.linspace(0.3, 0.4, 4).tolist()})
-    return fa.sweep(scene, fa.Sweep([vary], trajectories=True, outputs=["tip_deflection"]), out=folder, workers=1)
+    return fa.sweep(scene, fa.SweepPlan([vary], trajectories=True, outputs=["tip_deflection"]), out=folder, workers=1)
 
 
 # -- damage ----------------------------------------------------------------------------------------------------------
@@ -71,7 +71,7 @@ def of_result(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def of_table(path: Path) -> dict[str, NDArray[Any]]:
-    found = fa.load_data(path)
+    found = fa.Data.load(path)
     return {f"{name} ({found.units[name]})": found[name] for name in found.names} | {"t": found.t}
 
 

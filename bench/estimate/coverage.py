@@ -20,8 +20,8 @@ from scipy.stats import chi2
 
 FORCES = np.array([0.02, 1e-3, 1e-3] * 2)  # N m/sqrt(Hz)
 NOISE = [1e-4, 1e-4, 2e-6, 2e-6]
-SENSORS = [fa.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
-    fa.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
+SENSORS = [fa.sensors.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
+    fa.sensors.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
 ]
 TIMES = (0.05, 0.2, 0.5, 1.0)  # s
 
@@ -63,7 +63,7 @@ def ball(count: int, std: float) -> np.ndarray:
     arm = fa.Arm([link, fa.Link(fa.Fixed(), fa.RigidBody(0.02, end=(-0.2, 0.1, 0)))])
     t, v0 = np.arange(1001) * step, np.array([1.0, 2.0, -1.0])
     run = fa.simulate(arm, t, None, v0, rtol=1e-9, atol=1e-11)
-    cameras = [fa.Camera(k, noise=1e-3) for k in (0, 1)]
+    cameras = [fa.sensors.Camera(k, noise=1e-3) for k in (0, 1)]
     exact = np.column_stack([s.measure(arm, t, run.q, run.v) for s in cameras])
     out = []
     for _ in range(count):
@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--step", type=float, default=STEP / 2)
     given = parser.parse_args()
-    warnings.simplefilter("ignore", fa.FilterWarning)
+    warnings.simplefilter("ignore", fa.errors.FilterWarning)
     for told, soft in (((0.3, 0.05), False), ((0.3, 0.3), False), ((0.1, 0.4), False), ((0.1, 0.4), True)):
         z = errors(given.count, told, soft, given.step)
         inside, rms = 100 * (np.abs(z) < 2).mean(axis=0), np.sqrt((z**2).mean(axis=0))

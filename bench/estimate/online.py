@@ -36,8 +36,8 @@ BLUE, ORANGE, GREY = "tab:blue", "tab:orange", "0.5"
 STEP = 1e-3
 STEEL = fa.Material(7850, 209e9, 0.3)
 DAMPING, COULOMB = (0.05, 0.02), (0.1, 0.03)  # N m s/rad, N m
-SENSORS = [fa.Encoder(k, pulses=4096, quadrature=True) for k in (0, 1)] + [
-    fa.StrainGauge(k, 0.01, noise=2e-6, resolution=1e-6) for k in (0, 1)
+SENSORS = [fa.sensors.Encoder(k, pulses=4096, quadrature=True) for k in (0, 1)] + [
+    fa.sensors.StrainGauge(k, 0.01, noise=2e-6, resolution=1e-6) for k in (0, 1)
 ]
 FORCE_NOISE = [0.004, 2e-4, 2e-4] * 2  # N m/sqrt(Hz)
 
@@ -81,7 +81,7 @@ def moved(arm: fa.Arm, seconds: float, soft: float = 0.0) -> tuple[fa.Result, np
     return run, tau
 
 
-def simulated(payload: float, factor: float, seconds: float = 2.0) -> tuple[fa.Result, fa.Estimate]:
+def simulated(payload: float, factor: float, seconds: float = 2.0) -> tuple[fa.Result, fa.results.Estimate]:
     run, tau = moved(two_links(payload, rubs=True), seconds)
     unknown = {"payload": (factor * payload, payload), "damping.0": (0.1, 0.1), "damping.1": (0.05, 0.05),
                "coulomb.0": (0.0, 0.1), "coulomb.1": (0.0, 0.1)}  # fmt: skip
@@ -99,7 +99,9 @@ def at_random(count: int = 30) -> list[tuple[float, float, float]]:
         joints, gauges = 10 ** rng.uniform([-3, -6], [0, -5])
         strips, gravity, soft = rng.choice([0, 1e-4]), rng.choice([0, 9.81]), rng.choice([2, 4, 8])
         std = rng.choice([1, 2, 4]) * max(payload, wrong)
-        sensors = [*SENSORS[:2], *(fa.StrainGauge(k, 0.01, noise=gauges) for k in (0, 1))][: rng.choice([2, 4, 4])]
+        sensors = [*SENSORS[:2], *(fa.sensors.StrainGauge(k, 0.01, noise=gauges) for k in (0, 1))][
+            : rng.choice([2, 4, 4])
+        ]
         run, tau = moved(two_links(payload, thickness=0.005, gravity=gravity), 2.0, soft)
         filter = fa.KalmanFilter(
             two_links(thickness=0.005, gravity=gravity), sensors, STEP, force_noise=[joints, strips, strips] * 2,
@@ -119,13 +121,13 @@ TORQUE = (0.75 * 0.119 * 100, 0.75 * 0.0232 * 50)  # N m/A: assumed efficiency, 
 EACH = {"lqr": (-0.711, (1.048, 1.032), -0.125), "fsf": (-0.0857, (0.8015, 0.9687), 0.3505)}
 
 
-def rig(name: str) -> tuple[fa.Arm, list[fa.StrainGauge]]:
+def rig(name: str) -> tuple[fa.Arm, list[fa.sensors.StrainGauge]]:
     """The scene's arm and gauges, as they were in a recording."""
     scene = fa.load("quanser")
     zero, gains, tilt = EACH[name]
     first, second = scene.arm.links
     joint = replace(second.joint, outboard=fa.Placement(rotation=(0, 0, zero)))
-    gauges = [s for s in scene.sensors if isinstance(s, fa.StrainGauge)]
+    gauges = [s for s in scene.sensors if isinstance(s, fa.sensors.StrainGauge)]
     gauges = [replace(s, gauge_factor=g * float(s.gauge_factor or 1)) for s, g in zip(gauges, gains, strict=True)]
     return fa.Arm([first, replace(second, joint=joint)], gravity=(0, tilt, 0)), gauges
 
@@ -133,7 +135,7 @@ def rig(name: str) -> tuple[fa.Arm, list[fa.StrainGauge]]:
 def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, deflections measured and estimated, (nt, 2) rad each, from where both gauges read: the rig tares them at
     first."""
-    data = fa.load_data(ROOT / f"python/flexarm/identify/validate/quanser/{name}.csv")
+    data = fa.Data.load(ROOT / f"python/flexarm/identify/validate/quanser/{name}.csv")
     (arm, gauges), h = rig(name), 0.002
     since = data.t - data.t[0]
     t = np.arange(round(float(since[-1]) / h) + 1) * h
@@ -143,7 +145,7 @@ def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     deflections = np.column_stack([data["link1_deflection"], data["link2_deflection"]])
     read = int(np.argmax((deflections != 0).all(axis=1)))
     late = since >= since[read] + 1.0
-    sensors = [fa.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
+    sensors = [fa.sensors.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
     tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, 2), np.nan)
     y[rows] = angles
     for k, joint in enumerate(joints):
@@ -156,7 +158,7 @@ def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     estimate = filter.run(t, tau, y)
     found = [replace(s, filter=None).measure(arm, t, estimate.q, estimate.v) for s in gauges]
     through = gauges[0].filter
-    assert isinstance(through, fa.LowPass)
+    assert isinstance(through, fa.sensors.LowPass)
     return since[late], deflections[late], through.apply(t, np.hstack(found))[rows][late]
 
 
@@ -186,7 +188,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path())
     parser.add_argument("--program", type=Path)
     options = parser.parse_args()
-    warnings.simplefilter("ignore", fa.LoopWarning)
+    warnings.simplefilter("ignore", fa.errors.LoopWarning)
     rows: list[list[object]] = []
     figure, axes = plt.subplots(1, 3, figsize=(10.4, 3.6), layout="constrained")
     for payload in (0.05, 0.15, 0.5):

@@ -69,10 +69,10 @@ def scene(step: float, friction: bool = False, low_pass: bool = False) -> fa.Sce
     beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, 2.09e11, 0.3), modes={"bending_y": 2},
                    basis="legendre", damping_ratio=0.01)  # fmt: skip
     arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(0.05))])
-    gauge = fa.StrainGauge(0, 0.01, filter=20.0 if low_pass else None)
+    gauge = fa.sensors.StrainGauge(0, 0.01, filter=20.0 if low_pass else None)
     samples = fa.Torque(T, [torque(x) for x in T])
     options = {"integrator": "implicit", "step": step}
-    return fa.Scene(arm, {0: samples}, t=T, sensors=(fa.Encoder(0, pulses=None), gauge), options=options)
+    return fa.Scene(arm, {0: samples}, t=T, sensors=(fa.sensors.Encoder(0, pulses=None), gauge), options=options)
 
 
 def with_values(base: fa.Scene, values: dict[str, float]) -> fa.Scene:
@@ -94,7 +94,7 @@ def measured(case: Case, base: fa.Scene, true: dict[str, float], rng: np.random.
         y = sensor.read(run).y[::8, 0]
         noise = NOISE[name] * rng.normal(size=y.size)
         if case.coloured:
-            noise = fa.LowPass(8.0).apply(T, 3 * noise)
+            noise = fa.sensors.LowPass(8.0).apply(T, 3 * noise)
         if name == "angle" and case.pulses:
             y = np.round(y * case.pulses / (2 * np.pi)) * (2 * np.pi) / case.pulses
         else:
@@ -103,7 +103,7 @@ def measured(case: Case, base: fa.Scene, true: dict[str, float], rng: np.random.
     return fa.Data(T, {**columns, "torque": [torque(x) for x in T]}, {"angle": "rad", "strain": "1", "torque": "N m"})
 
 
-def fits(case: Case, count: int, seed: int = 0) -> Iterator[tuple[dict[str, float], fa.Fit]]:
+def fits(case: Case, count: int, seed: int = 0) -> Iterator[tuple[dict[str, float], fa.results.Fit]]:
     """Truth and fit of each twin."""
     base = scene(case.step, "link.0.joint.coulomb" in case.true, "sensor.1.filter.frequency" in case.true)
     for k in range(count):

@@ -37,7 +37,7 @@ MODELS = (
 )
 
 
-def errors(recording: Recording, comparison: fa.Comparison) -> list[str]:
+def errors(recording: Recording, comparison: fa.results.Comparison) -> list[str]:
     """NRMSE (%) of both deflections."""
     nrmse = Judged.of(recording, "motion", "", comparison).nrmse
     return [f"{100 * nrmse[name]:.1f}" for name in DEFLECTIONS]
@@ -117,7 +117,7 @@ def levels() -> str:
     return "\n".join(lines)
 
 
-def whole(made: fa.Validation) -> str:
+def whole(made: fa.results.Validation) -> str:
     """The table of a validation."""
     lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |"]
     lines.append("|-|-|-|-|-:|-:|")

@@ -106,7 +106,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path)
     parser.add_argument("--program", type=Path, required=True)
     options = parser.parse_args()
-    warnings.simplefilter("ignore", fa.LoopWarning)
+    warnings.simplefilter("ignore", fa.errors.LoopWarning)
     runs, cycles = swings(), latencies(options.program)
     rows: list[list[Any]] = []
     figure, panels = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained")

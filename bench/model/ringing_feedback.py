@@ -42,8 +42,8 @@ def lqr(arm: fa.Arm) -> fa.StateFeedback:
 
 def sampled() -> fa.Sampled:
     """Eq. 97 from what an encoder on the motor and a gauge bridge tell, every 2 ms."""
-    angle = fa.Encoder(0, pulses=2000, quadrature=True, gear=50)
-    gauge = fa.StrainGauge(0, noise=5e-6, seed=1)
+    angle = fa.sensors.Encoder(0, pulses=2000, quadrature=True, gear_ratio=50)
+    gauge = fa.sensors.StrainGauge(0, noise=5e-6, seed=1)
     half = 0.5e-3  # of the beam's thickness (m): K3 = -strain / half
     return fa.Sampled(lambda t, y: -KP * y[0] + KS * y[1] / half, 500, [angle, gauge], motor=MOTOR)
 

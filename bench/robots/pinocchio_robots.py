@@ -78,7 +78,7 @@ def numbers(model: pin.Model, tip: str, states: int, seed: int = 1) -> list[dict
 def arm_of(path: Path, tip: str) -> fa.Arm:
     """Without what the file says of no use here."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         return fa.from_urdf(path, tip=tip)
 
 

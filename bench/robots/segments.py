@@ -41,7 +41,7 @@ def main() -> None:
     straight = given.frame(given.zero)[0]
     for n in (4, 6, 10, 20):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", fa.RobotWarning)
+            warnings.simplefilter("ignore", fa.errors.RobotWarning)
             cut, text = segmented(given, n), given.to_mjcf(segments=n)
         locked = [k for k, link in enumerate(cut.arm.links) if link.joint.nv and k not in cut.hinges]
         full = sag(given, [0, 1])

@@ -28,9 +28,9 @@ import matplotlib.pyplot as plt
 CUT = 5.0  # Hz
 SWUNG = CUT * np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0])
 FILTERS = {
-    "order 1": (fa.LowPass(CUT), GREY),
-    "order 2, damping ratio 0.707": (fa.LowPass(CUT, order=2), BLUE),
-    "order 2, damping ratio 0.2": (fa.LowPass(CUT, order=2, damping_ratio=0.2), ORANGE),
+    "order 1": (fa.sensors.LowPass(CUT), GREY),
+    "order 2, damping ratio 0.707": (fa.sensors.LowPass(CUT, order=2), BLUE),
+    "order 2, damping ratio 0.2": (fa.sensors.LowPass(CUT, order=2, damping_ratio=0.2), ORANGE),
 }
 
 
@@ -47,9 +47,9 @@ def swing(rate: float) -> fa.Result:
     return fa.simulate(arm, np.arange(round(6 * rate) + 1) / rate, drive={0: fa.Motion(law)})
 
 
-def passed(low_pass: fa.LowPass, run: fa.Result) -> np.ndarray:
+def passed(low_pass: fa.sensors.LowPass, run: fa.Result) -> np.ndarray:
     """What is left of each frequency, complex."""
-    y = fa.Encoder(pulses=None, filter=low_pass).read(run).y[:, 0]
+    y = fa.sensors.Encoder(pulses=None, filter=low_pass).read(run).y[:, 0]
     late = run.t >= 4.0  # when the start is forgotten; whole periods of all
     angle = np.outer(run.t[late], 2 * np.pi * SWUNG) + np.arange(len(SWUNG))
     fit = np.linalg.lstsq(np.hstack([np.sin(angle), np.cos(angle)]), y[late], rcond=None)[0]
@@ -85,12 +85,12 @@ def main() -> None:
             )
 
     rung = impact()
-    gauge = fa.StrainGauge(0, x=0.005, face="+y", rate=100, noise=1e-8, seed=7)
-    low_pass = fa.LowPass(25.0, order=2)
+    gauge = fa.sensors.StrainGauge(0, x=0.005, face="+y", rate=100, noise=1e-8, seed=7)
+    low_pass = fa.sensors.LowPass(25.0, order=2)
     ways = (("without a filter", gauge, ORANGE), ("25 Hz, order 2", replace(gauge, filter=low_pass), BLUE))
     for name, sensor, colour in ways:
         read = sensor.read(rung)
-        spectrum = fa.psd(read.t, read.y)
+        spectrum = fa.sensors.psd(read.t, read.y)
         c.plot(read.t, 1e6 * read.y[:, 0], color=colour, lw=1, label=name)
         d.semilogy(spectrum.frequency, spectrum.density, color=colour, lw=1)
         at = np.abs(spectrum.frequency - (100 - 58.505)) < 1.0

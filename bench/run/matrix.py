@@ -162,7 +162,7 @@ def filtered(f: Feature) -> float:
         tau = np.vstack([tau, tau[-1:]])
     a = given(fa.KalmanFilter, scene).pop("arm")
     with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", fa.ModelWarning)
+        warnings.simplefilter("always", fa.errors.ModelWarning)
         kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, **scene)
     found = kalman.run(T, tau, [s.read(truth) for s in f.sensors])
     error = off(a, found.q, truth) / MOTION
@@ -222,7 +222,7 @@ def poles(f: Feature) -> float:
 
 
 def economized(f: Feature) -> float:
-    plan = fa.economize(scene_of(f, M), tol=CHOSEN)
+    plan = fa.economize(scene_of(f, M), tolerance=CHOSEN)
     if not plan.certified:
         raise Refused(f"not certified: {plan.reasons[0]}")
     rich = f.run(rich=True, integrator="gauss", step=1e-3)

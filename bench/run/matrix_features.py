@@ -66,7 +66,7 @@ class Feature:
     name: str
     make: Callable[[float, Any, bool], Scene]
     other: str = "torque samples"  # the feature that it is compared with: the runs must differ
-    sensors: list[Any] = field(default_factory=lambda: [fa.Encoder(-1, noise=1.0)])
+    sensors: list[Any] = field(default_factory=lambda: [fa.sensors.Encoder(-1, noise=1.0)])
     path: str = PATH
     held: bool = False  # whether its forces are held from sample to sample
     aside: str = ""  # arguments that only make it act: left out by ways that move the arm themselves
@@ -122,7 +122,7 @@ def laws() -> list[Feature]:
     def function(r: Any) -> Any:
         return still if isinstance(r, float) else python
 
-    seen = [fa.Encoder(0, pulses=None, filter=fa.LowPass(40.0)), fa.Tachometer(0)]
+    seen = [fa.sensors.Encoder(0, pulses=None, filter=fa.sensors.LowPass(40.0)), fa.sensors.Tachometer(0)]
     held = {"rate": RATE}
     pid = {"kp": kp, "ki": 20.0, "kd": kd, "link": 0}
     kinds: dict[str, Callable[[float, Any, bool], Any]] = {
@@ -145,7 +145,7 @@ def laws() -> list[Feature]:
     others = {"PD": "torque samples", "delay": "PD, sampled", "sensor with a filter": "PD, sampled"}
     return [
         Feature(name, lambda m, r, x, law=law: {"control": law(m, r, x)}, others.get(name, "PD"),
-                [replace(seen[0], noise=1.0)] if name == "sensor with a filter" else [fa.Encoder(0, noise=1.0)],
+                [replace(seen[0], noise=1.0)] if name == "sensor with a filter" else [fa.sensors.Encoder(0, noise=1.0)],
                 held=name not in flowing)
         for name, law in kinds.items()
     ]  # fmt: skip
@@ -157,7 +157,7 @@ def features() -> list[Feature]:
     reel = fa.Link(fa.Free(), fa.RigidBody(0.5, inertia=0.01 * np.eye(3), end=(0.1, 0, 0)))
     turned = np.array([1.0, 2.0, 3.0])
     bend = ("strain", 0, 0.01, "K3")
-    gauge = [fa.StrainGauge(-1, x=0.01, noise=1.0)]
+    gauge = [fa.sensors.StrainGauge(-1, x=0.01, noise=1.0)]
     limited, dry, stopped = joint(torque_limit=0.3), joint(coulomb=0.5, stiction=0.6), joint(
         upper=0.2, limit_stiffness=60.0, limit_damping=0.05)  # fmt: skip
     space = {"modes": {"bending_y": 2, "bending_z": 1}}

@@ -29,7 +29,7 @@ from matplotlib.axes import Axes
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#888888"
 PAPER = (20.95, 131.28, 367.6)  # rad/s, calculated; measured 2.9, 20.5, 55.7 Hz
-GAUGE = fa.StrainGauge(0, x=0.005, face="+y", rate=1000, noise=0.1e-6, seed=7)
+GAUGE = fa.sensors.StrainGauge(0, x=0.005, face="+y", rate=1000, noise=0.1e-6, seed=7)
 
 
 def impact() -> fa.Result:
@@ -45,20 +45,20 @@ def impact() -> fa.Result:
     return fa.simulate(arm, times, drive=hold, loads=[hit], integrator="gauss", step=0.002)
 
 
-def measure(rows: list[dict[str, Any]]) -> tuple[fa.Reading, fa.PowerSpectrum, fa.Result]:
+def measure(rows: list[dict[str, Any]]) -> tuple[fa.results.Reading, fa.results.PowerSpectrum, fa.Result]:
     rung = GAUGE.read(impact())
-    spectrum = fa.psd(rung.t, rung.y)
+    spectrum = fa.sensors.psd(rung.t, rung.y)
     for k, (peak, paper) in enumerate(zip(spectrum.peaks(3), PAPER, strict=True), 1):
         rows.append(
             {"quantity": f"peak {k} of the gauge's spectrum (Hz)", "found": f"{peak:.3f}"}
             | {"expected": f"{paper / (2 * np.pi):.3f}"}
         )
     run = fa.load("ist").run()
-    speed = fa.Tachometer().read(run)
+    speed = fa.sensors.Tachometer().read(run)
     for quadrature, name in ((False, "without"), (True, "with")):
-        angle = fa.Encoder(pulses=2000, quadrature=quadrature).read(run)
+        angle = fa.sensors.Encoder(pulses=2000, quadrature=quadrature).read(run)
         off = np.diff(angle.y[:, 0]) / np.diff(angle.t) - (speed.y[1:, 0] + speed.y[:-1, 0]) / 2
-        step = fa.Encoder(quadrature=quadrature).steps(run.arm)[0] * 1000
+        step = fa.sensors.Encoder(quadrature=quadrature).steps(run.arm)[0] * 1000
         rows.append(
             {"quantity": f"speed from differences, {name} quadrature: largest error (rad/s)"}
             | {"found": f"{np.abs(off).max():.2f}", "expected": f"below {step:.2f}"}
@@ -74,7 +74,7 @@ def axes_of(ax: Axes, title: str, x: str, y: str) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def draw(rung: fa.Reading, spectrum: fa.PowerSpectrum, run: fa.Result, path: Path) -> None:
+def draw(rung: fa.results.Reading, spectrum: fa.results.PowerSpectrum, run: fa.Result, path: Path) -> None:
     figure, ((a, b), (c, d)) = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
     first = rung.t <= 1.0
     a.plot(rung.t[first], 1e6 * rung.y[first, 0], color=BLUE, lw=1)
@@ -88,15 +88,15 @@ def draw(rung: fa.Reading, spectrum: fa.PowerSpectrum, run: fa.Result, path: Pat
 
     now = (run.t >= 0.1) & (run.t <= 0.3)
     for quadrature, colour, label in ((False, GREY, "2000 pulses"), (True, ORANGE, "the same in quadrature")):
-        angle = fa.Encoder(pulses=2000, quadrature=quadrature).read(run)
+        angle = fa.sensors.Encoder(pulses=2000, quadrature=quadrature).read(run)
         rate = np.diff(angle.y[:, 0], prepend=0.0) / 1e-3
         c.plot(run.t[now], rate[now], color=colour, lw=0.8, label=label)
     c.plot(run.t[now], run.v[now, 0], color=BLUE, lw=1.5, label="true")
     axes_of(c, "c: the hub's speed by differences of an encoder, every 1 ms", "time (s)", "speed (rad/s)")
     c.legend(frameon=False, fontsize=9, loc="upper left")
 
-    true = fa.Accelerometer(gravity=False).read(run)
-    meter = fa.Accelerometer(delay=0.02, range=20.0, noise=0.5, resolution=0.1)
+    true = fa.sensors.Accelerometer(gravity=False).read(run)
+    meter = fa.sensors.Accelerometer(delay=0.02, range=20.0, noise=0.5, resolution=0.1)
     read = meter.read(run)
     d.plot(read.t, read.y, color=ORANGE, lw=1, label="read: 20 ms late, within ±20 m/s², noise 0.5 m/s²")
     d.plot(true.t, true.y, color=BLUE, lw=1.2, label="true")

@@ -64,12 +64,12 @@ def gauss(case: Case, modes: int) -> Iterator[list[Setting]]:
 ADJUST = {"ida": ida, "implicit": fixed, "gauss": gauss, "rk4": fixed}
 
 
-def section(s: Section) -> tuple[fa.GeneralSection, fa.Material]:
+def section(s: Section) -> tuple[fa.sections.GeneralSection, fa.Material]:
     """A section and a material with these stiffnesses and inertias."""
     density, correction = 1000.0, 5 / 6
     area, moment = s.rhoA / density, s.rhoI / density
     material = fa.Material(density, s.EI / moment, shear_modulus=s.GA / (correction * area))
-    return fa.GeneralSection(area, moment, moment, 2 * moment, correction), material
+    return fa.sections.GeneralSection(area, moment, moment, 2 * moment, correction), material
 
 
 def arm(case: Case, modes: int, order: int | str = "exact", basis: str = "legendre", **beam: Any) -> fa.Arm:

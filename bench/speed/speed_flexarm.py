@@ -87,7 +87,7 @@ def mujoco_run(method: str, setting: str, model: fa.Arm, integrator: str, every:
     start = np.zeros((BATCH, model.nq))
     start[:, 0] = 1e-3 * np.arange(BATCH)
 
-    def run(count: int, workers: int = 1) -> fa.Rollout:
+    def run(count: int, workers: int = 1) -> fa.results.Rollout:
         options = {"step": t[1], "integrator": integrator, "every": max(1, int(every)), "workers": workers}
         return fa.rollout(model, start[:count], None, tau, **options)  # type: ignore[arg-type]
 
@@ -130,7 +130,9 @@ class Scene:
         self.start = 0.2 * np.sin(np.arange(64 * self.arm.nq)).reshape(64, self.arm.nq)
         self.start[:, ["bending" in c or "torsion" in c for c in self.arm.coordinates]] *= 1e-3
 
-    def run(self, count: int, steps: int, integrator: str, dt: float, workers: int = 1, **more: Any) -> fa.Rollout:
+    def run(
+        self, count: int, steps: int, integrator: str, dt: float, workers: int = 1, **more: Any
+    ) -> fa.results.Rollout:
         options = {"step": dt, "nstep": steps, "integrator": integrator, "every": steps, "workers": workers, **more}
         out = fa.rollout(self.arm, self.start[:count], None, np.zeros((1, self.arm.nv)), **options)
         if out.failures:
@@ -210,7 +212,7 @@ def rods_run(rods: Rods, order: int | str) -> None:
     rows, _, _ = clocks(lambda: model.forward_dynamics(many_q, many_v))
     none, steps = np.zeros((1, model.nv)), 5
 
-    def run(**more: Any) -> fa.Rollout:
+    def run(**more: Any) -> fa.results.Rollout:
         options: dict[str, Any] = {
             **more,
             "step": 1e-7,

@@ -22,7 +22,7 @@ FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "viewing-robots.png"
 INSTALLED = Path(sys.prefix) / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
 
 
-def ur5(folder: Path) -> fa.View:
+def ur5(folder: Path) -> fa.results.View:
     """Its forearm is a tube of aluminium, bent."""
     tube = fa.Beam(0.39225, fa.Tube(0.035, 0.002), fa.Material(2700, 70e9, 0.33), {"bending_y": 2, "bending_z": 2})
     arm = fa.from_urdf(folder / "ur_description/urdf/ur5_robot.urdf", tip="tool0", flexible={"forearm_link": tube})
@@ -33,7 +33,7 @@ def ur5(folder: Path) -> fa.View:
 POSED = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
 
 
-def panda(folder: Path) -> fa.View:
+def panda(folder: Path) -> fa.results.View:
     arm = fa.from_urdf(folder / "panda_description/urdf/panda.urdf", tip="panda_hand_tcp")
     return arm.show([0.3, 0.3, 0, -1.8, 0, 2, 0.5], open=False)
 
@@ -42,7 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=INSTALLED / "cmeel.prefix/share/example-robot-data/robots")
     folder = parser.parse_args().data
-    warnings.simplefilter("ignore", fa.RobotWarning)
+    warnings.simplefilter("ignore", fa.errors.RobotWarning)
     parts = []
     with tempfile.TemporaryDirectory() as place:
         for name, make in (("ur5", ur5), ("panda", panda)):

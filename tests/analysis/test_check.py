@@ -32,7 +32,7 @@ DOUBTFUL: list[tuple[dict[str, Any], str]] = [
     ({"material": fa.Material(7850, 209e9, shear_modulus=80)}, r"shear_modulus: 80 Pa.* is its unit Pa\?"),
     ({"section": fa.Rectangle(1, 20)}, r"section: is 1 m by 20 m, of a beam of length 0.5 m; is it in mm\?"),
     ({"section": fa.Circle(5, 4)}, r"section: is .* in mm\?"),
-    ({"section": fa.Taper([0, 0.5], [fa.Rectangle(1, 20), fa.Rectangle(0.5, 20)])}, r"section: is .* in mm\?"),
+    ({"section": fa.sections.Taper([0, 0.5], [fa.Rectangle(1, 20), fa.Rectangle(0.5, 20)])}, r"section: is .* in mm\?"),
     ({"tip": fa.RigidBody(0.1, com=(20, 0, 0))}, r"link\[0\].tip.com: \(20, 0, 0\) m, .* in mm\?"),
     ({"tip": fa.RigidBody(0.1, end=(0, 50, 0))}, r"link\[0\].tip.end: \(0, 50, 0\) m, .* in mm\?"),
     ({"tip": fa.RigidBody(0.1, inertia=(1e4, 1e4, 1e4))}, r"tip.inertia: 10000 kg m\^2 of 0.1 kg .* in g mm\^2"),
@@ -57,7 +57,7 @@ PLAUSIBLE: list[dict[str, Any]] = [
     {},
     {"material": fa.Material(1000, 3e4, 0.5)},  # a gel
     {"material": fa.Material(1, 1), "length": 1, "section": fa.Rectangle(1, 1)},  # a beam without units
-    {"section": fa.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
+    {"section": fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
     {"basis": "loaded"},  # the modes of a beam that carries nothing
     {"tip": fa.RigidBody(0.1), "basis": "loaded", "basis_tip": fa.RigidBody(0.0)},  # the same, meant
     {"material": fa.Material(1e-6, 209e9)},  # as good as without mass
@@ -159,7 +159,7 @@ def test_strains_that_a_motion_leaves_at_zero_are_not_doubted() -> None:
 
 
 def test_links_that_are_carried_count_and_tapers_are_measured() -> None:
-    wedge = fa.Taper([0.0, 0.5], [fa.Rectangle(0.004, 0.02), fa.Rectangle(0.001, 0.02)])
+    wedge = fa.sections.Taper([0.0, 0.5], [fa.Rectangle(0.004, 0.02), fa.Rectangle(0.001, 0.02)])
     light = arm(section=wedge, modes={"bending_y": 1})
     assert not said(light)
     both = fa.Arm([*light.links, fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(1, 1, 1)))])

@@ -121,7 +121,7 @@ def test_sampled_lqr_knows_its_delay(delay: float) -> None:
         deaf = fa.lqr(mass(m), weights={("joint", 0): 1e-3}, effort=U, rate=1 / h)
         deaf.delay = delay
         knows = fa.lqr(mass(m), weights={("joint", 0): 1e-3}, effort=U, rate=1 / h, delay=delay)
-        with pytest.warns(fa.LoopWarning):
+        with pytest.warns(fa.errors.LoopWarning):
             grown = fa.simulate(mass(m), t, [1e-4], control=deaf, integrator="rk4", step=1e-3).q[-1, 0]
         held = fa.simulate(mass(m), t, [1e-4], control=knows, integrator="rk4", step=1e-3).q[-1, 0]
         assert abs(grown) > 1e-3 and abs(held) < 1e-5
@@ -311,7 +311,7 @@ PATCHES = {"measure": [("patch_voltage", 0, 1)], "actuate": [("patch", 0, 0)]}
         (lambda: fa.lqr(3), "arm = 3: must be an Arm"),
         (lambda: fa.irc(patched(), **{**PATCHES, "measure": [("strain", 0, 0.0, "K1")]}), "share no mode"),
         (lambda: fa.lqg(planar(), measure=[]), "measure"),
-        (lambda: fa.lqg(planar(), measure=[fa.Encoder(0)]), "measure: sensors are not linear"),
+        (lambda: fa.lqg(planar(), measure=[fa.sensors.Encoder(0)]), "measure: sensors are not linear"),
         (lambda: fa.lqg(planar(), measure=[("joint", 0)], noise=[1.0, 2.0]), "noise = .*must be positive, one number"),
         (lambda: fa.lqg(planar(gravity=0.0), measure=[("strain", 0, 0.0, "K3")]), "measure: no solution"),
         (lambda: fa.lqg(planar(), measure=[("joint", 0)], disturbance=0.0), "disturbance = 0.0"),

@@ -90,7 +90,7 @@ def test_more_bad_input() -> None:
 
 def slender(length: float = 1.0, **modes: int) -> fa.Arm:
     """A clamped rod of order exact, EI = 1 N m^2 both ways, GJ = 0.8 N m^2."""
-    section = fa.GeneralSection(1.0, 1.0, 1.0, 2.0)
+    section = fa.sections.GeneralSection(1.0, 1.0, 1.0, 2.0)
     material = fa.Material(1.0, 1.0, shear_modulus=0.4)
     beam = fa.Beam(length, section, material, modes, "legendre", "exact")
     return fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
@@ -175,7 +175,7 @@ def test_what_hangs_on_nothing_is_said() -> None:
 def test_no_saddle_is_given_for_a_balance() -> None:
     """A strip on edge sags in its plane until it tips over sideways: P = 4.013 sqrt(EI GJ)/L^2. A pull in that plane
     alone has no part sideways, and a column under its own axis none at all."""
-    section = fa.GeneralSection(1.0, 1.0, 400.0, 0.5)
+    section = fa.sections.GeneralSection(1.0, 1.0, 400.0, 0.5)
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, shear_modulus=1.0),
                    {"bending_y": 3, "bending_z": 4, "torsion": 4}, "legendre", "exact")  # fmt: skip
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
@@ -191,7 +191,7 @@ def test_no_saddle_is_given_for_a_balance() -> None:
         assert arm.modes(q, loads=loads).stable and left_over(arm, q, loads) < 1e-9
     push = [fa.Load(force=(-3.0, 0.0, 0.0))]  # critical is pi^2/4
     column = slender(bending_y=4)
-    with pytest.warns(fa.StateWarning, match=r"equilibrium: is unstable.* along 'link 0 bending_y 1'; start"):
+    with pytest.warns(fa.errors.StateWarning, match=r"equilibrium: is unstable.* along 'link 0 bending_y 1'; start"):
         straight = column.equilibrium(loads=push)
     assert not straight.any() and not column.equilibrium(straight, loads=push).any()
     assert column.modes(column.equilibrium(straight + 1e-3, loads=push), loads=push).stable
@@ -199,7 +199,7 @@ def test_no_saddle_is_given_for_a_balance() -> None:
 
 def test_a_strip_that_hardly_stretches_tips_over() -> None:
     """Strains with hardly any inertia and much stiffness do not hide what is soft, just above the critical load."""
-    section = fa.GeneralSection(1e-6, 1.3e-15, 1.3e-13, 1e-15, 1.0)
+    section = fa.sections.GeneralSection(1e-6, 1.3e-15, 1.3e-13, 1e-15, 1.0)
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1e15, shear_modulus=1e15),
                    {s: 6 for s in fa._core.STRAINS}, "legendre", "exact")  # fmt: skip
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
@@ -209,10 +209,10 @@ def test_a_strip_that_hardly_stretches_tips_over() -> None:
 
 
 def test_a_balance_beyond_an_orders_range_is_told() -> None:
-    section, material = fa.GeneralSection(1.0, 1.0, 1.0, 2.0), fa.Material(1.0, 1.0, shear_modulus=0.4)
+    section, material = fa.sections.GeneralSection(1.0, 1.0, 1.0, 2.0), fa.Material(1.0, 1.0, shear_modulus=0.4)
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 4}, "legendre", 2))])
     arm.equilibrium(loads=[fa.Load(force=(0.0, 0.5, 0.0))])
-    with pytest.warns(fa.RangeWarning, match=r"equilibrium: link 0: at order 2 .* this one turns them by up to"):
+    with pytest.warns(fa.errors.RangeWarning, match=r"equilibrium: link 0: at order 2 .* this one turns them by up to"):
         arm.equilibrium(loads=[fa.Load(force=(0.0, 2.0, 0.0))])
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 10}, "legendre", 3))])
     with pytest.raises(ValueError, match='more than their order does, where "exact" has a balance'):

@@ -286,13 +286,13 @@ def test_loads_must_be_a_list() -> None:
 def test_a_state_that_falls_is_named() -> None:
     """About a state that moves on, A and B hold for a moment only: the level pendulum falls, the level beam sags."""
     arm = pendulum()
-    with pytest.warns(fa.StateWarning, match=r"does not rest .* is left on 'link 0 revolute'.*arm.equilibrium"):
+    with pytest.warns(fa.errors.StateWarning, match=r"does not rest .* is left on 'link 0 revolute'.*arm.equilibrium"):
         arm.linearize([0.0])
     arm.linearize(arm.equilibrium([0.1]))  # a warning is an error here
     arm.linearize([0.0], tau=arm.bias([0.0], [0.0]))
     arm.linearize([0.0], lock=[0], inputs=[])
     arm.linearize([0.3], [2.0])  # named as it moves
     beam = fa.Arm([fa.Link(fa.Fixed(), None, STRIP)], gravity=(0, -0.5, 0))
-    with pytest.warns(fa.StateWarning, match="'link 0 bending_y"):
+    with pytest.warns(fa.errors.StateWarning, match="'link 0 bending_y"):
         beam.linearize(beam.zero, inputs=[])
     beam.linearize(beam.equilibrium(), inputs=[])

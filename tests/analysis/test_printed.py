@@ -12,7 +12,7 @@ from arms import STEEL
 
 def arm() -> fa.Arm:
     """A cantilever of length 1 on a joint, EI / (rho A) = 1."""
-    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    section = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0)
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, 0.3), {"bending_y": 4}, rotary_inertia=False)
     return fa.Arm([fa.Link(fa.Revolute("z", name="root"), beam=beam)])
 
@@ -52,7 +52,7 @@ def test_modes_are_drawn_along_the_arm() -> None:
 
 def test_joints_are_drawn_where_they_sit() -> None:
     """From the base along the arm: past what stands between a link's end and the next joint, whatever is rigid."""
-    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    section = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0)
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, 0.3), {"bending_y": 2}, rotary_inertia=False)
     raised, aside = fa.Placement((0, 0, 0.4)), fa.Placement((0.3, 0.4, 0.0))
     arm = fa.Arm(
@@ -78,7 +78,7 @@ def test_joints_are_drawn_where_they_sit() -> None:
 
 def test_an_arm_prints_the_damping_of_its_frequencies() -> None:
     found = arm().modes(lock=["root"])
-    beam = fa.Beam(1.0, fa.GeneralSection(1.0, 1.0, 1.0, 1.0), fa.Material(1.0, 1.0, 0.3), {"bending_y": 4},
+    beam = fa.Beam(1.0, fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0), fa.Material(1.0, 1.0, 0.3), {"bending_y": 4},
                    rotary_inertia=False, kelvin_voigt=1e-3)  # fmt: skip
     damped = fa.Arm([fa.Link(fa.Revolute("z", name="root"), beam=beam)])
     lines = {line[:16].strip(): line[16:].split() for line in str(damped).splitlines() if line}

@@ -29,7 +29,7 @@ def test_nothing_moves_and_the_moments_are_those_of_the_weight() -> None:
 
 
 def test_linearize_points_at_it() -> None:
-    with pytest.warns(fa.StateWarning, match=r"both of q, tau = arm.trim\(q\)"):
+    with pytest.warns(fa.errors.StateWarning, match=r"both of q, tau = arm.trim\(q\)"):
         boom().linearize(np.zeros(8))
 
 

@@ -28,7 +28,7 @@ def test_a_pulse_that_no_step_has_seen_is_told(limit: float) -> None:
     scene = fa.Scene(arm(1), {0: fa.Torque(pushed)}, t=np.linspace(0, 1, 21))
     scene = replace(scene, options={"integrator": "implicit", "step": 0.01})
     watch = Watch({("rotation", 0): limit})
-    with pytest.warns(fa.StepWarning, match="is 5 at t = 0.80") as told:
+    with pytest.warns(fa.errors.StepWarning, match="is 5 at t = 0.80") as told:
         run = adapted(scene, arm(2), scene.options, watch)
     assert len(told) == 1 and run.arm.nv == (2 if np.isinf(limit) else 3)
     assert "is 5 at t = 0.80" in str(run.check())

@@ -165,7 +165,7 @@ def test_a_strut_above_its_buckling_load_is_not_certified_to_stay_straight() -> 
     assert not plan.certified and "unstable" in plan.reasons[-1] and "bending_y" in plan.reasons[-1]
     assert fa.economize(strut(0.8), 2e-2).certified  # its stretch, struck by the load, is 3e-3
     side = replace(strut(1.25, 1e-3), t=times(0.8, 80))  # at order 2 it would run away later on
-    with pytest.warns(fa.RangeWarning):
+    with pytest.warns(fa.errors.RangeWarning):
         touched = scenes.run(side, integrator="gauss", step=0.01)
     assert np.ptp(touched.frame()[0][:, 1]) > 20 * np.ptp(plan.scene.run().frame()[0][:, 2])
 
@@ -201,7 +201,7 @@ def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> 
     v0 = np.zeros(arm.nv)
     v0[side] = 1e-4
     kicked = replace(scene, arm=arm, q0=scenes.at(arm, {1: np.pi / 2}), v0=v0)
-    with pytest.warns(fa.StepWarning, match="had to be halved"):
+    with pytest.warns(fa.errors.StepWarning, match="had to be halved"):
         r = scenes.run(kicked, integrator="gauss", step=5e-3)
     M = arm.mass_matrix(r.q)[:, side][:, :, side]
     speed = np.sqrt(np.einsum("ti,tij,tj->t", r.v[:, side], M, r.v[:, side]))

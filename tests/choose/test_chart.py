@@ -45,12 +45,12 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def chart(path: Path) -> fa.Chart:
+def chart(path: Path) -> fa.results.Chart:
     """A heavy steel pendulum let go, with bending along y; rk4 cannot take steps as long as its output interval."""
     return fa.chart(path, budget=15.0)
 
 
-def off(chart: fa.Chart, result: fa.Result) -> float:
+def off(chart: fa.results.Chart, result: fa.Result) -> float:
     """Largest distance of the tip from the truth's, over the truth's largest range in x, y or z."""
     assert chart.truth is not None
     if not hasattr(chart, "tip_run_again"):
@@ -59,7 +59,7 @@ def off(chart: fa.Chart, result: fa.Result) -> float:
     return float(np.linalg.norm(result.frame()[0] - truth, axis=1).max() / np.ptp(truth, axis=0).max())
 
 
-def rerun(chart: fa.Chart, **change: object) -> fa.Result:
+def rerun(chart: fa.results.Chart, **change: object) -> fa.Result:
     """The scene at the truth's setting, but with another order, shift or value."""
     assert chart.truth is not None
     it = chart.truth.row
@@ -72,7 +72,7 @@ def rerun(chart: fa.Chart, **change: object) -> fa.Result:
 # -- the truth -----------------------------------------------------------------------------------------------
 
 
-def test_the_truth_is_the_richest_model_and_says_how_converged_it_is(chart: fa.Chart) -> None:
+def test_the_truth_is_the_richest_model_and_says_how_converged_it_is(chart: fa.results.Chart) -> None:
     truth = chart.truth
     assert truth is not None and truth.row.model.order == "exact" and truth.row.model.modes == "5"
     assert truth.row.model.basis == "legendre"
@@ -84,14 +84,14 @@ def test_the_truth_is_the_richest_model_and_says_how_converged_it_is(chart: fa.C
     assert truth.span == {"m": pytest.approx(np.ptp(rerun(chart).frame()[0], axis=0).max())}
 
 
-def test_the_truth_agrees_with_another_integrator(chart: fa.Chart) -> None:
+def test_the_truth_agrees_with_another_integrator(chart: fa.results.Chart) -> None:
     assert chart.truth is not None
     scene = chart.scene_of(chart.truth.row)
     other = replace(scene, options={"integrator": "rk4", "step": 1e-4}).run()
     assert off(chart, other) < 1e-7
 
 
-def test_errors_are_those_of_the_runs(chart: fa.Chart) -> None:
+def test_errors_are_those_of_the_runs(chart: fa.results.Chart) -> None:
     for row in [r for r in chart.rows if r.status == "ok"][::7]:
         assert row.error == pytest.approx(off(chart, chart.scene_of(row).run()), rel=1e-5, abs=1e-13)
         assert row.absolute["m"] == pytest.approx(row.error * chart.truth.span["m"]) and row.time > 0
@@ -132,7 +132,7 @@ def test_the_truth_is_true_and_errors_are_right_with_a_payload(links: int) -> No
 # -- what it concludes ---------------------------------------------------------------------------------------
 
 
-def test_nothing_beats_the_front(chart: fa.Chart) -> None:
+def test_nothing_beats_the_front(chart: fa.results.Chart) -> None:
     front = chart.front
     assert len(front) >= 3
     for row in front:
@@ -141,7 +141,7 @@ def test_nothing_beats_the_front(chart: fa.Chart) -> None:
     assert [r.error for r in front] == sorted((r.error for r in front), reverse=True)
 
 
-def test_best_on_known_points(chart: fa.Chart) -> None:
+def test_best_on_known_points(chart: fa.results.Chart) -> None:
     model = chart.rows[0].model
     points = [(1, 5), (2, 6), (3, 1), (0.5, 9), (3, 0.9), (4, 0.9), (9, 1e-9)]
     rows = [Run(model, {"rtol": 1.0}, "ida", time=float(t), error=float(e)) for t, e in points]
@@ -149,7 +149,7 @@ def test_best_on_known_points(chart: fa.Chart) -> None:
     assert [(r.time, r.error) for r in chosen] == [(0.5, 9), (1, 5), (3, 0.9), (9, 1e-9)]
 
 
-def test_recommendations_keep_their_tolerance(chart: fa.Chart) -> None:
+def test_recommendations_keep_their_tolerance(chart: fa.results.Chart) -> None:
     times = []
     for tol in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
         row = chart.recommend(tol)
@@ -157,11 +157,11 @@ def test_recommendations_keep_their_tolerance(chart: fa.Chart) -> None:
         times.append(row.time)
     assert times == sorted(times)
     assert chart.recommend(1e-12) is None  # finer than the truth's own tolerance
-    with pytest.raises(ValueError, match="tol = 0"):
+    with pytest.raises(ValueError, match="tolerance = 0"):
         chart.recommend(0)
 
 
-def test_poor_models_are_poor_and_kept(chart: fa.Chart) -> None:
+def test_poor_models_are_poor_and_kept(chart: fa.results.Chart) -> None:
     assert chart.truth is not None
     it = chart.truth.row.model
     alike = [r for r in chart.rows if r.value == chart.truth.row.value and r.model.basis == it.basis]
@@ -170,14 +170,14 @@ def test_poor_models_are_poor_and_kept(chart: fa.Chart) -> None:
     assert {r.choice for r in chart.rows if r.status == "ok"} == set(LINES)
 
 
-def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
+def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.results.Chart) -> None:
     failed = chart.with_status("failed")
     assert failed and all(r.choice == "rk4" and "ran away" in r.reason and r.error is None for r in failed)
     assert any(r.choice == "rk4" and r.value < min(f.value for f in failed) for r in chart.with_status("ok"))
     assert f"{failed[0].label.removesuffix(' s')}" in chart.table()
 
 
-def test_the_table_reads_for_this_take_that(chart: fa.Chart) -> None:
+def test_the_table_reads_for_this_take_that(chart: fa.results.Chart) -> None:
     lines = str(chart).splitlines()
     row = chart.recommend(1e-3)
     assert row is not None and row.error is not None and chart.truth is not None
@@ -187,7 +187,7 @@ def test_the_table_reads_for_this_take_that(chart: fa.Chart) -> None:
     assert starred == {f"1e-{k}" for k in range(2, 7) if 10.0**-k < chart.truth.uncertainty}
 
 
-def test_the_picture(chart: fa.Chart) -> None:
+def test_the_picture(chart: fa.results.Chart) -> None:
     ax = chart.plot().axes[0]
     assert ax.get_xscale() == ax.get_yscale() == "log"
     drawn = np.concatenate([line.get_xydata() for line in ax.lines])
@@ -207,7 +207,7 @@ def notes_in(ax: Any) -> str:
     return " ".join(" ".join(text.get_text() for text in ax.texts).split())
 
 
-def test_the_picture_says_what_is_not_converged_or_has_no_error(chart: fa.Chart) -> None:
+def test_the_picture_says_what_is_not_converged_or_has_no_error(chart: fa.results.Chart) -> None:
     assert chart.truth is not None
     told = notes_in(chart.plot().axes[0])
     assert chart.with_status("failed") and f"{len(chart.with_status('failed'))} of rk4" in told

@@ -45,11 +45,11 @@ def test_an_evaluation_is_timed() -> None:
 
 
 @pytest.fixture(scope="module")
-def plans() -> dict[str, fa.Plan]:
+def plans() -> dict[str, fa.results.ModelPlan]:
     return {}
 
 
-def plan_of(plans: dict[str, fa.Plan], name: str, tol: float = TOL) -> fa.Plan:
+def plan_of(plans: dict[str, fa.results.ModelPlan], name: str, tol: float = TOL) -> fa.results.ModelPlan:
     """Made once for all tests."""
     key = f"{name} {tol:g}"
     if key not in plans:
@@ -61,7 +61,7 @@ def plan_of(plans: dict[str, fa.Plan], name: str, tol: float = TOL) -> fa.Plan:
 
 
 @pytest.mark.parametrize("name", scenes.SCENES)
-def test_true_error_is_within_the_tolerance(plans: dict[str, fa.Plan], name: str) -> None:
+def test_true_error_is_within_the_tolerance(plans: dict[str, fa.results.ModelPlan], name: str) -> None:
     """Against a fully enriched model in another basis, which economize knows nothing of."""
     scene = scenes.SCENES[name]()
     rich = scenes.enriched(scene, scenes.STRAINS_OF[name])
@@ -74,7 +74,7 @@ def test_true_error_is_within_the_tolerance(plans: dict[str, fa.Plan], name: str
 
 
 @pytest.mark.parametrize("name", ["slow", "fast", "planar", "slender", "heavy_tip", "piezo"])
-def test_nothing_can_be_left_out(plans: dict[str, fa.Plan], name: str) -> None:
+def test_nothing_can_be_left_out(plans: dict[str, fa.results.ModelPlan], name: str) -> None:
     """One mode less anywhere is beyond the walk's share of the tolerance: a local optimum, verified by other runs."""
     plan = plan_of(plans, name)
     models, lean = Models(plan.given), plan._found.lean.model
@@ -84,7 +84,7 @@ def test_nothing_can_be_left_out(plans: dict[str, fa.Plan], name: str) -> None:
         assert scenes.off(less.run().frame()[0], truth) > 0.6 * TOL, f"link {group[0]}, strain {strain}"
 
 
-def test_the_papers_link(plans: dict[str, fa.Plan]) -> None:
+def test_the_papers_link(plans: dict[str, fa.results.ModelPlan]) -> None:
     beam = {name: plan_of(plans, name).arm.links[0].beam for name in ("slow", "fast")}
     assert beam["slow"].order in (0, 1) and dict(beam["slow"].counts) == {"bending_y": 1}
     assert beam["fast"].order == 2
@@ -96,7 +96,7 @@ def test_the_papers_link(plans: dict[str, fa.Plan]) -> None:
 
 @pytest.mark.parametrize("cheap", [(), (0,), (2,), (3,), (0, 2), (0, 3)])
 def test_a_poorer_order_is_taken_if_it_is_measured_to_be_cheaper(
-    plans: dict[str, fa.Plan], cheap: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+    plans: dict[str, fa.results.ModelPlan], cheap: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = plan_of(plans, "slender")._found
     exact = found.lean.model.but(order="exact")
@@ -108,7 +108,7 @@ def test_a_poorer_order_is_taken_if_it_is_measured_to_be_cheaper(
 
 
 def test_what_is_saved_counts_by_the_beams_that_are_changed(
-    plans: dict[str, fa.Plan], monkeypatch: pytest.MonkeyPatch
+    plans: dict[str, fa.results.ModelPlan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A beam of two need not save what both would."""
     trials = plan_of(plans, "planar")._found.trials
@@ -137,7 +137,7 @@ def spatial_modes(scene: fa.Scene) -> fa.Scene:
 
 
 @pytest.mark.parametrize("name", ["slow", "planar", "stocky", "controlled"])
-def test_a_planar_scene_gets_planar_kernels(plans: dict[str, fa.Plan], name: str) -> None:
+def test_a_planar_scene_gets_planar_kernels(plans: dict[str, fa.results.ModelPlan], name: str) -> None:
     wide = spatial_modes(scenes.SCENES[name]())
     for label, moves in zip(wide.arm.coordinates, excited(wide), strict=True):
         assert moves == (not any(s in label for s in ("bending_z", "torsion", "shear_z"))), label
@@ -182,13 +182,13 @@ def test_indicators_foresee_the_orders() -> None:
         return models.at(model, {"integrator": "gauss", "step": 0.02}).run().frame()[0]
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RangeWarning)
+        warnings.simplefilter("ignore", fa.errors.RangeWarning)
         truth = tip("exact")
         for order in (0, 1, 2, 3):
             assert plan._found.estimates.by_order[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
 
 
-def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
+def test_print_plot_and_json(plans: dict[str, fa.results.ModelPlan]) -> None:
     plan = plan_of(plans, "fast")
     text = str(plan)
     assert text == plan.table() and "CERTIFIED" in text and "NOT CERT" not in text
@@ -212,7 +212,7 @@ def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
     assert axes.get_title(loc="left").replace("\n", " ").startswith(f"chosen: {plan.model}"[:100])
 
 
-def test_the_triangle_of_the_picture_is_the_scene_as_it_was_given(plans: dict[str, fa.Plan]) -> None:
+def test_the_triangle_of_the_picture_is_the_scene_as_it_was_given(plans: dict[str, fa.results.ModelPlan]) -> None:
     """Its own basis, integrator and output times, whatever the search takes in their place."""
     plan = plan_of(plans, "heavy_tip")
     scene = plan.given
@@ -247,7 +247,7 @@ def test_deciding_costs_a_few_runs() -> None:
 def test_time_budget_ends_the_search_and_says_so() -> None:
     scene = scenes.SCENES["spatial"]()
     whole = min(fa.economize(scene, 1e-4).seconds for _ in range(2))
-    plan = fa.economize(scene, 1e-4, time_budget=0.4 * whole)
+    plan = fa.economize(scene, 1e-4, budget=0.4 * whole)
     assert not plan.certified and "time for deciding" in plan.reasons[0] and plan.seconds < whole + 1.0
     assert "NOT CERTIFIED" in str(plan) and np.isfinite(plan.scene.run().q).all()
 
@@ -285,7 +285,7 @@ def test_absolute_tolerance() -> None:
     assert plan.error == pytest.approx(away, rel=0.05)
 
 
-def test_tighter_tolerances_take_more(plans: dict[str, fa.Plan]) -> None:
+def test_tighter_tolerances_take_more(plans: dict[str, fa.results.ModelPlan]) -> None:
     sizes = [plan_of(plans, "planar", tol).arm.nv for tol in (1e-2, 1e-3, 1e-4)]
     assert sizes == sorted(sizes) and sizes[0] == 2 < sizes[2]
 
@@ -293,13 +293,13 @@ def test_tighter_tolerances_take_more(plans: dict[str, fa.Plan]) -> None:
 @pytest.mark.parametrize(
     "arguments, says",
     [
-        ({"tol": 0}, "tol = 0"),
-        ({"tol": -1e-3}, "tol = -0.001"),
-        ({"tol": 1.5}, "tol = 1.5"),
-        ({"tol": float("nan")}, "tol = nan"),
-        ({"tol": "1 mm"}, "tol = '1 mm'"),
+        ({"tolerance": 0}, "tolerance = 0"),
+        ({"tolerance": -1e-3}, "tolerance = -0.001"),
+        ({"tolerance": 1.5}, "tolerance = 1.5"),
+        ({"tolerance": float("nan")}, "tolerance = nan"),
+        ({"tolerance": "1 mm"}, "tolerance = '1 mm'"),
         ({"atol": 0.0}, "atol = 0"),
-        ({"time_budget": 0}, "time_budget = 0"),
+        ({"budget": 0}, "budget = 0"),
         ({"quantity": "tipp"}, "did you mean 'tip'"),
         ({"quantity": "joint"}, "there is none that is not prescribed"),
         ({"quantity": lambda r: np.ones(len(r.t))}, "nothing moves"),
@@ -375,7 +375,7 @@ def test_a_new_decision_is_one_class(size: float, needed: bool) -> None:
 
 
 @pytest.mark.parametrize("name", ["fast", "planar", "spatial", "floating", "piezo", "controlled"])
-def test_saved_scene_is_complete(plans: dict[str, fa.Plan], name: str, tmp_path: Path) -> None:
+def test_saved_scene_is_complete(plans: dict[str, fa.results.ModelPlan], name: str, tmp_path: Path) -> None:
     plan = plan_of(plans, name)
     plan.save(tmp_path / "lean.toml")
     back = fa.load(tmp_path / "lean.toml")
@@ -383,7 +383,7 @@ def test_saved_scene_is_complete(plans: dict[str, fa.Plan], name: str, tmp_path:
     assert np.abs(back.run().q - plan.scene.run().q).max() < 1e-7
 
 
-def test_watch_names_link_and_time(plans: dict[str, fa.Plan]) -> None:
+def test_watch_names_link_and_time(plans: dict[str, fa.results.ModelPlan]) -> None:
     plan = plan_of(plans, "slow")
     plan.run()  # in range: silent
     faster = replace(plan.scene, drive={0: fa.Motion.spin_up(4.0, 1.0)})
@@ -391,7 +391,7 @@ def test_watch_names_link_and_time(plans: dict[str, fa.Plan]) -> None:
     left = [x for x in run.check(plan.watch) if "beyond its limit" in x.what]
     assert left[0].where == "link 0" and left[0].value > left[0].limit
     assert 0.0 < float(re.search(r"from t = (\S+) s", str(left[0]))[1]) < 1.0
-    with pytest.warns(fa.RangeWarning, match="beyond its limit") as said:
+    with pytest.warns(fa.errors.RangeWarning, match="beyond its limit") as said:
         replace(plan, scene=faster).run()
     assert said[0].message.finding == left[0] and said[0].filename == __file__
     with pytest.raises(ValueError, match="watch = 3"):
@@ -408,7 +408,7 @@ def test_usual_watch_sees_too_few_modes_and_too_much_speed() -> None:
     assert "first frequency" in str(fa.simulate(simple, t, drive={0: fa.Motion([0, 0.3], [0, 4.0])}).check())
 
 
-def test_adapt_goes_on_with_the_richer_arm(plans: dict[str, fa.Plan]) -> None:
+def test_adapt_goes_on_with_the_richer_arm(plans: dict[str, fa.results.ModelPlan]) -> None:
     plan = plan_of(plans, "slow")
     assert plan.run(adapt=True).arm is plan.arm  # nothing to adapt to
     faster = replace(plan, scene=replace(plan.scene, drive={0: fa.Motion.spin_up(6.0, 0.8)}))
@@ -429,7 +429,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert d["certified"] and sorted(d["files"]) == sorted(p.name for p in tmp_path.iterdir())
     assert np.isfinite(fa.load(tmp_path / "lean.toml").run().q).all()
     assert main(["economize", "ist", "--tol", "0", "-o", str(tmp_path)]) == 2
-    assert "tol = 0" in capsys.readouterr().err
+    assert "tolerance = 0" in capsys.readouterr().err
 
 
 def test_a_curved_beam_keeps_its_order() -> None:

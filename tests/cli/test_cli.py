@@ -321,7 +321,7 @@ def test_plot_needs_no_display(scene: Path) -> None:
 ROBOT = Path(__file__).parents[1] / "data" / "robots" / "six.urdf"
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RobotWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RobotWarning")
 def test_robots_files_are_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """URDF and MJCF: at rest at zero, a second under gravity; tip names the end of a tree."""
     pytest.importorskip("urdf_parser_py")

@@ -59,6 +59,6 @@ def test_other_tables_and_pictures_of_arms_with_balls(tmp_path: Path) -> None:
     panels = {ax.get_ylabel(): [line.get_label() for line in ax.lines] for ax in run.plot().axes}
     curves = [name for names in panels.values() for name in names]
     assert sorted(curves) == sorted(run.arm.q_names)
-    scene.sensors = (fa.Encoder(link=2, pulses=None), fa.Tachometer(link=0, freedom=4))
+    scene.sensors = (fa.sensors.Encoder(link=2, pulses=None), fa.sensors.Tachometer(link=0, freedom=4))
     np.testing.assert_array_equal(scene.readings(run)["sensor-0-encoder"].y[:, 0], run.q[:, -1])
     np.testing.assert_array_equal(scene.readings(run)["sensor-1-tachometer"].y[:, 0], run.v[:, 4])

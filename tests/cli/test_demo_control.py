@@ -51,7 +51,7 @@ def test_strain_feedback_damps_and_costs_the_joint(control: dc.Control) -> None:
     assert strain.ringing < pd.ringing / 7 and 3.0 < strain.quiet < 4.0
     assert strain.decay > 4 * pd.decay
     assert 20 < strain.overshoot < 30 and strain.rise == pytest.approx(0.163, abs=2e-3)
-    with pytest.warns(fa.LoopWarning, match="feeds energy in"):
+    with pytest.warns(fa.errors.LoopWarning, match="feeds energy in"):
         other = dc.marks(dc.respond(fa.load("ist_control").arm, -dc.KS, duration=1.0), dc.STEP)
     assert other.ringing > 200  # the other sign drives the vibration
 

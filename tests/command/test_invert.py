@@ -10,7 +10,7 @@ import pytest
 from arms import STEEL, paper_link
 from scipy.spatial.transform import Rotation
 
-pytestmark = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -51,7 +51,7 @@ def straight(p: np.ndarray, *by: float, T: float = 1.0) -> dict[str, fa.Motion]:
     return {name: move(p[k], p[k] + d, T) for k, (name, d) in enumerate(zip("xyz", by, strict=False))}
 
 
-def missed(inv: fa.Inversion, **options) -> float:
+def missed(inv: fa.results.Inversion, **options) -> float:
     return float(np.abs(inv.tip_error(inv.replay(**options))).max())
 
 
@@ -282,7 +282,7 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     arm = paper_link()
     tip = {"azimuth": move(0.0, 1.5, 0.6)}
     most = float(np.abs(fa.invert(arm, tip).tau).max())
-    with pytest.warns(fa.InversionWarning, match=r"torque of link 0 revolute: .* at t = .* s, limit"):
+    with pytest.warns(fa.errors.InversionWarning, match=r"torque of link 0 revolute: .* at t = .* s, limit"):
         inv = fa.invert(arm, tip, limits={"torque": 0.5 * most})
     assert inv.exceeded[0].kind == "torque" and abs(inv.exceeded[0].value) == most
     inv = fa.invert(arm, tip, limits={"torque": 0.5 * most}, stretch=True)
@@ -290,15 +290,15 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     assert 0.45 * most < np.abs(inv.tau).max() <= 0.5 * most
     assert missed(inv) < 1e-6
     named = fa.Arm([replace(x, joint=replace(x.joint, name="shoulder")) for x in arm])
-    with pytest.warns(fa.InversionWarning, match=r"torque of shoulder: "):
+    with pytest.warns(fa.errors.InversionWarning, match=r"torque of shoulder: "):
         by_name = fa.invert(named, tip, limits={"torque": {"shoulder": 0.5 * most}})
     assert {x.joint for x in by_name.exceeded} == {0} and by_name.exceeded[0].name == "shoulder"
-    with pytest.warns(fa.InversionWarning, match="range of shoulder"):
+    with pytest.warns(fa.errors.InversionWarning, match="range of shoulder"):
         fa.invert(named, tip, limits={"range": {"shoulder": (-1.0, 1.0)}})
     with pytest.raises(ValueError, match=r"limits\['torque'\]: link = 'shoulde': .* did you mean 'shoulder'"):
         fa.invert(named, tip, limits={"torque": {"shoulde": 1.0}})
     assert by_name.plot().axes[-1].get_title("left") == "shoulder"
-    with pytest.warns(fa.InversionWarning, match="range"):
+    with pytest.warns(fa.errors.InversionWarning, match="range"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)})
     with pytest.raises(ValueError, match="range"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)}, stretch=True)
@@ -358,7 +358,7 @@ def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
     stopped = fa.Revolute("z", coulomb=0.3, damping=0.1, lower=-0.5, upper=0.5, limit_stiffness=1e-9)
     joints = (stopped, fa.Revolute("z", damping=0.1))
     arm, free = (fa.Arm([beam_link(joint, 0.004, {"bending_y": 3})]) for joint in joints)
-    with pytest.warns(fa.InversionWarning, match=r"range of link 0 revolute: 1 at t = .* s, limit 0\.5"):
+    with pytest.warns(fa.errors.InversionWarning, match=r"range of link 0 revolute: 1 at t = .* s, limit 0\.5"):
         inv = fa.invert(arm, {"azimuth": move(0.0, 1.0)})
     smooth = fa.invert(free, {"azimuth": move(0.0, 1.0)})
     middle = np.abs(inv.v[:, 0]) > 1e-3
@@ -381,7 +381,7 @@ def test_a_callable_that_jumps_is_named() -> None:
 
 
 def test_what_rings_for_ever_is_told() -> None:
-    with pytest.warns(fa.InversionWarning, match="imaginary axis, at .* rad/s"):
+    with pytest.warns(fa.errors.InversionWarning, match="imaginary axis, at .* rad/s"):
         inv = fa.invert(paper_link(), {"azimuth": move(0.0, 1.5)}, x=0.25)
     assert missed(inv) < 1e-6  # the tip is on its path all the same
     body = [fa.RigidBody(m) for m in (1.0, 1.0)]

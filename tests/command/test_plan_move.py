@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 STEEL = fa.Material(7850, 209e9, 0.3)
-QUIET = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+QUIET = pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 
 
 def rigid_arm(**joint: Any) -> fa.Arm:
@@ -35,7 +35,7 @@ def two_links(payload: float = 1.0, gravity: float = -9.81, shapes: int = 3, thi
     return fa.Arm(links, gravity=(0, gravity, 0))
 
 
-def swing(arm: fa.Arm, move: fa.Move, drive: Any = None, end: float | None = None) -> float:
+def swing(arm: fa.Arm, move: fa.results.Move, drive: Any = None, end: float | None = None) -> float:
     """Of the end after a move (or after another drive's end), by a simulation of one's own."""
     end = move.duration if end is None else end
     q0 = arm.zero

@@ -99,16 +99,22 @@ def rich_arms() -> dict[str, fa.Arm]:
         fa.Patch(0.3, 0.4, profile=lambda x: 1 - 2 * x, offset=0.002, **patch),
     ]
     three = {"bending_y": 3, "bending_z": 1, "torsion": 1}
-    wedge = fa.Taper([0, 0.1, 0.4], [fa.Rectangle(0.01, 0.01), fa.Rectangle(0.006, 0.01), fa.Rectangle(0.004, 0.008)])
-    mixed = fa.Taper([0, 0.4], [fa.Circle(0.01, 0.004), fa.GeneralSection(1e-4, 1e-9, 2e-9, 2e-9)])
+    wedge = fa.sections.Taper(
+        [0, 0.1, 0.4], [fa.Rectangle(0.01, 0.01), fa.Rectangle(0.006, 0.01), fa.Rectangle(0.004, 0.008)]
+    )
+    mixed = fa.sections.Taper([0, 0.4], [fa.Circle(0.01, 0.004), fa.sections.GeneralSection(1e-4, 1e-9, 2e-9, 2e-9)])
     on_axis = fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), ROD["material"])
     off_axis = fa.SectionMatrix.of(fa.Rectangle(0.008, 0.02), ROD["material"], y=0.003, z=0.002, angle=0.3)
     six = three | {"shear_y": 1, "shear_z": 1, "extension": 1}
     varied = [on_axis, off_axis, on_axis]
-    hollow = fa.Taper([0, 0.4], [fa.Box(0.02, 0.03, 0.002), fa.Box(0.01, 0.02, (0.001, 0.002), 0.4)])
-    slim = fa.Taper([0, 0.4], [fa.IBeam(0.03, 0.02, 0.002, 0.001), fa.IBeam(0.02, 0.01, 0.001, 0.001)])
+    hollow = fa.sections.Taper(
+        [0, 0.4], [fa.sections.Box(0.02, 0.03, 0.002), fa.sections.Box(0.01, 0.02, (0.001, 0.002), 0.4)]
+    )
+    slim = fa.sections.Taper(
+        [0, 0.4], [fa.sections.IBeam(0.03, 0.02, 0.002, 0.001), fa.sections.IBeam(0.02, 0.01, 0.001, 0.001)]
+    )
     flat = fa.Rectangle(0.02, 0.01, (0.8, 0.7))
-    pipes = fa.Taper([0, 0.2, 0.4], [fa.Tube(0.01, 0.002), fa.Ellipse(0.02, 0.01), flat])
+    pipes = fa.sections.Taper([0, 0.2, 0.4], [fa.Tube(0.01, 0.002), fa.sections.Ellipse(0.02, 0.01), flat])
     drive = fa.Revolute(
         (0, 1, 1), stiffness=3, rest=0.2, damping=0.1, lower=-1, upper=1, limit_stiffness=9, coulomb=0.1
     )
@@ -131,7 +137,7 @@ def rich_arms() -> dict[str, fa.Arm]:
         "I-beam": arm(drive, fa.Beam(**ROD | {"section": slim}, modes=three | {"shear_y": 1}, patches=patches[:1])),
         "pipes": arm(axes, fa.Beam(**ROD | {"section": pipes}, modes=three | {"shear_y": 1, "shear_z": 1})),
         "matrices": arm(axes, fa.Beam(0.4, off_axis, modes=six, order="exact", damping_ratio=0.01)),
-        "tapered matrices": arm(axes, fa.Beam(0.4, fa.Taper([0, 0.1, 0.4], varied), modes=six, order=3)),
+        "tapered matrices": arm(axes, fa.Beam(0.4, fa.sections.Taper([0, 0.1, 0.4], varied), modes=six, order=3)),
         "curved": arm(axes, fa.Beam(**ROD, modes=three | {"extension": 1}, order="exact", curvature=(2.0, 0.0, -3.0))),
         "coiled": arm(drive, fa.Beam(**ROD, modes=three, order="exact", curvature=lambda x: (9 + x, 9 * x, -40 * x))),
         "own shapes": arm(fa.Spherical(stiffness=1.0), fa.Beam(**ROD, modes=own, kelvin_voigt=1e-4, gauss_points=24)),

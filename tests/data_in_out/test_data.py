@@ -98,7 +98,7 @@ def test_resampling_is_refused_or_warns() -> None:
     with pytest.raises(ValueError, match="method = 'quintic': must be one of linear, cubic"):
         data.resample(0.1, "quintic")
     holed = fa.Data(np.r_[T[:500], T[800:]], {"x": np.r_[T[:500], T[800:]]})
-    with pytest.warns(fa.DataWarning, match="a gap of 0.602 s from t = 0.998 s on is interpolated"):
+    with pytest.warns(fa.errors.DataWarning, match="a gap of 0.602 s from t = 0.998 s on is interpolated"):
         holed.resample(0.002)
     holed.between(2.0).resample(0.002)
 
@@ -134,7 +134,7 @@ def test_lags_that_are_none() -> None:
         data.lag(still, "theta")
     with pytest.raises(ValueError, match=r"no lag is found: .* no peak within max_lag = 0\.01 s"):
         made(late=0.5).lag(data, "theta", max_lag=0.01)
-    with pytest.warns(fa.DataWarning, match="at best: its lag tells little"):
+    with pytest.warns(fa.errors.DataWarning, match="at best: its lag tells little"):
         fa.Data(T, {"a": rng.normal(size=len(T))}).lag(fa.Data(T, {"a": rng.normal(size=len(T))}), "a")
     for call, says in (
         (lambda: data.lag(data, "y"), "column = 'y'"), (lambda: data.lag(data, "x", "y"), "column = 'y'"),
@@ -160,7 +160,7 @@ def test_what_is_saved_is_loaded_to_the_bit(suffix: str, tmp_path: Path) -> None
     data = fa.Data(np.cumsum(rng.uniform(0.5, 1.0, 7)) - 3, columns, units)
     data = fa.Data(data.t[:1], {k: y[:1] for k, y in columns.items()}, units) if suffix == ".txt" else data
     data.save(tmp_path / f"x{suffix}")
-    back = fa.load_data(tmp_path / f"x{suffix}", time="t")
+    back = fa.Data.load(tmp_path / f"x{suffix}", time="t")
     assert back.names == data.names and back.units == data.units
     np.testing.assert_array_equal(back.t, data.t)
     for name in data:

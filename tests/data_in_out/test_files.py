@@ -31,7 +31,7 @@ def test_siblings_refuse_other_formats_names(run: fa.Result, tmp_path: Path) -> 
     with pytest.raises(ValueError, match=r"must end in \.toml"):
         fa.Scene(run.arm).save(tmp_path / "scene.json")
     with pytest.raises(ValueError, match=r"must end in \.csv or \.txt"):
-        fa.Encoder().read(run).save(tmp_path / "encoder.mat")
+        fa.sensors.Encoder().read(run).save(tmp_path / "encoder.mat")
     for name in ("run.npz", "run.NPZ", "run"):
         run.save(tmp_path / name)
         assert fa.Result.load(tmp_path / name).arm == run.arm
@@ -82,7 +82,7 @@ def test_what_is_saved_onto_a_link_is_where_it_leads(name: str, run: fa.Result, 
     link.symlink_to(target)
     for _ in range(2):  # at first the link leads to nothing
         run.save(link)
-        assert link.is_symlink() and target.is_file() and len(fa.load_data(target).t) == len(run.t)
+        assert link.is_symlink() and target.is_file() and len(fa.Data.load(target).t) == len(run.t)
     assert [x.name for x in target.parent.iterdir()] == [name]
     link.unlink()
     link.symlink_to(tmp_path / "nowhere" / name)
@@ -117,15 +117,15 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
 
 def test_interruptions_survive_pickling(run: fa.Result) -> None:
     """As they must between processes."""
-    for error in (fa.SimulationInterrupted("stop", 0.5, run), fa.SimulationError("stop", 0.5, run)):
+    for error in (fa.errors.SimulationInterrupted("stop", 0.5, run), fa.SimulationError("stop", 0.5, run)):
         back = pickle.loads(pickle.dumps(error))
         assert type(back) is type(error) and str(back) == "stop" and back.time == 0.5
         np.testing.assert_array_equal(back.result.q, run.q)
     done = fa.rollout(fa.Arm([fa.Link(fa.Revolute("z"), HINGE.hub)]), np.zeros((2, 1)), step=0.1, nstep=2)
-    back = pickle.loads(pickle.dumps(fa.BatchInterrupted("stop", done)))
-    assert type(back) is fa.BatchInterrupted and str(back) == "stop"
+    back = pickle.loads(pickle.dumps(fa.errors.BatchInterrupted("stop", done)))
+    assert type(back) is fa.errors.BatchInterrupted and str(back) == "stop"
     np.testing.assert_array_equal(back.result.q, done.q)
-    assert str(pickle.loads(pickle.dumps(fa.SweepInterrupted("stop", None)))) == "stop"
+    assert str(pickle.loads(pickle.dumps(fa.errors.SweepInterrupted("stop", None)))) == "stop"
 
 
 ODD = ["\x7f", 'a "quote" \\ and [brackets]', "tab\tline\nand\rmore", "\x00\x1b\x80\x9f", "é 漢 \U0001f600", "", "#"]

@@ -67,7 +67,7 @@ def test_headings_tell_units() -> None:
 def read(folder: Path, content: str | bytes, **more: Any) -> fa.Data:
     path = folder / "x.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return fa.load_data(path, **more)
+    return fa.Data.load(path, **more)
 
 
 SAME = [
@@ -147,7 +147,7 @@ def test_arguments_are_checked(tmp_path: Path) -> None:
     for path, says in ((tmp_path / "no.csv", "there is no such file"), (tmp_path / "x.xlsx", r"must end in \.csv"),
                        (5, "path = 5"), (tmp_path, "must end in")):  # fmt: skip
         with pytest.raises(ValueError, match=says):
-            fa.load_data(path)
+            fa.Data.load(path)
 
 
 def test_what_is_not_asked_for_may_be_anything(tmp_path: Path) -> None:
@@ -175,7 +175,9 @@ def test_times_by_a_rate_and_missing_rows(tmp_path: Path) -> None:
 
 def test_gaps_are_told(tmp_path: Path) -> None:
     rows = [f"{t},1" for t in (*range(10), *range(13, 20), *range(30, 40))]
-    with pytest.warns(fa.DataWarning, match="2 gaps in time, the longest: 11 s after t = 19 s; rows are 1 s apart"):
+    with pytest.warns(
+        fa.errors.DataWarning, match="2 gaps in time, the longest: 11 s after t = 19 s; rows are 1 s apart"
+    ):
         data = read(tmp_path, "\n".join(["t,x", *rows]))
     assert data.gaps().tolist() == [[9, 4], [19, 11]]
 
@@ -184,7 +186,7 @@ def test_a_table_as_numpy_writes_it(tmp_path: Path) -> None:
     x = np.random.default_rng(0).normal(size=(20_000, 5))
     x[:, 0] = np.arange(20_000)
     np.savetxt(tmp_path / "x.dat", x, header="t a b c d")
-    back = fa.load_data(tmp_path / "x.dat")
+    back = fa.Data.load(tmp_path / "x.dat")
     np.testing.assert_array_equal(np.column_stack([back.t, *back.columns.values()]), x)
 
 
@@ -192,11 +194,11 @@ def test_a_table_as_numpy_writes_it(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_a_rig() -> None:
-    data = fa.load_data(EXCERPT)
+    data = fa.Data.load(EXCERPT)
     assert len(data) == 420 and data.step == pytest.approx(0.01) and len(data.names) == 10
     assert data.units["link2_deflection"] == "rad" and data.units["motor1_current"] == "A"
     assert np.ptp(data["joint1_reference"]) == pytest.approx(50 * DEG)
-    assert fa.load_data(EXCERPT, columns=["joint1"])["joint1"] == pytest.approx(data["joint1"])
+    assert fa.Data.load(EXCERPT, columns=["joint1"])["joint1"] == pytest.approx(data["joint1"])
 
 
 def test_hdf5_of_others(tmp_path: Path) -> None:
@@ -208,23 +210,23 @@ def test_hdf5_of_others(tmp_path: Path) -> None:
         g["elsewhere"] = h5py.ExternalLink("other.h5", "x")
         f["alone"] = np.arange(3.0)
     with pytest.raises(ValueError, match=r"no column of times|have 5; columns="):
-        fa.load_data(path)
-    with pytest.warns(fa.DataWarning, match="leaves out 'elsewhere', which is a link"):
-        data = fa.load_data(path, key="run")
+        fa.Data.load(path)
+    with pytest.warns(fa.errors.DataWarning, match="leaves out 'elsewhere', which is a link"):
+        data = fa.Data.load(path, key="run")
     assert data.names == ("angle", "xyz_0", "xyz_1", "xyz_2") and data.units["angle"] == "rad"
     np.testing.assert_array_equal(data.t, t)
     with pytest.raises(ValueError, match="key = 'walk': there is no such group; there are alone, run"):
-        fa.load_data(path, key="walk")
+        fa.Data.load(path, key="walk")
     with h5py.File(path, "w") as f:
         f["table"] = np.array([(0.0, 1.0), (1.0, 2.0)], [("t", "f8"), ("x [mm]", "f4")])
-    assert fa.load_data(path)["x"].tolist() == [0.001, 0.002]
+    assert fa.Data.load(path)["x"].tolist() == [0.001, 0.002]
     with h5py.File(path, "w") as f:
         f["t"], f["x"] = t, t[:3]
     with pytest.raises(ValueError, match="column 'x' has 3 rows, and the times have 5; columns="):
-        fa.load_data(path)
+        fa.Data.load(path)
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(ValueError, match=r"is not a table of columns \(\.h5\), or damaged"):
-        fa.load_data(path)
+        fa.Data.load(path)
 
 
 def test_numbers_in_another_file_are_not_read(tmp_path: Path) -> None:
@@ -233,23 +235,23 @@ def test_numbers_in_another_file_are_not_read(tmp_path: Path) -> None:
         f["t"] = np.arange(5.0)
         f.create_dataset("x", (5,), "f8", external=[(str(tmp_path / "raw"), 0, 40)])
     with pytest.raises(ValueError, match="'x' is stored outside of the file"):
-        fa.load_data(tmp_path / "x.h5")
+        fa.Data.load(tmp_path / "x.h5")
 
 
 def test_matlab_files_of_others(tmp_path: Path) -> None:
     path, t = tmp_path / "x.mat", np.arange(5.0)
     savemat(path, {"t": t, "theta_deg": t[:, None], "rate": 500.0, "note": "by us", "xy": np.ones((5, 2))})
-    data = fa.load_data(path)
+    data = fa.Data.load(path)
     assert data.names == ("theta", "xy_0", "xy_1") and data["theta"][1] == pytest.approx(DEG)
     savemat(path, {"log": {"time": t, "u_mV": t, "inner": {"x": t}}})
-    data = fa.load_data(path)
+    data = fa.Data.load(path)
     assert data.names == ("u", "inner/x") and data["u"][1] == 1e-3
     savemat(path, {"log": {"time": t, "u": t}, "more": np.ones(3)})
-    assert fa.load_data(path, key="log").names == ("u",)
+    assert fa.Data.load(path, key="log").names == ("u",)
     with pytest.raises(ValueError, match="key = 'lag': there is no such variable; there are log, more"):
-        fa.load_data(path, key="lag")
+        fa.Data.load(path, key="lag")
     with pytest.raises(ValueError, match=r"no column of times|columns="):
-        fa.load_data(path)
+        fa.Data.load(path)
 
 
 def test_matlab_7_3(tmp_path: Path) -> None:
@@ -261,7 +263,7 @@ def test_matlab_7_3(tmp_path: Path) -> None:
             f[name] = x
             f[name].attrs["MATLAB_class"] = np.bytes_(kind)
         f.create_group("#refs#")["a"] = np.ones(7)
-    data = fa.load_data(path)
+    data = fa.Data.load(path)
     assert data.names == ("xy_0", "xy_1") and data["xy_1"].tolist() == [5, 6, 7, 8, 9]
 
 
@@ -290,16 +292,16 @@ def test_what_is_left_out_is_told_with_the_reason(name: str, tmp_path: Path) -> 
             for k, x in held.items():
                 f[k] = x.astype("S") if k == "state" else x
             f["there"] = h5py.ExternalLink("other.h5", "x")
-    with pytest.warns(fa.DataWarning, match=rf"data '{name}': leaves out ") as told:
-        data = fa.load_data(path)
+    with pytest.warns(fa.errors.DataWarning, match=rf"data '{name}': leaves out ") as told:
+        data = fa.Data.load(path)
     assert data.names == ("x",) and len(told) == 1
     for k, (_, why) in left.items():
         assert re.search(f"'{k}', which {why}", str(told[0].message)), (k, str(told[0].message))
         with pytest.raises(ValueError, match=f"columns: '{k}' {why}"):
-            fa.load_data(path, columns=["x", k])
+            fa.Data.load(path, columns=["x", k])
     for k in ("note", "rate"):  # a word, or one number alone, is no column
         assert f"'{k}'" not in str(told[0].message)
-    assert fa.load_data(path, columns=["x"]).names == ("x",)  # no word of what was not asked for
+    assert fa.Data.load(path, columns=["x"]).names == ("x",)  # no word of what was not asked for
 
 
 def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
@@ -308,52 +310,52 @@ def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
         f["c"].attrs["MATLAB_class"] = np.bytes_("cell")
         S = f.create_group("S")
         S.attrs["MATLAB_sparse"], S["data"], S["ir"] = 5, np.ones(3), np.arange(3)
-    with pytest.warns(fa.DataWarning, match="'S', which is a sparse matrix, 'c', which is a cell"):
-        assert fa.load_data(tmp_path / "x.mat").names == ()
+    with pytest.warns(fa.errors.DataWarning, match="'S', which is a sparse matrix, 'c', which is a cell"):
+        assert fa.Data.load(tmp_path / "x.mat").names == ()
 
 
 def test_a_name_of_times_that_is_no_column_is_told_of(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=["a", "b"], x=[1.0, 2.0], y=[1.0, 2.0])
     with pytest.raises(ValueError, match=r"no column of times: there are x, y, besides 't', which is text; tell time="):
-        fa.load_data(tmp_path / "x.npz")
+        fa.Data.load(tmp_path / "x.npz")
 
 
 def test_dates_in_arrays_are_times(tmp_path: Path) -> None:
     stamps = np.datetime64("2024-01-01T00:00:00", "ms") + np.arange(3) * np.timedelta64(20, "ms")
     np.savez(tmp_path / "x.npz", time=stamps, x=[1.0, 2.0, 3.0])
-    np.testing.assert_allclose(fa.load_data(tmp_path / "x.npz").t, [0, 0.02, 0.04], atol=1e-15)
+    np.testing.assert_allclose(fa.Data.load(tmp_path / "x.npz").t, [0, 0.02, 0.04], atol=1e-15)
 
 
 def test_complex_columns_of_frames_are_refused() -> None:
     pandas = pytest.importorskip("pandas")
     with pytest.raises(ValueError, match=r"column 'z'.* is complex"):
-        fa.load_data(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
+        fa.Data.load(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
 
 
 def test_data_frames() -> None:
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"t": [0.0, 0.5], "theta [deg]": [1, 2], "state": ["on", "off"]})
-    assert fa.load_data(frame, columns=["theta"])["theta"][1] == pytest.approx(2 * DEG)
+    assert fa.Data.load(frame, columns=["theta"])["theta"][1] == pytest.approx(2 * DEG)
     with pytest.raises(ValueError, match="column 'state', row 0: 'on' is not a number"):
-        fa.load_data(frame)
+        fa.Data.load(frame)
     dates = pandas.date_range("2024-01-01", periods=3, freq="2ms")
-    data = fa.load_data(pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=dates))
+    data = fa.Data.load(pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=dates))
     np.testing.assert_allclose(data.t, [0, 0.002, 0.004], atol=1e-15)
     holes = pandas.DataFrame({"t": [0.0, 1.0], "x": pandas.array([1, None], "Int64")})
     with pytest.raises(ValueError, match="column 'x', row 1: nan"):
-        fa.load_data(holes)
-    data = fa.load_data(EXCERPT)
-    back = fa.load_data(data.to_pandas())
+        fa.Data.load(holes)
+    data = fa.Data.load(EXCERPT)
+    back = fa.Data.load(data.to_pandas())
     assert back.names == data.names and back.units == data.units
     np.testing.assert_array_equal(back.t, data.t)
     with pytest.raises(ValueError, match="have the same name 'x'"):
-        fa.load_data(pandas.DataFrame([[0, 1, 2]], columns=["t", "x", "x"]))
+        fa.Data.load(pandas.DataFrame([[0, 1, 2]], columns=["t", "x", "x"]))
 
 
 def test_npz_of_others(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t_ms=[0.0, 2.0], x=[[1, 2], [3, 4]], rate=500.0, note="by us")
-    data = fa.load_data(tmp_path / "x.npz")
+    data = fa.Data.load(tmp_path / "x.npz")
     assert data.t.tolist() == [0, 0.002] and data["x_1"].tolist() == [2, 4]
     np.savez(tmp_path / "y.npz", t=np.array([{}], object))
     with pytest.raises(ValueError, match=r"is not a table of columns \(\.npz\), or damaged"):
-        fa.load_data(tmp_path / "y.npz")
+        fa.Data.load(tmp_path / "y.npz")

@@ -56,7 +56,7 @@ def test_a_batch_under_an_hdf5_name_is_hdf5(runs: fa.BatchResult, tmp_path: Path
 @pytest.mark.parametrize("suffix", [".csv", ".mat", ".h5", ".npz"])
 def test_columns_of_a_result_are_loaded(suffix: str, run: fa.Result, tmp_path: Path) -> None:
     run.save(tmp_path / f"x{suffix}")
-    back, own = fa.load_data(tmp_path / f"x{suffix}"), run.to_data()
+    back, own = fa.Data.load(tmp_path / f"x{suffix}"), run.to_data()
     assert back.names == own.names and back.units == own.units
     assert {"q link 0 revolute", "friction link 0 revolute", "end x"} <= set(own.names)
     assert own.units["q link 0 revolute"] == "rad" and own.units["tau link 0 revolute"] == "N m"
@@ -82,7 +82,7 @@ def test_a_whole_result_is_loaded(suffix: str, run: fa.Result, tmp_path: Path) -
 def test_tables_are_no_results(run: fa.Result, tmp_path: Path) -> None:
     for name in ("x.csv", "x.mat"):
         run.save(tmp_path / name)
-        with pytest.raises(ValueError, match=r"a table keeps no arm: fa\.load_data reads its columns"):
+        with pytest.raises(ValueError, match=r"a table keeps no arm: fa\.Data\.load reads its columns"):
             fa.Result.load(tmp_path / name)
 
 
@@ -110,14 +110,14 @@ def test_damaged_hdf5_results_are_value_errors(run: fa.Result, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["x.h5", "x.npz"])
-@pytest.mark.parametrize("read", [fa.Result.load, fa.load_data])
+@pytest.mark.parametrize("read", [fa.Result.load, fa.Data.load])
 @pytest.mark.parametrize("part", ["numbers", "words", "one array less"])
 def test_a_file_whose_own_tables_fit_and_whose_contents_do_not_is_refused(
     part: str, read: Any, name: str, run: fa.Result, tmp_path: Path
 ) -> None:
     """As one flipped bit in the library's tables of chunks or members makes it, which have no checksums."""
     path = tmp_path / name
-    for write in (run.save, run.to_data().save) if read is fa.load_data else (run.save,):
+    for write in (run.save, run.to_data().save) if read is fa.Data.load else (run.save,):
         write(path)
         read(path)
         if path.suffix == ".npz":
@@ -151,13 +151,13 @@ def test_a_damaged_mat_is_refused_before_scipy_reads_it(
     path, rng = tmp_path / "x.mat", np.random.default_rng(0)
     run.save(path)
     whole = path.read_bytes()
-    fa.load_data(path)
+    fa.Data.load(path)
     monkeypatch.setattr("scipy.io.loadmat", lambda *args, **more: pytest.fail("SciPy was asked"))
     places = [*rng.integers(116, len(whole), 100), *range(16, 100, 4)]  # of the numbers, and of the checksum
     for made in (*(whole[:k] + bytes([whole[k] ^ 1 << k % 8]) + whole[k + 1 :] for k in places), whole[:-1]):
         path.write_bytes(made)
         with pytest.raises(ValueError, match=r"x\.mat': is damaged: its checksum does not fit"):
-            fa.load_data(path)
+            fa.Data.load(path)
 
 
 def test_a_mat_that_another_program_has_written_again_is_read(run: fa.Result, tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ def test_a_mat_that_another_program_has_written_again_is_read(run: fa.Result, tm
     held = {k: x for k, x in loadmat(path).items() if not k.startswith("__")}
     last = [k for k in held if k != "flexarm"][-1]
     savemat(path, held | {last: held[last] + 1.0}, long_field_names=True)
-    found, truth = fa.load_data(path), run.to_data()
+    found, truth = fa.Data.load(path), run.to_data()
     assert found.names == truth.names and found.units == truth.units
     np.testing.assert_allclose(found[truth.names[-1]], truth[truth.names[-1]] + 1.0)
 
@@ -186,7 +186,7 @@ def test_what_was_written_without_a_checksum_is_read(run: fa.Result, tmp_path: P
     np.savez(tmp_path / "x.npz", **(held | {"about": np.array(json.dumps(about))}))
     for name in ("x.h5", "x.npz"):
         np.testing.assert_array_equal(fa.Result.load(tmp_path / name).q, run.q)
-        assert len(fa.load_data(tmp_path / name).columns) == len(run.to_data().columns)
+        assert len(fa.Data.load(tmp_path / name).columns) == len(run.to_data().columns)
 
 
 def test_a_failed_batch_with_events_goes_through_hdf5(tmp_path: Path) -> None:
@@ -201,9 +201,9 @@ def test_a_failed_batch_with_events_goes_through_hdf5(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one[k].t_events[0], two[k].t_events[0])
     for name in ("a.npz", "a.h5"):
         with pytest.raises(ValueError, match=r"is of a batch .*BatchResult\.load\(\.\.\.\)\[k\]"):
-            fa.load_data(tmp_path / name)
+            fa.Data.load(tmp_path / name)
     two[1].save(tmp_path / "one.csv")
-    assert len(fa.load_data(tmp_path / "one.csv")) == len(TIMES)
+    assert len(fa.Data.load(tmp_path / "one.csv")) == len(TIMES)
     with pytest.raises(ValueError, match=r"holds another batch, with another origin \(BatchResult\.save\)"):
         fa.simulate_batch(arm, TIMES, v0=[[1.0], [2.0], [0.0]], out=tmp_path / "a.h5")
 
@@ -213,7 +213,7 @@ def test_a_batch_that_kept_little_is_a_table_of_that(tmp_path: Path) -> None:
     runs = fa.simulate_batch(arm, TIMES, v0=[[1.0], [2.0]], outputs=("v",))
     assert runs[0].to_data().names == ("v link 0 revolute",)
     runs[0].save(tmp_path / "x.csv")
-    assert fa.load_data(tmp_path / "x.csv").names == ("v link 0 revolute",)
+    assert fa.Data.load(tmp_path / "x.csv").names == ("v link 0 revolute",)
     runs.save(tmp_path / "x.h5")
     back = fa.BatchResult.load(tmp_path / "x.h5")
     assert back.q is None and back.v is not None
@@ -242,7 +242,7 @@ def test_a_run_beside_what_was_measured() -> None:
 
 def test_sensors_and_lags_and_other_times() -> None:
     run = fa.load("ist").run()
-    gauge = fa.StrainGauge(0, 0.005)
+    gauge = fa.sensors.StrainGauge(0, 0.005)
     own = run.to_data()
     late = fa.Data(run.t, {"e": gauge.read(run).y[:, 0], "q link 0 revolute": run.q[:, 0]}).shift(0.0123)
     late = late.between(0.1).resample(0.0017, "cubic", antialias=False)
@@ -256,7 +256,7 @@ def test_sensors_and_lags_and_other_times() -> None:
 def test_comparisons_that_cannot_be(run: fa.Result) -> None:
     t = run.t
     data = fa.Data(t, {"x": np.sin(t), "y": np.ones(len(t)), "z": t}, {"x": "m", "z": "rad"})
-    joint, camera = "q link 0 revolute", fa.Camera(0)
+    joint, camera = "q link 0 revolute", fa.sensors.Camera(0)
     for given, says in (
         ((t,), "data = ndarray"), ((data,), "no name in common"), ((data, {"w": joint}), "columns = 'w'"),
         ((data, {"z": "q"}), r"columns\['z'\] = 'q': must be one of q link 0"),
@@ -266,6 +266,6 @@ def test_comparisons_that_cannot_be(run: fa.Result) -> None:
     ):  # fmt: skip
         with pytest.raises(ValueError, match=says):
             run.compare(*given)
-    with pytest.warns(fa.DataWarning, match=r"measured column 'y' is constant \(1\): its NRMSE is not defined"):
+    with pytest.warns(fa.errors.DataWarning, match=r"measured column 'y' is constant \(1\): its NRMSE is not defined"):
         found = run.compare(data, {"y": joint, "z": joint})
     assert np.isnan(found.nrmse["y"]) and np.isfinite(found.nrmse["z"]) and np.isnan(found.lag["y"])

@@ -40,7 +40,7 @@ def interrupted(path, **more):
         if share > 0.6:
             raise KeyboardInterrupt
 
-    with pytest.raises(fa.BatchInterrupted) as e:
+    with pytest.raises(fa.errors.BatchInterrupted) as e:
         run(path, executor=Serial(), progress=stop, **more)
     return e.value.result
 
@@ -81,7 +81,7 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(ScenarioFile, "_put", stopped)
-    with pytest.raises(fa.BatchInterrupted, match="when 2 of 6") as e:
+    with pytest.raises(fa.errors.BatchInterrupted, match="when 2 of 6") as e:
         run(path)
     for found in (e.value.result, fa.BatchResult.load(path)):
         assert found.status.tolist() == [0, 0, 4, 4, 4, 4] and np.isnan(found.q[2:]).all()
@@ -372,12 +372,12 @@ def test_warnings_of_what_was_resumed_are_told_again(tmp_path, integrator):
         if share > 0.6:
             raise KeyboardInterrupt
 
-    with pytest.raises(fa.BatchInterrupted) as e:
+    with pytest.raises(fa.errors.BatchInterrupted) as e:
         batch(executor=Serial(), progress=stop)
     assert e.value.result.stats["out_of_range"] == 3
     told = []
     for _ in "ab":
-        with pytest.warns(fa.RangeWarning, match=r"scenario 1: link 0: at order") as found:
+        with pytest.warns(fa.errors.RangeWarning, match=r"scenario 1: link 0: at order") as found:
             result = batch()
         assert result.stats["out_of_range"] == 5
         told.append([str(w.message) for w in found])
@@ -483,13 +483,13 @@ def test_interruptions_pickle(tmp_path):
     one = fa.simulate(arm(), TIMES)
     table = fa.sweep(scene(), plan(2))
     for e in (
-        fa.BatchInterrupted("4 of 6", result), fa.SimulationInterrupted("at 1", 1.0, one),
-        fa.SweepInterrupted("2", table), fa.SimulationError("at 1", 1.0, one),
+        fa.errors.BatchInterrupted("4 of 6", result), fa.errors.SimulationInterrupted("at 1", 1.0, one),
+        fa.errors.SweepInterrupted("2", table), fa.SimulationError("at 1", 1.0, one),
     ):  # fmt: skip
         again = pickle.loads(pickle.dumps(e))
         assert type(again) is type(e) and str(again) == str(e) and type(again.result) is type(e.result)
         assert getattr(again, "time", 1.0) == 1.0
-    again = pickle.loads(pickle.dumps(fa.BatchInterrupted("4 of 6", result))).result
+    again = pickle.loads(pickle.dumps(fa.errors.BatchInterrupted("4 of 6", result))).result
     np.testing.assert_array_equal(again.q, result.q)
 
 
@@ -503,7 +503,7 @@ def begun(tmp_path, p, count=2):
         if done == count:
             raise KeyboardInterrupt
 
-    with pytest.raises(fa.SweepInterrupted):
+    with pytest.raises(fa.errors.SweepInterrupted):
         fa.sweep(scene(), p, out=tmp_path, batch=1, progress=stop)
     return tmp_path / "sweep.h5"
 
@@ -532,7 +532,7 @@ def test_damaged_scenarios_of_a_sweep_are_computed_again(tmp_path, count):
 def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
     fa.sweep(scene(), plan(2), out=tmp_path)
     table = (tmp_path / "sweep.csv").read_bytes()
-    other = fa.Sweep([fa.Vary("grid", {LENGTH: [0.3, 0.4], STIFF: [2e11, 3e11]})])
+    other = fa.SweepPlan([fa.Vary("grid", {LENGTH: [0.3, 0.4], STIFF: [2e11, 3e11]})])
     with pytest.raises(ValueError, match="holds another sweep, with another parameters; take another folder"):
         fa.sweep(scene(), other, out=tmp_path)
     whole = tmp_path / "sweep.h5"
@@ -614,7 +614,9 @@ def test_a_sweep_knows_its_functions(tmp_path):
         def scaled(result):
             return w * np.ptp(result.q[:, 0])
 
-        return fa.sweep(scene(), fa.Sweep([fa.Vary("grid", {LENGTH: [0.3]})], outputs=[scaled]), out=tmp_path, **more)
+        return fa.sweep(
+            scene(), fa.SweepPlan([fa.Vary("grid", {LENGTH: [0.3]})], outputs=[scaled]), out=tmp_path, **more
+        )
 
     with pytest.raises(ValueError, match=r"outputs: is or holds code .*scaled: give name="):
         swept(1.0)

@@ -57,7 +57,7 @@ def test_a_twin_is_found_again(seed: int) -> None:
         joint = fa.Revolute("z", damping=c, reflected_inertia=J)
         arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.2, inertia=np.eye(3) * (1e-4 + hub)), beam, fa.RigidBody(m))])
         torque = scale * size * np.sin(2 * np.pi * (low + up * t) * t)
-        sensors = (fa.Encoder(0, pulses=None), fa.StrainGauge(0, 0.01))
+        sensors = (fa.sensors.Encoder(0, pulses=None), fa.sensors.StrainGauge(0, 0.01))
         return fa.Scene(arm, {0: fa.Torque(t, torque)}, t=t, sensors=sensors)
 
     twin = scene(true, true["drive.0.scale"])
@@ -143,7 +143,7 @@ def test_a_move_keeps_its_limits_and_leaves_little(seed: int) -> None:
         except ValueError as e:
             assert str(e)
             assume(False)
-    told = [str(w.message) for w in said if issubclass(w.category, fa.MoveWarning)]
+    told = [str(w.message) for w in said if issubclass(w.category, fa.errors.MoveWarning)]
     lock = list(range(n))
     first, last = arm.equilibrium(q0, lock=lock), arm.equilibrium(q1, lock=lock)
     t = np.unique(np.concatenate([np.linspace(0, move.duration, 400), move.duration + np.linspace(0, 1.0, 300)]))

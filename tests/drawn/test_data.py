@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from scenes import SEEDS, drawn, note
 
-pytestmark = pytest.mark.filterwarnings("ignore::flexarm.DataWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::flexarm.errors.DataWarning")
 
 #: in SI, and what one of it is there
 UNITS = {"rad": ("rad", 1.0), "deg": ("rad", np.pi / 180), "N m": ("N m", 1.0), "mm": ("m", 1e-3), "mA": ("A", 1e-3),
@@ -80,7 +80,7 @@ def test_what_is_saved_is_loaded(
     except ValueError as e:
         assert any(name in str(e) or repr(name) in str(e) for name in names) or "name" in str(e)
         assume(False)
-    again = fa.load_data(path)
+    again = fa.Data.load(path)
     assert again.names == data.names and again.units == data.units
     np.testing.assert_array_equal(again.t, data.t)
     for name in data:
@@ -120,7 +120,7 @@ def test_a_table_as_others_write_it(tmp_path_factory: pytest.TempPathFactory, se
     text = ("\r\n" if rng.random() < 0.5 else "\n").join(lines) + "\n"
     path = tmp_path_factory.mktemp("data") / f"drawn{rng.choice(['.csv', '.txt', '.dat'])}"
     path.write_bytes(text.encode(str(rng.choice(["utf-8", "utf-8-sig", "utf-16"]))))
-    data = fa.load_data(path)
+    data = fa.Data.load(path)
     assert data.names == tuple(f"signal{j}" for j in range(k))
     np.testing.assert_allclose(data.t, t, rtol=1e-12)
     for j, (u, y) in enumerate(zip(units, columns, strict=True)):
@@ -145,7 +145,7 @@ def test_damaged_tables_are_named(tmp_path_factory: pytest.TempPathFactory, seed
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            again: Any = fa.load_data(path)
+            again: Any = fa.Data.load(path)
         except ValueError as e:
             assert path.name in str(e)
             note("found damaged")

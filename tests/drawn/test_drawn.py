@@ -135,7 +135,7 @@ def test_a_run_keeps_its_word(
         assume(False)
     for x in (r.q, r.v, r.a, r.tau):
         assert len(x) == len(r.t) and np.isfinite(x).all()
-    assert in_reach(r) or any(issubclass(w.category, fa.RangeWarning) for w in said)
+    assert in_reach(r) or any(issubclass(w.category, fa.errors.RangeWarning) for w in said)
     if r.friction is not None:
         most, slides = np.zeros(made.nv), np.zeros(made.nv)
         for k, link in enumerate(made.links):

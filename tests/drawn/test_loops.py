@@ -52,9 +52,9 @@ def laws(rng: np.random.Generator, arm: fa.Arm, rate: float) -> list[Any]:
         elif kind == 2:
             out.append(fa.LinearController.pid(kp, kp * w * rng.uniform(0, 0.1), kv, k, rate=rate, filter_time=0.01))
         else:
-            gains, filters = np.array([kp, kv]), [None, 60.0, fa.LowPass(80.0, 2)]
+            gains, filters = np.array([kp, kv]), [None, 60.0, fa.sensors.LowPass(80.0, 2)]
             filter = filters[rng.integers(3)]
-            read = [fa.Encoder(k, pulses=None, filter=filter), fa.Tachometer(k, filter=filter)]
+            read = [fa.sensors.Encoder(k, pulses=None, filter=filter), fa.sensors.Tachometer(k, filter=filter)]
             late = rng.choice([0.0, 0.3, 1.0, 1.4]) / rate
             out.append(fa.Sampled(lambda t, y, gains=gains: -gains @ y, rate, read, actuate=[k], delay=float(late)))
     return out
@@ -114,9 +114,9 @@ def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> N
     far = rng.uniform(0, 0.9) * beam.length
     half = beam.section.y / 2
     known = [
-        (fa.Encoder(0, pulses=None, noise=1e-4), np.eye(2 * n)[0], 1e-4),
-        (fa.Tachometer(0, noise=1e-3), np.eye(2 * n)[n], 1e-3),
-        (fa.StrainGauge(0, far, "-y", noise=1e-6),
+        (fa.sensors.Encoder(0, pulses=None, noise=1e-4), np.eye(2 * n)[0], 1e-4),
+        (fa.sensors.Tachometer(0, noise=1e-3), np.eye(2 * n)[n], 1e-3),
+        (fa.sensors.StrainGauge(0, far, "-y", noise=1e-6),
          half * np.array([*(arm.strain(q, 0, far)[2] for q in np.eye(n)), *np.zeros(n)]), 1e-6),
     ]  # fmt: skip
     known = [known[k] for k in rng.permutation(3)[: rng.integers(1, 4)]]
@@ -168,7 +168,7 @@ def test_a_sensors_filter_is_that_of_its_transfer_function(seed: int) -> None:
     order = int(rng.integers(1, 3))
     zeta = float(rng.choice([rng.uniform(0.2, 1.5), 1.0])) if order == 2 else None
     f = rng.uniform(2.0, 30.0)
-    filter = fa.LowPass(f, order, zeta)
+    filter = fa.sensors.LowPass(f, order, zeta)
     w = 2 * np.pi * f
     transfer = ([w], [1.0, w]) if zeta is None else ([w * w], [1.0, 2 * zeta * w, w * w])
     s = 2j * np.pi * (at := rng.uniform(0.1, 100.0, 5))
@@ -193,7 +193,7 @@ def test_a_sensors_filter_is_that_of_its_transfer_function(seed: int) -> None:
     rate = None if rng.random() < 0.5 else float(rng.uniform(20, 500))
     made: dict[str, Any] = {"filter": filter, "gain": gain, "offset": offset, "delay": delay, "rate": rate}
     kind = bool(rng.random() < 0.5)
-    reading = (fa.Encoder(0, pulses=None, **made) if kind else fa.Tachometer(0, **made)).read(run)
+    reading = (fa.sensors.Encoder(0, pulses=None, **made) if kind else fa.sensors.Tachometer(0, **made)).read(run)
     fine = np.linspace(0, 1, 10001)
     there = a * np.sin(p * fine) + b * np.cos(r * fine) if kind else a * p * np.cos(p * fine) - b * r * np.sin(r * fine)
     behind = lsim(transfer, there - there[0], fine)[1] + there[0]

@@ -56,7 +56,7 @@ def shape(rng: np.random.Generator) -> tuple[Any, np.ndarray, Any, float]:
         t = y * rng.uniform(0.02, 0.98)
         return fa.Tube(y, t), ring(y, y - t), np.pi / 2 * (y**4 - (y - t) ** 4), 1e-12
     if kind == 3:
-        return fa.Ellipse(y, z), ring(y / 2, 0.0, z / y), np.pi / 16 * (y * z) ** 3 / (y * y + z * z), 1e-12
+        return fa.sections.Ellipse(y, z), ring(y / 2, 0.0, z / y), np.pi / 16 * (y * z) ** 3 / (y * y + z * z), 1e-12
     a, b = y / 2, z / 2
     if kind == 4:
         z = y * rng.uniform(0.5, 2.0)
@@ -65,7 +65,7 @@ def shape(rng: np.random.Generator) -> tuple[Any, np.ndarray, Any, float]:
         wall = lambda u, v: (np.abs(u) > a - t) | (np.abs(v) > b - s)  # noqa: E731
         exact = green(rectangle(y, z)) - green(rectangle(y - 2 * t, z - 2 * s))
         mesh = grid(lines(-a, t - a, a - t, a), lines(-b, s - b, b - s, b), keep=wall)
-        return fa.Box(y, z, (t, s)), exact, mesh, 6e-3
+        return fa.sections.Box(y, z, (t, s)), exact, mesh, 6e-3
     z = y * rng.uniform(0.3, 1.5)
     f = rng.uniform(0.02, 0.12) * min(y, z)
     w = f * rng.uniform(0.2, 2.0)
@@ -74,7 +74,7 @@ def shape(rng: np.random.Generator) -> tuple[Any, np.ndarray, Any, float]:
     aside = np.array([a - f / 2, 0.0])
     exact = 2 * green(rectangle(f, z) + aside) + green(rectangle(y - 2 * f, w))
     exact[1] = 0.0
-    return fa.IBeam(y, z, f, w), exact, grid(lines(-a, f - a, a - f, a), lines(-b, -c, c, b), keep=keep), 3e-3
+    return fa.sections.IBeam(y, z, f, w), exact, grid(lines(-a, f - a, a - f, a), lines(-b, -c, c, b), keep=keep), 3e-3
 
 
 @drawn(10, SEEDS)
@@ -120,7 +120,7 @@ def test_a_polygon_has_the_integrals_of_its_outline(seed: int) -> None:
     hole = [least * rectangle(1.0, rng.uniform(0.5, 1.0))] if rng.random() < 0.5 else []
     at = rng.normal(size=2) * rng.choice([0.0, 1.0])
     outline, holes = scale * (star + at), [scale * (h + at) for h in hole]
-    found = fa.polygon(outline, ALLOY, holes=holes, elements=300)
+    found = fa.sections.polygon(outline, ALLOY, holes=holes, elements=300)
     A, Ay, Az, Ayy, Azz, Ayz = green(outline) - sum((green(h) for h in holes), np.zeros(6))
     K, M = np.array(found.stiffness) / 70e9, np.array(found.inertia) / 2700.0
     size = Ayy + Azz
@@ -131,7 +131,7 @@ def test_a_polygon_has_the_integrals_of_its_outline(seed: int) -> None:
     about = np.array([[size, 0, 0], [0, Azz, -Ayz], [0, -Ayz, Ayy]])
     np.testing.assert_allclose(M[3:, 3:] / size, about / size, atol=1e-9)
     G = ALLOY._core.shear_modulus
-    full = fa.polygon(outline, ALLOY, elements=300) if holes else found
+    full = fa.sections.polygon(outline, ALLOY, elements=300) if holes else found
 
     def torsion(of: fa.SectionMatrix) -> float:
         return 1.0 / np.linalg.inv(np.array(of.stiffness))[3, 3] / G  # free of the shear that couples with it

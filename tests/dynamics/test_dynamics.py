@@ -229,7 +229,7 @@ def test_elastica_at_every_order() -> None:
     """Cantilever with a tip force across it, P L^2/EI = 1 (elastica: w/L 0.30172077, u/L 0.05643324, slope 0.46135195);
     an order's error falls with the load as its first neglected term does."""
     L, EI = 1.0, 1.0
-    section, g = fa.GeneralSection(1.0, 1.0, 1.0, 1.0), 9.81
+    section, g = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0), 9.81
 
     def tip(order: int | str, load: float) -> tuple[np.ndarray, float]:
         beam = fa.Beam(L, section, fa.Material(0.0, EI), {"bending_y": 6}, "legendre", order, rotary_inertia=False)

@@ -195,7 +195,7 @@ def test_a_run_that_bends_too_far_for_its_points_says_so() -> None:
     q0 = np.zeros(arm.nq)
     q0[8] = 160.0  # the eighth shape: 3 rad
     t = np.linspace(0, 1e-4, 3)
-    with pytest.warns(fa.RangeWarning, match=r"link 0: order \"exact\" has 60 Gauss points") as caught:
+    with pytest.warns(fa.errors.RangeWarning, match=r"link 0: order \"exact\" has 60 Gauss points") as caught:
         fa.simulate(arm, t, q0, integrator="gauss", step=1e-5)
     found = caught[0].message
     assert found.link == 0 and found.time == 0 and 1.5 < found.finding.value < 4
@@ -204,5 +204,5 @@ def test_a_run_that_bends_too_far_for_its_points_says_so() -> None:
         warnings.simplefilter("error")
         fa.simulate(again, t, q0, integrator="gauss", step=1e-5)
     few = make({"bending_y": 2}, gauss_points=4)  # in the plane as well
-    with pytest.warns(fa.RangeWarning, match="take gauss_points = 8"):
+    with pytest.warns(fa.errors.RangeWarning, match="take gauss_points = 8"):
         fa.simulate(few, t, [0, 3.0, 3.0], integrator="gauss", step=1e-5)

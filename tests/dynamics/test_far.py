@@ -176,7 +176,7 @@ def test_every_evaluation_is_finite_or_refused(name: str, evaluation: str) -> No
                 bad[spoilt][i] = size * (1 if isinstance(i, slice) else rng.choice([-1, 1]))
                 try:
                     with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", fa.RangeWarning)
+                        warnings.simplefilter("ignore", fa.errors.RangeWarning)
                         result = evaluate(arm, *bad)
                 except ValueError as error:
                     assert len(str(error)) > 10

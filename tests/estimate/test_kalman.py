@@ -15,8 +15,8 @@ from scipy.stats import chi2
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 STEP = 1e-3
-GAUGES = [fa.StrainGauge(k, 0.01, "+y", noise=2e-6, resolution=1e-6) for k in (0, 1)]
-SENSORS = [fa.Encoder(k, pulses=4096, quadrature=True) for k in (0, 1)] + GAUGES
+GAUGES = [fa.sensors.StrainGauge(k, 0.01, "+y", noise=2e-6, resolution=1e-6) for k in (0, 1)]
+SENSORS = [fa.sensors.Encoder(k, pulses=4096, quadrature=True) for k in (0, 1)] + GAUGES
 
 
 def two_links(payload: float = 0.0, damping: Any = (0.0, 0.0), coulomb: Any = (0.0, 0.0)) -> fa.Arm:
@@ -46,7 +46,7 @@ def moved(arm: fa.Arm, seconds: float, soft: bool = False) -> tuple[fa.Result, n
         return np.asarray(u)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.LoopWarning)
+        warnings.simplefilter("ignore", fa.errors.LoopWarning)
         control = fa.Sampled(law, 1 / STEP, actuate=(0, 1))
         run = fa.simulate(arm, t, control=control, integrator="implicit", step=STEP / 4)
     return run, tau
@@ -59,7 +59,7 @@ def test_a_linear_arm_has_the_filter_of_textbooks() -> None:
     """A beam on a slide, of order 0: its equations are linear, and a step is the stability function of Alexander's."""
     beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, "legendre", 0, damping_ratio=0.02)
     arm = fa.Arm([fa.Link(fa.Prismatic("y", damping=0.3), fa.RigidBody(0.5), beam, fa.RigidBody(0.1))])
-    sensors = [fa.Encoder(0, pulses=None, noise=1e-4), fa.StrainGauge(0, 0.02, "-y", noise=1e-6)]
+    sensors = [fa.sensors.Encoder(0, pulses=None, noise=1e-4), fa.sensors.StrainGauge(0, 0.02, "-y", noise=1e-6)]
     n, rng, h = arm.nv, np.random.default_rng(3), 2e-3
     noise, q_std, v_std = np.array([0.1, 0.01, 0.01]), np.array([0.01, 0.1, 0.2]), np.array([0.1, 1.0, 0.5])
     filter = fa.KalmanFilter(arm, sensors, h, force_noise=noise, q_std=q_std, v_std=v_std, v=[0.1, 0, 0],
@@ -112,8 +112,8 @@ def test_errors_are_what_the_filter_believes() -> None:
     model = two_links()
     n = model.nv
     q_std, v_std = np.array([0.05, 0.02, 0.02] * 2), np.array([0.1, 0.1, 0.1] * 2)
-    sensors = [fa.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
-        fa.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
+    sensors = [fa.sensors.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
+        fa.sensors.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
     ]
     filter = fa.KalmanFilter(model, sensors, STEP, force_noise=NOISE, q_std=q_std, v_std=v_std,
                              estimate={"payload": (0.3, 0.05)})  # fmt: skip
@@ -149,8 +149,8 @@ def test_a_poorly_known_payload_has_honest_intervals(start: float, spread: float
     rng, h, steps, model = np.random.default_rng(5), STEP / 2, 400, two_links()
     n = model.nv
     noises = [1e-4, 1e-4, 2e-6, 2e-6]
-    sensors = [fa.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
-        fa.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
+    sensors = [fa.sensors.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
+        fa.sensors.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
     ]
     filter = fa.KalmanFilter(model, sensors, h, force_noise=NOISE, q_std=0.01, v_std=0.01,
                              estimate={"payload": (start, spread)})  # fmt: skip
@@ -217,7 +217,7 @@ def test_friction_of_joints_that_stick_and_slide() -> None:
         assert abs(filter.parameters[name] / value - 1) < 0.05, name
         assert abs(filter.parameters[name] - value) < 3 * filter.parameter_std[name], name
     # an arm with that friction of its own has nothing left to find, and is warned of once
-    with pytest.warns(fa.ModelWarning, match="'link 0 revolute', 'link 1 revolute'.*creeps") as said:
+    with pytest.warns(fa.errors.ModelWarning, match="'link 0 revolute', 'link 1 revolute'.*creeps") as said:
         knows = fa.KalmanFilter(run.arm, SENSORS, STEP, force_noise=0.2 * NOISE, q_std=0.01, v_std=0.01,
                                 estimate={"coulomb.0": (0.0, 0.05), "gain.0": (0.0, 0.1)})  # fmt: skip
     assert len(said) == 1
@@ -228,14 +228,18 @@ def test_friction_of_joints_that_stick_and_slide() -> None:
 def test_filtered_gauges_and_slow_ones() -> None:
     """A gauge behind a low pass, sampled at 100 Hz: its lag is in the model, not in the estimate."""
     run, tau = moved(two_links(), 1.0)
-    slow = fa.StrainGauge(1, 0.01, "+y", noise=2e-7, rate=100, filter=fa.LowPass(5, order=2, damping_ratio=0.9))
-    sensors = [fa.Encoder(0), fa.Encoder(1), slow]
+    slow = fa.sensors.StrainGauge(
+        1, 0.01, "+y", noise=2e-7, rate=100, filter=fa.sensors.LowPass(5, order=2, damping_ratio=0.9)
+    )
+    sensors = [fa.sensors.Encoder(0), fa.sensors.Encoder(1), slow]
     filter = fa.KalmanFilter(two_links(), sensors, STEP, force_noise=0.0, q_std=0.0, v_std=0.0)
     estimate = filter.run(run.t, tau, [s.read(run) for s in sensors])
     assert estimate.used[::10].min() == 3 and estimate.used[1:10].max() == 2
     gauge = estimate.innovations[::10, 2]
     assert np.abs(gauge).max() < 1.5e-6
-    assert np.abs(slow.read(run).y[:, 0] - fa.StrainGauge(1, 0.01, "+y", rate=100).read(run).y[:, 0]).max() > 2e-5
+    assert (
+        np.abs(slow.read(run).y[:, 0] - fa.sensors.StrainGauge(1, 0.01, "+y", rate=100).read(run).y[:, 0]).max() > 2e-5
+    )
     np.testing.assert_allclose(filter.q, run.q[-1], atol=2e-4)
 
 
@@ -243,7 +247,7 @@ def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
     run, tau = moved(two_links(0.3), 0.5)
     y = [s.read(run) for s in SENSORS]
     wrong = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
-    with pytest.warns(fa.FilterWarning, match="times as far from their predictions"):
+    with pytest.warns(fa.errors.FilterWarning, match="times as far from their predictions"):
         assert wrong.run(run.t, tau, y).consistency > 2
     right = fa.KalmanFilter(two_links(0.3), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
     with warnings.catch_warnings():
@@ -252,12 +256,12 @@ def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
     # an arm that hangs at rest in the horizontal plane does not tell what it carries
     rest = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.0,
                            estimate={"payload": (0.1, 0.1)})  # fmt: skip
-    with pytest.warns(fa.FilterWarning, match="payload: the readings have told nothing"):
+    with pytest.warns(fa.errors.FilterWarning, match="payload: the readings have told nothing"):
         rest.run(run.t, np.zeros_like(tau), np.zeros((run.t.size, 4)))
 
 
 def test_readings_at_the_end_of_a_range_and_dropouts_are_left_out() -> None:
-    sensors = [fa.Encoder(0), fa.StrainGauge(0, 0.01, noise=1e-6, range=1e-4)]
+    sensors = [fa.sensors.Encoder(0), fa.sensors.StrainGauge(0, 0.01, noise=1e-6, range=1e-4)]
     filter = fa.KalmanFilter(two_links(), sensors, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
     for y, used in (([0.0, 9e-5], 2), ([0.0, 1e-4], 1), ([0.0, -2e-4], 1), ([np.nan, np.inf], 0)):
         filter.reset()
@@ -265,7 +269,9 @@ def test_readings_at_the_end_of_a_range_and_dropouts_are_left_out() -> None:
         assert filter.used == used
         assert np.isfinite(filter.innovation).sum() == used and np.isfinite(filter.q).all()
     assert np.all(filter.q == 0) and filter.nis == 0
-    camera = fa.KalmanFilter(two_links(), [fa.Camera(noise=1e-3)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
+    camera = fa.KalmanFilter(
+        two_links(), [fa.sensors.Camera(noise=1e-3)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01
+    )
     before = camera.tip()[1]
     camera.update(camera.tip()[0] + [0, 1e-3, 0])
     assert camera.tip()[1][1, 1] < 0.1 * before[1, 1] and len(camera.labels) == 3
@@ -274,14 +280,18 @@ def test_readings_at_the_end_of_a_range_and_dropouts_are_left_out() -> None:
 @pytest.mark.parametrize(
     "sensors",
     [
-        [fa.Encoder(0, pulses=None, noise=1e-3, gain=2.0, offset=0.1), *SENSORS[1:]],
-        [*SENSORS[:2], fa.StrainGauge(0, 0.01, noise=1e-3, gain=1e3, offset=0.02, filter=50.0, range=9.0), GAUGES[1]],
-        [*SENSORS, fa.Camera(noise=1e-4, gain=[1.1, 0.9, 1.0], offset=[0.1, -0.1, 0.05])],
-        [*SENSORS, fa.Tachometer(1, noise=1e-3, gain=9.55, offset=-0.5)],
+        [fa.sensors.Encoder(0, pulses=None, noise=1e-3, gain=2.0, offset=0.1), *SENSORS[1:]],
+        [
+            *SENSORS[:2],
+            fa.sensors.StrainGauge(0, 0.01, noise=1e-3, gain=1e3, offset=0.02, filter=50.0, range=9.0),
+            GAUGES[1],
+        ],
+        [*SENSORS, fa.sensors.Camera(noise=1e-4, gain=[1.1, 0.9, 1.0], offset=[0.1, -0.1, 0.05])],
+        [*SENSORS, fa.sensors.Tachometer(1, noise=1e-3, gain=9.55, offset=-0.5)],
     ],
     ids=["encoder", "gauge behind a filter", "camera", "tachometer"],
 )
-def test_gain_and_offset_of_sensors_are_used(sensors: list[fa.Sensor]) -> None:
+def test_gain_and_offset_of_sensors_are_used(sensors: list[fa.sensors.Sensor]) -> None:
     """A sensor that reads gain times what is there plus offset, in whatever unit, tells as much as one that reads it
     straight, with its noise over the gain: the same estimate, to rounding."""
     run, tau = moved(two_links(0.2), 0.2)
@@ -304,7 +314,7 @@ def test_gain_and_offset_of_sensors_are_used(sensors: list[fa.Sensor]) -> None:
 def test_a_sensor_that_is_not_linear_is_refused() -> None:
     """Nothing of it would be seen in derivatives at rest."""
 
-    class Squared(fa.Encoder):
+    class Squared(fa.sensors.Encoder):
         def _measure(self, arm: fa.Arm, t: Any, q: Any, v: Any, a: Any, loads: Any) -> Any:
             return np.asarray(super()._measure(arm, t, q, v, a, loads) ** 2)
 
@@ -339,10 +349,10 @@ GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
     "change, told",
     [
         ({"sensors": []}, "sensors = \\[\\]: there must be at least one"),
-        ({"sensors": [fa.StrainGauge(0, 0.01)]}, r"sensors\[0\]: noise = None"),
-        ({"sensors": [SENSORS[0], fa.Tachometer(5, noise=1)]}, r"sensors\[1\]: link = 5"),
-        ({"sensors": [fa.Accelerometer(noise=1.0)]}, r"sensors\[0\]: Accelerometer: must be an Encoder"),
-        ({"sensors": [fa.Encoder(0, delay=0.01)]}, r"sensors\[0\]: delay = 0.01"),
+        ({"sensors": [fa.sensors.StrainGauge(0, 0.01)]}, r"sensors\[0\]: noise = None"),
+        ({"sensors": [SENSORS[0], fa.sensors.Tachometer(5, noise=1)]}, r"sensors\[1\]: link = 5"),
+        ({"sensors": [fa.sensors.Accelerometer(noise=1.0)]}, r"sensors\[0\]: Accelerometer: must be an Encoder"),
+        ({"sensors": [fa.sensors.Encoder(0, delay=0.01)]}, r"sensors\[0\]: delay = 0.01"),
         ({"step": 0.0}, "step = 0.0: must be positive"),
         ({"force_noise": -1.0}, "force_noise = -1.0: must not be negative"),
         ({"force_noise": [1.0, 2.0]}, "force_noise has shape"),

@@ -40,7 +40,7 @@ KNOWN: dict[str, dict[str, Any]] = {
 def test_it_follows_a_run_by_what_it_knows(name: str) -> None:
     arm, known = two_links(), KNOWN[name]
     run = fa.simulate(arm, T, rtol=1e-8, **known)
-    sensors = [fa.Encoder(0, noise=1.0), fa.Encoder(1, noise=1.0)]  # hardly believed
+    sensors = [fa.sensors.Encoder(0, noise=1.0), fa.sensors.Encoder(1, noise=1.0)]  # hardly believed
     readings = [s.read(run) for s in sensors]
 
     def off(**more: Any) -> float:
@@ -66,9 +66,11 @@ def spun() -> tuple[fa.Arm, fa.Result]:
 
 def test_balls_are_estimated_and_the_filter_knows_how_well() -> None:
     arm, run = spun()
-    sensors = [fa.Camera(0, noise=1e-3), fa.Camera(1, noise=1e-3), fa.Camera(1, x=0.2, noise=1e-3),
-               fa.StrainGauge(1, x=0.05, noise=1e-5)]  # fmt: skip
-    sensors += [fa.Tachometer(k, f, noise=0.02) for k, first in ((0, 3), (1, 0)) for f in range(first, first + 3)]
+    sensors = [*(fa.sensors.Camera(k, x=x, noise=1e-3) for k, x in ((0, None), (1, None), (1, 0.2))),
+               fa.sensors.StrainGauge(1, x=0.05, noise=1e-5)]  # fmt: skip
+    sensors += [
+        fa.sensors.Tachometer(k, f, noise=0.02) for k, first in ((0, 3), (1, 0)) for f in range(first, first + 3)
+    ]
     inside, nis, used = [], 0.0, 0
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -98,7 +100,7 @@ def test_balls_are_estimated_and_the_filter_knows_how_well() -> None:
 
 
 def test_what_it_cannot_know_is_named() -> None:
-    arm, sensors = two_links(), [fa.Encoder(0, noise=1e-3)]
+    arm, sensors = two_links(), [fa.sensors.Encoder(0, noise=1e-3)]
     good: dict[str, Any] = {"force_noise": 1e-3, "q_std": 1e-3, "v_std": 1e-3}
     for more, told in (
         ({"control": pid(rate=500.0)}, "control: one of them samples"),
@@ -116,7 +118,7 @@ def test_what_it_cannot_know_is_named() -> None:
 
 def test_copies_know_the_same() -> None:
     arm = two_links()
-    kalman = fa.KalmanFilter(arm, [fa.Encoder(0, noise=1e-3)], STEP, force_noise=1e-3, q_std=1e-3, v_std=1e-3,
+    kalman = fa.KalmanFilter(arm, [fa.sensors.Encoder(0, noise=1e-3)], STEP, force_noise=1e-3, q_std=1e-3, v_std=1e-3,
                              **KNOWN["loads"], control=KNOWN["laws"]["control"])  # fmt: skip
     kalman.predict()
     kalman.update([0.01])

@@ -29,7 +29,7 @@ def scene(mass: float = 0.05, modulus: float = 2.09e11, damping: float = 0.05, c
     beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, modulus, 0.3), modes={"bending_y": 2},
                    basis="legendre", damping_ratio=0.01)  # fmt: skip
     arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(mass))])
-    sensors = (fa.Encoder(0, pulses=None), fa.StrainGauge(0, 0.01))
+    sensors = (fa.sensors.Encoder(0, pulses=None), fa.sensors.StrainGauge(0, 0.01))
     return fa.Scene(arm, {0: fa.Torque(T, [torque(x) for x in T])}, t=T, sensors=sensors)
 
 
@@ -50,7 +50,7 @@ def data() -> fa.Data:
     return recorded(scene())
 
 
-def inside(fit: fa.Fit, true: dict[str, float], widths: float = 2.0) -> bool:
+def inside(fit: fa.results.Fit, true: dict[str, float], widths: float = 2.0) -> bool:
     """Whether all true values lie within so many half-widths of the intervals."""
     return all(abs(fit.values[k] - x) < widths * 0.5 * np.diff(fit.intervals[k])[0] for k, x in true.items())
 
@@ -106,7 +106,7 @@ def test_a_prior_counts_as_a_reading() -> None:
 def test_drive_and_sensors_are_sought_too() -> None:
     true = {"drive.0.scale": 1.1, "drive.0.offset": 0.02, "drive.0.delay": 0.0033, "sensor.0.offset": 0.01,
             "sensor.1.gain": 1.07, "sensor.1.delay": 0.0021, "sensor.1.filter.frequency": 25.0}  # fmt: skip
-    base = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, filter=40.0)))
+    base = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, filter=40.0)))
     setup = Setup(base.arm, base.drive, sensors=base.sensors)
     made = Variation(setup, {k: np.array([x]) for k, x in true.items()}).scenario(0)
     data = recorded(replace(base, drive=made.drive, sensors=made.sensors))
@@ -121,16 +121,16 @@ def test_a_gauge_that_saturates_is_fitted_as_it_is(data: fa.Data) -> None:
     most = float(np.quantile(np.abs(data["strain"]), 0.8))
     cut = fa.Data(T, {**data.columns, "strain": np.clip(data["strain"], -most, most)}, data.units)
     base = scene(0.08, 1.5e11)
-    sensors = (base.sensors[0], fa.StrainGauge(0, 0.01, range=most))
+    sensors = (base.sensors[0], fa.sensors.StrainGauge(0, 0.01, range=most))
     fit = fa.identify(replace(base, sensors=sensors), cut, [MASS, MODULUS, DAMPING], **MEASURED)
     assert inside(fit, TRUE) and fit.nrmse["strain"] < 0.05
 
 
 def test_a_sensor_that_samples_less_often_than_the_data_is_refused(data: fa.Data) -> None:
-    slow = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=50)))
+    slow = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, rate=50)))
     with pytest.raises(ValueError, match=r"outputs\['strain'\]: .* samples at 50 Hz.*rows at 200 Hz.* rate=None"):
         fa.identify(slow, data, MASS, **MEASURED)
-    fast = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=200)))
+    fast = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, rate=200)))
     assert inside(fa.identify(fast, data, MASS, **MEASURED), {MASS: 0.05})
 
 
@@ -161,7 +161,7 @@ def test_a_joint_that_moves_as_measured(data: fa.Data) -> None:
 def test_several_starts_leave_a_local_minimum(data: fa.Data) -> None:
     """From a beam a hundred times too soft one search ends elsewhere, and says so; of several, one does not."""
     soft = scene(0.05, 2e9)
-    with pytest.warns(fa.FitWarning, match="local minimum"):
+    with pytest.warns(fa.errors.FitWarning, match="local minimum"):
         lost = fa.identify(soft, data, [MASS, MODULUS, DAMPING], **MEASURED, starts=1)
     assert lost.nrmse["strain"] > 0.5
     sought = {MASS: fa.Unknown(low=0.01, high=0.2), MODULUS: fa.Unknown(low=1e9, high=1e12), DAMPING: None}
@@ -174,7 +174,7 @@ def test_several_starts_leave_a_local_minimum(data: fa.Data) -> None:
 
 def test_outputs_of_any_kind_give_the_same(data: fa.Data) -> None:
     one = fa.identify(scene(0.08), data, [MASS], inputs={0: "torque"}, outputs={"angle": "sensor.0"})
-    for what in (fa.Encoder(0, pulses=500), "q link 0 revolute", lambda r: r.q[:, 0]):
+    for what in (fa.sensors.Encoder(0, pulses=500), "q link 0 revolute", lambda r: r.q[:, 0]):
         other = fa.identify(scene(0.08), data, [MASS], inputs={0: "torque"}, outputs={"angle": what})
         assert other.values[MASS] == pytest.approx(one.values[MASS], rel=1e-6)
     renamed = fa.Data(T, {"sensor.0": data["angle"], "torque": data["torque"]})
@@ -187,7 +187,7 @@ def test_outputs_of_any_kind_give_the_same(data: fa.Data) -> None:
 def test_what_the_data_cannot_tell_is_named(data: fa.Data) -> None:
     """Stiffness and mass of a strip go with its width; all inertia with the torque."""
     names = [MODULUS, "link.0.beam.material.density", "link.0.beam.section.z", DAMPING]
-    with pytest.warns(fa.FitWarning, match="cannot tell"):
+    with pytest.warns(fa.errors.FitWarning, match="cannot tell"):
         fit = fa.identify(scene(0.06), data, [*names, MASS], **MEASURED)
     assert len(fit.untold) == 1 and set(fit.untold[0].names) == set(names[:3])
     changes = dict(zip(fit.untold[0].names, fit.untold[0].changes, strict=True))
@@ -196,13 +196,13 @@ def test_what_the_data_cannot_tell_is_named(data: fa.Data) -> None:
     assert np.isinf(fit.std[MODULUS]) and inside(fit, {MASS: 0.05, DAMPING: 0.05})
     assert "link.0.beam.section.z" in fit.report()
     assert fit.values["link.0.beam.section.z"] == pytest.approx(0.02, rel=0.1)
-    with pytest.warns(fa.FitWarning, match=r"cannot tell: gravity.2: a change"):  # along the joint's axis
+    with pytest.warns(fa.errors.FitWarning, match=r"cannot tell: gravity.2: a change"):  # along the joint's axis
         assert np.isinf(fa.identify(scene(), data, {MASS: None, "gravity.2": -9.81}, **MEASURED).std["gravity.2"])
 
 
 def test_coloured_residuals_widen_intervals(data: fa.Data) -> None:
     rng = np.random.default_rng(4)
-    noise = fa.LowPass(5.0).apply(T, rng.normal(size=len(T)))
+    noise = fa.sensors.LowPass(5.0).apply(T, rng.normal(size=len(T)))
     noise *= NOISE["angle"] / noise.std()
     clean = recorded(scene(), noise={})
     coloured = fa.Data(T, {**clean.columns, "angle": clean["angle"] + noise}, clean.units)
@@ -237,7 +237,7 @@ def test_report_and_figure(data: fa.Data) -> None:
 
 def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
     long = replace(scene(), options={"integrator": "implicit", "step": 0.005})
-    with pytest.warns(fa.FitWarning, match="integrator moves"):
+    with pytest.warns(fa.errors.FitWarning, match="integrator moves"):
         biased = fa.identify(long, data, [MASS, MODULUS, DAMPING], **MEASURED)
     fit = fa.identify(scene(), data, [MASS, MODULUS, DAMPING], **MEASURED)
     assert fit.stats["step"] < 0.005 and inside(fit, TRUE) and not inside(biased, TRUE)
@@ -265,9 +265,9 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
         ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and the output of the run is in 1; "
          "add 'sensor.1.gain' to the parameters, which fits it, or give .* a known gain, rad for each unit of strain"),
-        ([MASS], {"outputs": {"angle": fa.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
+        ([MASS], {"outputs": {"angle": fa.sensors.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
          "add 'sensor.2.gain' to the parameters, .*, rad for each unit of dR/R"),
-        ([MASS], {"outputs": {"angle": fa.Camera(0)}}, "3 components"),
+        ([MASS], {"outputs": {"angle": fa.sensors.Camera(0)}}, "3 components"),
         ([MASS], {"outputs": {"angle": lambda r: r.q}}, "one for each row"),
         ([MASS], {"outputs": None}, "no column of the data"),
         ([MASS], {"outputs": {"still": "sensor.0"}}, "'still' is constant"),
@@ -291,7 +291,7 @@ def test_bad_input_is_named(parameters: Any, given: dict[str, Any], said: str, d
 
 def test_a_gauge_whose_gain_is_sought_may_be_measured_in_rad(data: fa.Data) -> None:
     """As the message tells: 5 rad for a strain of 1, so 2.5 rad for each unit of dR/R at a gauge factor of 2."""
-    gauge = fa.StrainGauge(link=0, x=0.01, gauge_factor=2.0)
+    gauge = fa.sensors.StrainGauge(link=0, x=0.01, gauge_factor=2.0)
     in_rad = fa.Data(T, {**data.columns, "bend": 5.0 * data["strain"]}, {**data.units, "bend": "rad"})
     given = {**MEASURED, "outputs": {"bend": gauge}}
     with pytest.raises(ValueError, match=r"add 'sensor\.2\.gain' to the parameters"):
@@ -315,15 +315,16 @@ def test_bad_data_are_named(data: fa.Data) -> None:
                     outputs={"angle": "sensor.0"})  # fmt: skip
     kept = np.delete(np.arange(len(T)), range(50, 60))
     gap = fa.Data(T[kept], {k: x[kept] for k, x in data.columns.items()}, data.units)
-    with pytest.warns(fa.DataWarning, match="a gap of 0.055 s after t = 0.245"):
+    with pytest.warns(fa.errors.DataWarning, match="a gap of 0.055 s after t = 0.245"):
         fa.identify(scene(), gap, [MASS], **MEASURED)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.StepWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.StepWarning")
 def test_a_run_that_diverges_within_the_fit_shortens_the_step(data: fa.Data) -> None:
     """rk4 above its limit at the start's stiffness is an error; from a start below it, the search goes on past it."""
     stiff = replace(scene(modulus=2e14), options={"integrator": "rk4", "step": 1e-3})
-    with pytest.raises(fa.FitError, match=r"the run fails at all 8 starts \(link.0.beam.*youngs_modulus = 2e\+14") as e:
+    told = r"the run fails at all 8 starts \(link.0.beam.*youngs_modulus = 2e\+14"
+    with pytest.raises(fa.errors.FitError, match=told) as e:
         fa.identify(stiff, data, [MODULUS], **MEASURED)
     assert e.value.values == {MODULUS: 2e14}
     several = {MODULUS: fa.Unknown(low=1e10, high=1e15)}
@@ -332,13 +333,13 @@ def test_a_run_that_diverges_within_the_fit_shortens_the_step(data: fa.Data) -> 
     assert not np.isfinite(fit.starts[0][0]) and "could not be simulated" in fit.report()
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.FitWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.FitWarning")
 def test_interrupted_keeps_its_best(data: fa.Data) -> None:
     def stop(runs: int) -> None:
         if runs > 30:
             raise KeyboardInterrupt
 
-    with pytest.raises(fa.FitInterrupted) as e:
+    with pytest.raises(fa.errors.FitInterrupted) as e:
         fa.identify(scene(0.15, 0.7e11, 0.15), data, [MASS, MODULUS, DAMPING], **MEASURED, progress=stop)
     assert isinstance(e.value, KeyboardInterrupt) and e.value.fit is not None
     fit = e.value.fit
@@ -438,5 +439,5 @@ def test_all_warnings_of_the_fitted_runs_are_told(data: fa.Data) -> None:
     """Those of ranges alone had been: a pulse of a load that no step has seen was not."""
     push = fa.Load(0, force=lambda t: (0.0, 1e-3 if 0.5014 < t < 0.5016 else 0.0, 0.0))
     options = {"integrator": "implicit", "step": 5e-3}
-    with pytest.warns(fa.StepWarning, match=r"loads\[0\]: is 0.001 at t = 0.50"):
+    with pytest.warns(fa.errors.StepWarning, match=r"loads\[0\]: is 0.001 at t = 0.50"):
         fa.identify(replace(scene(), loads=(push,), options=options), data, [MASS], **MEASURED)

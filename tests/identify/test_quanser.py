@@ -58,7 +58,7 @@ def test_a_tared_gauge_reads_nothing_and_then_less_its_mean() -> None:
     recording = read("fsf")
     scene = with_motion(fa.load("quanser"), recording)
     result = scene.run()
-    plain = fa.StrainGauge(link=0, face="-y", gauge_factor=scene.sensors[0].gauge_factor)  # type: ignore[attr-defined]
+    plain = fa.sensors.StrainGauge(link=0, face="-y", gauge_factor=scene.sensors[0].gauge_factor)  # type: ignore[attr-defined]
     there, t = plain.measure(result.arm, result.t, result.q, result.v)[:, 0], result.t
     read_so = scene.sensors[0].measure(result.arm, t, result.q, result.v)[:, 0]
     dead = t < recording.tares[0]

@@ -194,7 +194,7 @@ def test_channels_have_the_names_of_their_joints() -> None:
         "PD of 'elbow' (control[0])", "PD of 'elbow' (control[2])",
         "LinearController of 'shoulder'", "LinearController of 'elbow'",
     ]  # fmt: skip
-    with pytest.warns(fa.LoopWarning, match=r"the loop of PD of 'elbow' feeds energy in"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"the loop of PD of 'elbow' feeds energy in"):
         fa.simulate(arm, np.linspace(0, 2, 21), v0=[0, 1e-3], control=fa.PD(5, -1, link="elbow"))
 
 

@@ -181,7 +181,7 @@ def test_python_laws_are_taken_for_their_differences() -> None:
     assert np.sort_complex(loop.z) == pytest.approx(np.sort_complex(np.roots(poly)), rel=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.LoopWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.LoopWarning")
 def test_what_does_not_fit_is_named() -> None:
     arm, J = rigid(), [("joint", 0)]
     for said, bad in {
@@ -273,7 +273,7 @@ def test_a_rate_beside_another_cannot_be_varied_alone() -> None:
         loop.limits("control.0.rate")
     rates = [50.0, 100.0, 200.0]  # whole ratios
     assert loop.locus(rates, "control.0.rate").stable.all()
-    read = fa.closed_loop(rigid(), fa.Sampled(lambda t, y: -y[0], 100, [fa.Encoder(0, pulses=None, rate=50)]))
+    read = fa.closed_loop(rigid(), fa.Sampled(lambda t, y: -y[0], 100, [fa.sensors.Encoder(0, pulses=None, rate=50)]))
     with pytest.raises(ValueError, match=r"over = .rate.: a sensor of control\[0\] \(50 Hz\) keeps"):
         read.limits("rate")
     # both of one gain: z = 1 - k1 twice, less what the slower one holds
@@ -324,7 +324,7 @@ def test_names_of_links_and_joints_are_paths() -> None:
 def test_the_rate_of_a_pid_varies_and_it_is_designed_anew() -> None:
     """Of whole numbers, too; at the limit, a PID that is made for that rate is on the unit circle."""
 
-    def loop(rate: float) -> fa.ClosedLoop:
+    def loop(rate: float) -> fa.results.ClosedLoop:
         return fa.closed_loop(rigid(), fa.LinearController.pid(20, 5, 4, 0, rate=rate, delay=0.001, limit=9))
 
     low = loop(500).limits("control.0.rate").low

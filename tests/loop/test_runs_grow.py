@@ -17,22 +17,22 @@ def law(gains: list[float], measured: list, rate: float = 100.0, delay: float = 
     return fa.Sampled(lambda t, y: -INERTIA * (np.array(gains) @ y), rate, measured, delay=delay)
 
 
-def encoder(**more) -> fa.Encoder:
-    return fa.Encoder(0, pulses=None, **more)
+def encoder(**more) -> fa.sensors.Encoder:
+    return fa.sensors.Encoder(0, pulses=None, **more)
 
 
-def tacho(**more) -> fa.Tachometer:
-    return fa.Tachometer(0, **more)
+def tacho(**more) -> fa.sensors.Tachometer:
+    return fa.sensors.Tachometer(0, **more)
 
 
 LOOPS = {
     "late by a part of a period": law([400, 1], [J, V], delay=0.004),
     "late by more than a period": law([400, 1], [J, V], delay=0.013),
-    "behind low passes": law([400, 1], [encoder(filter=20.0), tacho(filter=fa.LowPass(30.0, 2))]),
+    "behind low passes": law([400, 1], [encoder(filter=20.0), tacho(filter=fa.sensors.LowPass(30.0, 2))]),
     "of slower sensors": law([400, 2], [encoder(rate=50.0), tacho(rate=25.0)]),
     "of late sensors": law([400, 2], [encoder(delay=0.01), tacho(delay=0.02)]),
     "of sensors with a gain": law([400, 4], [encoder(gain=1.5), tacho(gain=0.2)]),
-    "of an accelerometer": law([400, -0.5, 0.3], [J, V, fa.Accelerometer(0, axis="y")]),
+    "of an accelerometer": law([400, -0.5, 0.3], [J, V, fa.sensors.Accelerometer(0, axis="y")]),
     "of two rates": [law([400, 0], [J, V]), law([0, 1], [J, V], rate=40)],
     "of two rates, late": [law([400, 0], [J, V], delay=0.007), law([0, 4], [J, V], rate=40, delay=0.03)],
     "sampled beside PD": [fa.PD(100 * INERTIA, INERTIA), law([300, 0], [J, V], rate=50)],

@@ -92,7 +92,7 @@ def test_a_loop_that_holds_an_arm_up_is_told_its_own_limits(share: float, links:
         warnings.simplefilter("always")
         q = [0.0, 1e-3][2 - links :]
         fa.simulate(arm, np.linspace(0, 2, 201), q, control=[slow, law][2 - links :])
-    found = [w.message for w in caught if isinstance(w.message, fa.LoopWarning)]
+    found = [w.message for w in caught if isinstance(w.message, fa.errors.LoopWarning)]
     assert len(found) == 1 and found[0].control == links - 1
     assert found[0].finding.value == pytest.approx(lasting(share * high), rel=1e-3)
     shares = re.search(r"stable with its gains between (\S+) and (\S+) of what they are", str(found[0]))

@@ -126,7 +126,7 @@ def test_rollout_with_feedback_and_motion(integrator, dt):
         close(q, fa.simulate(arm, t, control=law, integrator=integrator, step=dt).q, 1e-12)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 def test_failures_spoil_no_other():
     arm = paper_link(order=1)
     v0 = np.zeros((5, arm.nv))
@@ -322,7 +322,7 @@ def test_steps_end_at_samples_of_drives_and_controllers():
 
 def controllers() -> dict[str, Any]:
     """Controllers that remember, sample, delay and filter; each by what makes it."""
-    seen = [fa.Encoder(1, pulses=None, filter=fa.LowPass(40.0)), fa.Tachometer(1)]
+    seen = [fa.sensors.Encoder(1, pulses=None, filter=fa.sensors.LowPass(40.0)), fa.sensors.Tachometer(1)]
     gains = {"D": [[0.2, 0.02]], "measure": [("joint", 1), ("rate", 1)], "reference": [0.3, 0.0], "rate": 300.0}
 
     class Counts:  # a law that remembers
@@ -503,7 +503,7 @@ def test_range_warning_names_the_scenario():
     arm = paper_link()
     q0 = np.zeros((3, arm.nq))
     q0[1, 1] = 0.6
-    with pytest.warns(fa.RangeWarning, match=r"scenario 1: link 0"):
+    with pytest.warns(fa.errors.RangeWarning, match=r"scenario 1: link 0"):
         run = fa.simulate_batch(arm, [0, 1e-4, 2e-4], q0)
     assert run.stats["out_of_range"] == 1
 
@@ -523,7 +523,7 @@ def test_ctrl_c_keeps_what_is_done(integrator, step):
 
     t, sweep = np.linspace(0, 1.0, 1001), {"link.0.tip.mass": np.linspace(0.1, 1, 200)}
     how = {"integrator": integrator, "step": step}
-    with pytest.raises(fa.BatchInterrupted) as caught:
+    with pytest.raises(fa.errors.BatchInterrupted) as caught:
         fa.simulate_batch(arm, t, parameters=sweep, progress=stop, workers=2, **how)
     run = caught.value.result
     done = np.flatnonzero(run.status == 0)
@@ -538,7 +538,7 @@ def test_ctrl_c_in_a_rollout():
     def stop(share: float) -> None:
         raise KeyboardInterrupt
 
-    with pytest.raises(fa.BatchInterrupted) as caught:
+    with pytest.raises(fa.errors.BatchInterrupted) as caught:
         fa.rollout(two_links(), np.zeros((500, 6)), step=1e-4, nstep=5000, progress=stop, every=1000)
     run = caught.value.result
     assert (run.status == 4).any() and np.isnan(run.q[-1, -1]).all() and run.reached[-1] < 0.5
@@ -599,7 +599,7 @@ def test_a_file_knows_its_batch(tmp_path):
             fa.simulate_batch(arm, [0, 1e-3, 2e-3], **file, **{**base, **other})
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 def test_a_file_remembers_failures(tmp_path):
     arm, v0 = paper_link(), np.zeros((3, 4))
     v0[1, 2] = 1e200
@@ -650,7 +650,7 @@ def test_ctrl_c_and_the_file(tmp_path):
 
     path = tmp_path / "sweep.h5"
     sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 2e-6, "batch": 4}
-    with pytest.raises(fa.BatchInterrupted) as caught:
+    with pytest.raises(fa.errors.BatchInterrupted) as caught:
         fa.simulate_batch(two_links(), TIMES, out=path, progress=stop, **sweep)
     done = int((caught.value.result.status == 0).sum())
     assert 0 < done < 60

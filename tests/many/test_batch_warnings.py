@@ -34,7 +34,7 @@ def test_steps_above_the_limit_of_any_scenario_are_told() -> None:
     """Only the first scenario had been looked at."""
     (said,) = told(stiff_one)
     assert str(said.message).startswith("scenario 5: ") and "here 60 rad/s" in str(said.message)
-    assert said.category is fa.StepWarning and said.filename == __file__
+    assert said.category is fa.errors.StepWarning and said.filename == __file__
     arms = [fa.Arm([fa.Link(fa.Prismatic("x", stiffness=k), fa.RigidBody(1.0))]) for k in (100.0, 3600.0)]
     (said,) = told(lambda: fa.rollout(arms, [1e-9], step=0.05, nstep=200, integrator="rk4"))
     assert str(said.message).startswith("scenario 1: ") and "here 60 rad/s" in str(said.message)
@@ -78,6 +78,6 @@ def test_a_pulse_that_one_scenario_missed_is_told() -> None:
 
 
 def test_a_scenario_remembers_that_its_numbers_are_wrong() -> None:
-    with pytest.warns(fa.StepWarning, match="scenario 5"):
+    with pytest.warns(fa.errors.StepWarning, match="scenario 5"):
         runs = stiff_one()
     assert "above 2.83 over" in str(runs[5].check()) and "above 2.83 over" not in str(runs[0].check())

@@ -22,7 +22,7 @@ from flexarm.many.batch.executor import gather
 
 LENGTH = "link.0.beam.length"
 SCENE = replace(fa.load("ist"), t=np.linspace(0.0, 0.4, 21), options={"integrator": "gauss", "step": 4e-3})
-PLAN = fa.Sweep([fa.Vary("grid", {LENGTH: {"from": 0.3, "to": 0.4, "count": 24}})], outputs=["final_state"])
+PLAN = fa.SweepPlan([fa.Vary("grid", {LENGTH: {"from": 0.3, "to": 0.4, "count": 24}})], outputs=["final_state"])
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def test_ctrl_c_keeps_the_shares_that_are_done(tmp_path):
 
     here = batch()
     for out in (None, tmp_path / "batch.h5"):
-        with ThreadPoolExecutor(2) as threads, pytest.raises(fa.BatchInterrupted) as e:
+        with ThreadPoolExecutor(2) as threads, pytest.raises(fa.errors.BatchInterrupted) as e:
             batch(threads, batch=1, progress=stop, out=out)
         part = e.value.result
         done = part.status == 0
@@ -246,7 +246,10 @@ def test_failures_keep_their_number_in_the_whole_batch():
         parameters = {"link.0.beam.material.youngs_modulus": stiff}
         return fa.simulate_batch(hubs, t, q0, parameters=parameters, integrator="rk4", step=2e-3, **more)
 
-    with ThreadPoolExecutor(2) as threads, pytest.warns(fa.StepWarning, match="scenario 4: .* below 0.000351 s") as w:
+    with (
+        ThreadPoolExecutor(2) as threads,
+        pytest.warns(fa.errors.StepWarning, match="scenario 4: .* below 0.000351 s") as w,
+    ):
         here, there = run(), run(executor=threads, batch=2)
     assert len(w) == 2
     assert [f.index for f in here.failures] == [4] and here.failures == there.failures

@@ -18,7 +18,7 @@ from flexarm.data.draw.sweep import plot_sweep
 from flexarm.many.sweeps.quantities import QUANTITIES, settling_time
 from flexarm.many.sweeps.result import SweepInterrupted
 from flexarm.many.sweeps.sweep import sweep
-from flexarm.many.sweeps.vary import Sweep, Vary, sweep_from_dict, tomllib
+from flexarm.many.sweeps.vary import SweepPlan, Vary, sweep_from_dict, tomllib
 from flexarm.run.scene.scene import SCENES
 from scipy import stats
 
@@ -32,7 +32,7 @@ def scene(**changes):
 
 
 def plan(count=6, **more):
-    return Sweep([Vary("grid", {LENGTH: {"from": 0.3, "to": 0.4, "count": count}})], **more)
+    return SweepPlan([Vary("grid", {LENGTH: {"from": 0.3, "to": 0.4, "count": count}})], **more)
 
 
 # -- the picture ---------------------------------------------------------------------------------------------
@@ -83,7 +83,7 @@ def test_few_values_of_a_parameter_have_ticks_themselves():
 
 def test_the_picture_of_a_sweep_has_units_and_reasons():
     axes = {LENGTH: [0.3, 0.4], STIFF: {"from": 1e11, "to": 2e11, "count": 3}}
-    found = sweep(scene(), Sweep([Vary("grid", axes)], outputs=["tip_deflection"]))
+    found = sweep(scene(), SweepPlan([Vary("grid", axes)], outputs=["tip_deflection"]))
     found.columns["tip deflection"][2] = np.nan
     found.failures.append((2, 0.1, "as told"))
     figure = found.plot()
@@ -96,7 +96,7 @@ def test_the_picture_of_a_sweep_has_units_and_reasons():
 
 
 def test_grid_is_every_combination_the_last_fastest():
-    p = Sweep([Vary("grid", {LENGTH: [0.3, 0.4], STIFF: {"from": 1e11, "to": 1e13, "count": 3, "scale": "log"}})])
+    p = SweepPlan([Vary("grid", {LENGTH: [0.3, 0.4], STIFF: {"from": 1e11, "to": 1e13, "count": 3, "scale": "log"}})])
     found = p.parameters()
     assert found[LENGTH].tolist() == [0.3] * 3 + [0.4] * 3
     np.testing.assert_allclose(found[STIFF], [1e11, 1e12, 1e13] * 2, rtol=1e-14)
@@ -104,10 +104,10 @@ def test_grid_is_every_combination_the_last_fastest():
 
 def test_blocks_combine_as_products_or_side_by_side():
     blocks = [Vary("list", {"a": [1, 2], "b": [[1, 2, 3], [4, 5, 6]]}), Vary("grid", {"c": [7, 8]})]
-    found = Sweep(blocks).parameters()
+    found = SweepPlan(blocks).parameters()
     assert found["a"].tolist() == [1, 1, 2, 2] and found["c"].tolist() == [7, 8, 7, 8]
     assert found["b"].tolist() == [[1, 2, 3]] * 2 + [[4, 5, 6]] * 2
-    beside = Sweep(blocks, combine="zip").parameters()
+    beside = SweepPlan(blocks, combine="zip").parameters()
     assert beside["a"].tolist() == [1, 2] and beside["c"].tolist() == [7, 8]
 
 
@@ -203,7 +203,7 @@ def test_a_function_can_be_noted():
 
 
 def test_a_value_that_cannot_be_is_named_with_its_scenario():
-    p = Sweep([Vary("list", {LENGTH: [0.3, 0.3, 0.4, 0.3, -0.1]})])
+    p = SweepPlan([Vary("list", {LENGTH: [0.3, 0.3, 0.4, 0.3, -0.1]})])
     with pytest.raises(ValueError, match=r"parameters of scenario 4: link\.0\.beam\.length"):
         sweep(scene(), p, batch=2)
 
@@ -219,7 +219,7 @@ def test_settling_time():
 def test_outputs_that_an_arm_does_not_have_are_refused():
     rigid = fa.Arm([fa.Link(joint=fa.Revolute("z"), tip=fa.RigidBody(mass=1.0, inertia=(1, 1, 1)))])
     s = fa.Scene(rigid, t=np.linspace(0, 0.1, 3))
-    p = Sweep([Vary("grid", {"link.0.tip.mass": [1.0, 2.0]})], outputs=["tip_deflection"])
+    p = SweepPlan([Vary("grid", {"link.0.tip.mass": [1.0, 2.0]})], outputs=["tip_deflection"])
     with pytest.raises(ValueError, match="tip_deflection: link -1 has no beam"):
         sweep(s, p)
     found = sweep(s, replace(p, outputs=["speed", "energy"]))
@@ -229,16 +229,16 @@ def test_outputs_that_an_arm_does_not_have_are_refused():
 def test_a_failing_scenario_is_named_and_spoils_no_other():
     s = scene()
     s = replace(s, options={"integrator": "rk4", "step": 4e-3})  # above 2.83 / the highest frequency of the stiff one
-    p = Sweep([Vary("grid", {STIFF: [209e9, 4e12]})], outputs=["tip_deflection"])
-    with pytest.warns(fa.StepWarning, match="scenario 1: .* below 0.00176 s"):
+    p = SweepPlan([Vary("grid", {STIFF: [209e9, 4e12]})], outputs=["tip_deflection"])
+    with pytest.warns(fa.errors.StepWarning, match="scenario 1: .* below 0.00176 s"):
         found = sweep(s, p)
     assert [f[0] for f in found.failures] == [1] and np.isnan(found["tip deflection"][1])
     assert np.isfinite(found["tip deflection"][0])
 
 
 def test_beams_bent_too_far_are_told_once():
-    with pytest.warns(fa.RangeWarning, match=r"scenario 0 \(and 1 others\): link 0") as told:
-        found = sweep(scene(), Sweep([Vary("grid", {STIFF: [20e9, 30e9, 900e9]})], outputs=["tip_deflection"]))
+    with pytest.warns(fa.errors.RangeWarning, match=r"scenario 0 \(and 1 others\): link 0") as told:
+        found = sweep(scene(), SweepPlan([Vary("grid", {STIFF: [20e9, 30e9, 900e9]})], outputs=["tip_deflection"]))
     assert len(told) == 1 and [i for i, *_ in found.beyond] == [0, 1]
 
 
@@ -360,7 +360,7 @@ def test_command_names_a_parameter_that_is_not_there(files, capsys):
 
 
 def test_the_shipped_sweep_is_one():
-    p = fa.load_sweep("ist")
+    p = fa.SweepPlan.load("ist")
     assert len(p.parameters()[LENGTH]) == 135 and p.grid() is not None
 
 

@@ -205,8 +205,8 @@ def test_linear_controller_is_its_difference_equation() -> None:
     again = fa.simulate(mass(), t, control=law, **options)
     np.testing.assert_array_equal(again.q, one.q)  # nothing is left of the run before
     seen = fa.LinearController(
-        A, B, C, D, rate=100.0, measure=[fa.Encoder(0, pulses=10**9), fa.Tachometer(0)], reference=reference, limit=2.0,
-        delay=3e-3,
+        A, B, C, D, rate=100.0, measure=[fa.sensors.Encoder(0, pulses=10**9), fa.sensors.Tachometer(0)],
+        reference=reference, limit=2.0, delay=3e-3,
     )  # fmt: skip
     np.testing.assert_allclose(fa.simulate(arm_that_turns(), t, control=seen, **options).v.max(), 0.1, rtol=0.5)
 
@@ -263,7 +263,7 @@ def test_continuous_observer_and_reference_on_the_flexible_arm() -> None:
         "drive": {0: fa.Torque(1e-3)},
         "q0": [-0.05, 0, 0, 0],
     }
-    kick = fa.Sampled(lambda t, y: 1e-3 * np.sin(20 * t), 100.0, [fa.Encoder(0), ("rate", 0)])
+    kick = fa.Sampled(lambda t, y: 1e-3 * np.sin(20 * t), 100.0, [fa.sensors.Encoder(0), ("rate", 0)])
 
     def reference(t: float) -> np.ndarray:
         return np.array([0.05 * t, 0.0])
@@ -361,7 +361,7 @@ def test_friction_and_controller() -> None:
             "do not fit",
         ),
         (
-            lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[fa.Encoder(0)]),
+            lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[fa.sensors.Encoder(0)]),
             "measure: sensors are sampled; give a rate",
         ),
         (lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[("joint", 0)], delay=1.0), "delay = 1.0: needs a rate"),
@@ -417,7 +417,7 @@ def test_sensors_in_the_loop_see_now(options: dict) -> None:
     read of the result at the same times."""
     rod = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0, 0.03, 0.03), end=(0.6, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=8.0), rod)], gravity=(0, -9.81, 0))
-    sensors = [fa.Accelerometer(0, axis="y"), fa.ForceTorque(0)]
+    sensors = [fa.sensors.Accelerometer(0, axis="y"), fa.sensors.ForceTorque(0)]
     seen: list[tuple[float, np.ndarray]] = []
 
     def law(t: float, y: np.ndarray) -> float:
@@ -473,7 +473,7 @@ def test_interrupted_inside_a_law() -> None:
             raise KeyboardInterrupt
         return 0.0
 
-    class Broken(fa.Tachometer):
+    class Broken(fa.sensors.Tachometer):
         def sampler(self, arm, *, loads=None):
             inside = super().sampler(arm, loads=loads)
 
@@ -492,7 +492,7 @@ def test_interrupted_inside_a_law() -> None:
         fa.LinearController([[-1.0]], one, one, one, measure=[("joint", 0)], reference=interrupted),
     ):
         for options in ({"integrator": "implicit", "step": 1e-2}, {}):
-            with pytest.raises(fa.SimulationInterrupted) as caught:
+            with pytest.raises(fa.errors.SimulationInterrupted) as caught:
                 fa.simulate(arm_that_turns(), np.linspace(0, 1, 11), control=law, **options)
             assert len(caught.value.result.t) >= 5
 

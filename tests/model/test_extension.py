@@ -75,7 +75,7 @@ def test_a_spinning_rod(order) -> None:
 @pytest.mark.parametrize("modes", [{"bending_y": 2}, {"bending_y": 1, "bending_z": 1, "torsion": 1, "shear_z": 1}])
 def test_energy_is_kept(order, modes: dict) -> None:
     """Of a pendulum that swings, bends and stretches by some per cent."""
-    soft = fa.GeneralSection(3e-5, 2.5e-6, 2.5e-6, 5e-6)
+    soft = fa.sections.GeneralSection(3e-5, 2.5e-6, 2.5e-6, 5e-6)
     beam = fa.Beam(L, soft, fa.Material(RHO, 2e6, 0.3), modes | {"extension": 2}, "legendre", order)
     hub = fa.RigidBody(0.1, inertia=(1e-2,) * 3)
     arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, beam, fa.RigidBody(0.2, inertia=(1e-4,) * 3))], (0, -9.81, 0))
@@ -91,9 +91,9 @@ def test_energy_is_kept(order, modes: dict) -> None:
 def test_a_stretch_that_cannot_happen_changes_nothing(order) -> None:
     """As the axis stiffens, the motion becomes that of a beam without extension."""
     modes, away = {"bending_y": 2, "shear_y": 1}, []
-    section = fa.GeneralSection(AREA, 6e-9, 9e-9, 4e-9)
+    section = fa.sections.GeneralSection(AREA, 6e-9, 9e-9, 4e-9)
     for area in (0.1, 10.0):
-        stiff = fa.GeneralSection(AREA * area, 6e-9, 9e-9, 4e-9, 0.8 / area)
+        stiff = fa.sections.GeneralSection(AREA * area, 6e-9, 9e-9, 4e-9, 0.8 / area)
         arms = []
         for s, m in ((section, modes), (stiff, modes | {"extension": 1})):
             rho = RHO * AREA / s.area
@@ -129,7 +129,7 @@ def test_a_gauge_feels_the_stretch() -> None:
     q = np.array([0.3, 0.1, 0.02])
     K3 = arm.strain(q, 0, 0.2)[2]
     for face, side in (("+y", -1), ("-y", 1)):
-        found = fa.StrainGauge(0, 0.2, face).measure(arm, 0.0, q, 0 * q)
+        found = fa.sensors.StrainGauge(0, 0.2, face).measure(arm, 0.0, q, 0 * q)
         assert float(np.squeeze(found)) == pytest.approx(side * 0.005 * K3 + 0.02)
 
 
@@ -185,17 +185,17 @@ def test_a_run_turned_inside_out_is_told(integrator: str) -> None:
         return fa.simulate(arm, t, q0, v0, drive={0: HELD}, integrator=integrator, **step)
 
     run(0.9)
-    with pytest.warns(fa.RangeWarning, match=TURNED.format(x="[0-9.]+") + "[^;]*, from t = ") as told:
+    with pytest.warns(fa.errors.RangeWarning, match=TURNED.format(x="[0-9.]+") + "[^;]*, from t = ") as told:
         out = run(1.2)
     found = told[0].message
     assert found.link == 0 and found.finding.limit == 0.0
     assert found.finding.value == pytest.approx(1 + out.strain(0, 0.4)[:, 5].min(), rel=1e-3)
     assert found.time == pytest.approx(np.arcsin(1 / 1.2) / w, abs=t[1])
-    with pytest.warns(fa.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")):
+    with pytest.warns(fa.errors.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")):
         start = np.array([[0, -share * w] for share in (0.9, 1.2)])
         fa.simulate_batch(arm, t, q0, start, drive={0: HELD}, integrator=integrator, **step)
     if integrator in ("implicit", "rk4"):
-        with pytest.warns(fa.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")) as told:
+        with pytest.warns(fa.errors.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")) as told:
             out = fa.rollout(arm, q0, start, drive={0: HELD}, integrator=integrator, nstep=200, every=5, **step)
         assert len(told) == 1 and out.stats["out_of_range"] == 1
         assert told[0].message.time == found.time

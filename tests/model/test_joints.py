@@ -86,7 +86,7 @@ def test_a_turned_and_moving_seat_makes_no_difference() -> None:
     np.testing.assert_allclose(a2[3:], a[3:], atol=1e-11 * scale)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")  # bends far, on purpose
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")  # bends far, on purpose
 def test_free_flight_keeps_energy_and_momentum() -> None:
     """A floating two-link flexible arm, undamped, over thousands of steps; its quaternion stays of unit length."""
     arm = two_links(fa.Free(), fa.Spherical(), gravity=(0, 0, 0))

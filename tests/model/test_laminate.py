@@ -11,12 +11,12 @@ import pytest
 from parts.saint_venant import classical_stiffness, grid, lines
 
 STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
-CARBON = fa.Orthotropic(1600.0, E1=140e9, E2=10e9, G12=5e9, nu12=0.3, G23=3.5e9)
+CARBON = fa.sections.Orthotropic(1600.0, E1=140e9, E2=10e9, G12=5e9, nu12=0.3, G23=3.5e9)
 B, T = 0.02, 0.001
 
 
-def plies(*degrees: float, material: Any = CARBON) -> list[fa.Ply]:
-    return [fa.Ply(T / len(degrees), material, np.deg2rad(a)) for a in degrees]
+def plies(*degrees: float, material: Any = CARBON) -> list[fa.sections.Ply]:
+    return [fa.sections.Ply(T / len(degrees), material, np.deg2rad(a)) for a in degrees]
 
 
 def compliance(section: fa.SectionMatrix) -> np.ndarray:
@@ -26,12 +26,15 @@ def compliance(section: fa.SectionMatrix) -> np.ndarray:
 @pytest.mark.parametrize("normal", ["y", "z"])
 def test_an_isotropic_laminate_is_the_rectangle(normal: str) -> None:
     rectangle = fa.Rectangle(T, B) if normal == "y" else fa.Rectangle(B, T)
-    one, other = fa.SectionMatrix.of(rectangle, STEEL), fa.laminate(B, plies(0, 30, -70, material=STEEL), normal)
+    one, other = (
+        fa.SectionMatrix.of(rectangle, STEEL),
+        fa.sections.laminate(B, plies(0, 30, -70, material=STEEL), normal),
+    )
     for name in ("stiffness", "inertia"):
         expected = np.array(getattr(one, name))
         size = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
         np.testing.assert_allclose(np.array(getattr(other, name)) / size, expected / size, atol=1e-9)
-    thin = fa.laminate(1.0, [fa.Ply(1e-4, STEEL)])
+    thin = fa.sections.laminate(1.0, [fa.sections.Ply(1e-4, STEEL)])
     G = 209e9 / 2.6
     assert thin.stiffness[3][3] == pytest.approx(G * 1e-12 / 3, rel=1e-4)  # 4 b D66
 
@@ -44,7 +47,7 @@ def test_a_ply_off_its_axis(angle: float) -> None:
     S11 = c**4 / m.E1 + mixed * c**2 * s**2 + s**4 / m.E2
     S66 = 2 * (2 / m.E1 + 2 / m.E2 + 4 * m.nu12 / m.E1 - 1 / m.G12) * c**2 * s**2 + (c**4 + s**4) / m.G12
     S16 = (2 / m.E1 + 2 * m.nu12 / m.E1 - 1 / m.G12) * s * c**3 - (2 / m.E2 + 2 * m.nu12 / m.E1 - 1 / m.G12) * s**3 * c
-    F = compliance(fa.laminate(B, [fa.Ply(T, m, angle)]))
+    F = compliance(fa.sections.laminate(B, [fa.sections.Ply(T, m, angle)]))
     area, thick, wide = B * T, B * T**3 / 12, T * B**3 / 12
     small = 1e-9 * S11
     assert F[0, 0] * area == pytest.approx(S11, rel=1e-9)  # stretch by a pull
@@ -56,7 +59,7 @@ def test_a_ply_off_its_axis(angle: float) -> None:
     assert F[0, 3] == pytest.approx(0.0, abs=1e-9 * np.sqrt(F[0, 0] * F[3, 3]))  # a single ply does not twist by a pull
 
 
-def moduli(ply: fa.Ply, normal: str) -> np.ndarray:
+def moduli(ply: fa.sections.Ply, normal: str) -> np.ndarray:
     """Of a transversely isotropic ply in the section's axes, (6, 6), xx yy zz yz xz xy."""
     m = ply.material
     nu23 = m.E2 / (2 * m.G23) - 1
@@ -87,7 +90,7 @@ def errors(layup: tuple[float, ...], b: float, normal: str = "y") -> np.ndarray:
     each = np.array([moduli(p, normal) for p in stack])
     expected = np.linalg.inv(classical_stiffness(m, each[which]))
     some = [0, 3, 4, 5]
-    got = compliance(fa.laminate(b, stack, normal))[np.ix_(some, some)]
+    got = compliance(fa.sections.laminate(b, stack, normal))[np.ix_(some, some)]
     return (got - expected) / np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
 
 
@@ -112,8 +115,8 @@ def test_fibres_along_and_across_in_strips_that_are_not_thin(layup: tuple[float,
 
 def test_a_sandwichs_core_bears_its_shear() -> None:
     """Allen, Analysis and Design of Structural Sandwich Panels: b d^2 / c G of the core, d between the faces."""
-    face, core = fa.Ply(1e-4, STEEL), fa.Ply(3e-3, fa.Material(60.0, 7e7, shear_modulus=2.5e7))
-    K = fa.laminate(0.04, [face, core, face]).stiffness
+    face, core = fa.sections.Ply(1e-4, STEEL), fa.sections.Ply(3e-3, fa.Material(60.0, 7e7, shear_modulus=2.5e7))
+    K = fa.sections.laminate(0.04, [face, core, face]).stiffness
     assert K[1][1] == pytest.approx(0.04 * (3.1e-3) ** 2 / 3e-3 * 2.5e7, rel=2e-3)
     assert K[5][5] == pytest.approx(209e9 * 0.04 * 2e-4 * (3.1e-3) ** 2 / 4, rel=2e-3)
 
@@ -121,7 +124,7 @@ def test_a_sandwichs_core_bears_its_shear() -> None:
 def test_the_mass_is_where_the_plies_are() -> None:
     light, heavy = replace(CARBON, density=1000.0), replace(CARBON, density=3000.0)
     for normal in "yz":
-        section = fa.laminate(B, [fa.Ply(T / 2, light), fa.Ply(T / 2, heavy)], normal)
+        section = fa.sections.laminate(B, [fa.sections.Ply(T / 2, light), fa.sections.Ply(T / 2, heavy)], normal)
         assert section.mass == pytest.approx(2000.0 * B * T)
         assert section.com == pytest.approx((T / 8, 0.0) if normal == "y" else (0.0, T / 8))
         assert section.inertia[3][3] == pytest.approx(2000.0 * (B * T**3 + T * B**3) / 12)
@@ -129,12 +132,16 @@ def test_the_mass_is_where_the_plies_are() -> None:
 
 def test_a_strip_under_a_load_bends_and_twists() -> None:
     """The same strip about y and about z: a weight along its normal turns its end by the coupling's share."""
-    F = compliance(fa.laminate(B, plies(30)))
+    F = compliance(fa.sections.laminate(B, plies(30)))
     ends = []
     for normal, force in (("y", [0.0, 0.01, 0.0]), ("z", [0.0, 0.0, 0.01])):
         strains = ("bending_y", "bending_z", "torsion", "extension", "shear_y", "shear_z")
         beam = fa.Beam(
-            0.4, fa.laminate(B, plies(30), normal), modes=dict.fromkeys(strains, 4), basis="legendre", order="exact"
+            0.4,
+            fa.sections.laminate(B, plies(30), normal),
+            modes=dict.fromkeys(strains, 4),
+            basis="legendre",
+            order="exact",
         )
         arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)], gravity=(0.0, 0.0, 0.0))
         q = arm.equilibrium(loads=[fa.Load(0, 0.4, force=force)])
@@ -148,15 +155,18 @@ def test_a_strip_under_a_load_bends_and_twists() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.Orthotropic(1600, 1e9, 1e9, -1e9, 0.3), r"G12 = -1e\+09|G12 = -1000000000.0: must be positive"),
-        (lambda: fa.Orthotropic(1600, 1e10, 4e10, 1e9, 0.6), r"nu12 = 0.6: must lie between .* 0.5"),
-        (lambda: fa.Ply(0.0, CARBON), r"thickness = 0.0: must be positive"),
-        (lambda: fa.Ply(T, CARBON, np.nan), r"angle = nan: must be finite"),
-        (lambda: fa.Ply(T, fa.Material(1.0, 1e9)), r"material = .*: must have a poisson_ratio"),
-        (lambda: fa.Ply(T, 7.0), r"material = 7.0: must be an Orthotropic or a Material"),
-        (lambda: fa.laminate(-1.0, plies(0)), r"width = -1.0: must be positive"),
-        (lambda: fa.laminate(B, []), r"plies = \[\]: must be a list of Ply"),
-        (lambda: fa.laminate(B, plies(0), "x"), r"normal = 'x': must be one of"),
+        (
+            lambda: fa.sections.Orthotropic(1600, 1e9, 1e9, -1e9, 0.3),
+            r"G12 = -1e\+09|G12 = -1000000000.0: must be positive",
+        ),
+        (lambda: fa.sections.Orthotropic(1600, 1e10, 4e10, 1e9, 0.6), r"nu12 = 0.6: must lie between .* 0.5"),
+        (lambda: fa.sections.Ply(0.0, CARBON), r"thickness = 0.0: must be positive"),
+        (lambda: fa.sections.Ply(T, CARBON, np.nan), r"angle = nan: must be finite"),
+        (lambda: fa.sections.Ply(T, fa.Material(1.0, 1e9)), r"material = .*: must have a poisson_ratio"),
+        (lambda: fa.sections.Ply(T, 7.0), r"material = 7.0: must be an Orthotropic or a Material"),
+        (lambda: fa.sections.laminate(-1.0, plies(0)), r"width = -1.0: must be positive"),
+        (lambda: fa.sections.laminate(B, []), r"plies = \[\]: must be a list of Ply"),
+        (lambda: fa.sections.laminate(B, plies(0), "x"), r"normal = 'x': must be one of"),
     ],
 )
 def test_bad_laminates(make: Any, message: str) -> None:
@@ -165,7 +175,7 @@ def test_bad_laminates(make: Any, message: str) -> None:
 
 
 def test_what_is_no_plate_and_degrees_are_told() -> None:
-    with pytest.warns(fa.ModelWarning, match=r"is 0.02 m thick and 0.02 m wide"):
-        fa.laminate(B, [fa.Ply(B, STEEL)])
-    with pytest.warns(fa.ModelWarning, match=r"angle = 45 rad of a ply: is it in degrees\?"):
-        fa.Ply(T, CARBON, 45.0)
+    with pytest.warns(fa.errors.ModelWarning, match=r"is 0.02 m thick and 0.02 m wide"):
+        fa.sections.laminate(B, [fa.sections.Ply(B, STEEL)])
+    with pytest.warns(fa.errors.ModelWarning, match=r"angle = 45 rad of a ply: is it in degrees\?"):
+        fa.sections.Ply(T, CARBON, 45.0)

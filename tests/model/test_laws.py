@@ -500,7 +500,7 @@ def test_laws_show_their_gains_in_one_line() -> None:
     pid = fa.LinearController.pid(20, 0, 1, "elbow", rate=500, delay=0.001)
     assert str(pid) == repr(pid) == "PID(kp=20, ki=0, kd=1, link='elbow', rate=500, delay=0.001)"
     assert str(fa.PD(20, 2.5, reference=0.5, limit=3)) == "PD(kp=20, kv=2.5, link=-1, reference=0.5, limit=3)"
-    sampled = str(fa.Sampled(law, 100, [("joint", 0), fa.Encoder(0)]))
+    sampled = str(fa.Sampled(law, 100, [("joint", 0), fa.sensors.Encoder(0)]))
     assert sampled == "Sampled(law=law, rate=100, measure=[('joint', 0), Encoder], actuate=[-1])"
     assert str(fa.StateFeedback([[3, 4]], [0])) == "StateFeedback(K=[3, 4], actuate=[0])"
     assert str(fa.StateFeedback(np.ones((2, 8)), [0, 1])) == "StateFeedback(K=2 x 8 numbers, actuate=[0, 1])"

@@ -131,7 +131,7 @@ def test_loads_in_scene_files_and_results(tmp_path) -> None:
 
 def test_equilibrium_under_a_tip_force_is_the_elastica() -> None:
     """P L^2/EI = 1: w/L 0.30172077, u/L 0.05643324, slope 0.46135195 [elastica]."""
-    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    section = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0)
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0), {"bending_y": 6}, "legendre", "exact", rotary_inertia=False)
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
     q = arm.equilibrium(loads=[fa.Load(force=(0, 1.0, 0))])

@@ -182,7 +182,7 @@ def test_a_state_that_is_not_a_number_goes_on_along_the_plan() -> None:
     q = np.zeros(arm.nv)
     before = mpc.step(0.0, q, q)
     planned = mpc.plan[1]
-    with pytest.warns(fa.MPCWarning, match=r"t = 0.001 s .* not finite"):
+    with pytest.warns(fa.errors.MPCWarning, match=r"t = 0.001 s .* not finite"):
         after = mpc.step(1e-3, np.full(arm.nv, np.nan), q)
     assert mpc.failures == 1 and np.isfinite(after).all()
     again = pickle.loads(pickle.dumps(mpc))  # as workers of a batch have it: without the plan

@@ -54,8 +54,8 @@ def test_joints_keep_their_names(tmp_path: Path) -> None:
     run = fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1)}, control=fa.PD(1.0, 0.1, "torsion_bar"))
     assert {"q shoulder", "v shoulder", "tau shoulder", "q upper arm bending_y 1"} <= set(run.to_data())
     assert any("shoulder" in text.get_text() for ax in run.plot().axes for text in ax.get_legend().get_texts())
-    assert fa.Encoder("upper arm").title(NAMED) == "encoder, shoulder"
-    assert fa.ForceTorque("upper arm").title(NAMED).endswith("joint shoulder")
+    assert fa.sensors.Encoder("upper arm").title(NAMED) == "encoder, shoulder"
+    assert fa.sensors.ForceTorque("upper arm").title(NAMED).endswith("joint shoulder")
     assert "shoulder: revolute z" in str(NAMED)
     at = {text.get_text() for text in NAMED.modes(lock=[0, 1]).plot().axes[0].texts}
     assert at == {"shoulder", "torsion_bar"}
@@ -124,10 +124,10 @@ def test_runs_and_sensors() -> None:
     named, plain = run(NAMED, "shoulder", "torsion_bar"), run(PLAIN, 0, 1)
     np.testing.assert_array_equal(named.q, plain.q)
     np.testing.assert_array_equal(named.tip_deflection("torsion_bar"), plain.tip_deflection(1))
-    for sensor in (fa.Encoder, fa.StrainGauge, fa.Accelerometer, fa.ForceTorque):
+    for sensor in (fa.sensors.Encoder, fa.sensors.StrainGauge, fa.sensors.Accelerometer, fa.sensors.ForceTorque):
         ours, theirs = sensor(link="upper arm", noise=0.1).read(named), sensor(link=0, noise=0.1).read(plain)
         np.testing.assert_array_equal(ours.y, theirs.y)
-        of_joint = sensor in (fa.Encoder, fa.ForceTorque)
+        of_joint = sensor in (fa.sensors.Encoder, fa.sensors.ForceTorque)
         assert ("shoulder" if of_joint else "upper arm") in sensor(link="upper arm").title(NAMED)
     with pytest.raises(ValueError, match="named twice"):
         fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1), 0: fa.Torque(0.1)})
@@ -150,7 +150,7 @@ def test_paths() -> None:
 def test_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = fa.Scene(
         NAMED, drive={"shoulder": fa.Torque(0.1)}, loads=(fa.Load("torsion_bar", force=(0, 1, 0)),), t=T,
-        control=(fa.PD(5.0, 0.5, "torsion_bar"),), sensors=(fa.Encoder("upper arm"),),
+        control=(fa.PD(5.0, 0.5, "torsion_bar"),), sensors=(fa.sensors.Encoder("upper arm"),),
     )  # fmt: skip
     scene.save(tmp_path / "scene.toml")
     text = (tmp_path / "scene.toml").read_text()

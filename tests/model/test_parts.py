@@ -33,10 +33,13 @@ KINDS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (fa.Material, STEEL),
     (fa.Rectangle, {"y": 0.5, "z": 0.25, "shear_correction": 0.75}),
     (fa.Circle, {"radius": 0.5, "inner_radius": 0.25}),
-    (fa.Box, {"y": 0.5, "z": 0.25, "thickness": [0.0625, 0.03125], "shear_correction": [0.5, 0.25]}),
-    (fa.IBeam, {"y": 0.5, "z": 0.25, "flange": 0.0625, "web": 0.03125}),
-    (fa.GeneralSection, {"area": 0.5, "second_moment_y": 1.0, "second_moment_z": 2.0, "torsion_constant": 0.5}),
-    (fa.Taper, {"x": [0.0, 0.5], "sections": [fa.Circle(0.5), fa.Circle(0.25)]}),
+    (fa.sections.Box, {"y": 0.5, "z": 0.25, "thickness": [0.0625, 0.03125], "shear_correction": [0.5, 0.25]}),
+    (fa.sections.IBeam, {"y": 0.5, "z": 0.25, "flange": 0.0625, "web": 0.03125}),
+    (
+        fa.sections.GeneralSection,
+        {"area": 0.5, "second_moment_y": 1.0, "second_moment_z": 2.0, "torsion_constant": 0.5},
+    ),
+    (fa.sections.Taper, {"x": [0.0, 0.5], "sections": [fa.Circle(0.5), fa.Circle(0.25)]}),
     (fa.RigidBody, {"mass": 2, "com": [0.5, 0.0, 1.0], "inertia": [1.0, 1.0, 1.5], "end": [1.0, 0.0, 0.0]}),
     (fa.RigidBody, {"inertia": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}),
     (fa.Placement, {"position": [0.5, 0.0, 0.0], "rotation": [0.0, 0.5, 0.0]}),
@@ -53,13 +56,13 @@ KINDS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (fa.Free, {"damping": 0.5}),
     (fa.Axes, {"axes": ["tx", "rz"], "damping": [0.5, 0.25]}),
     (fa.Fixed, {}),
-    (fa.Encoder, NOISY | {"link": 0, "freedom": 0, "pulses": 500, "quadrature": True, "gear": 2.0}),
-    (fa.Tachometer, NOISY | {"link": 0, "resolution": 0.5}),
-    (fa.ForceTorque, NOISY | {"link": 0, "side": "inboard", "noise": [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]}),
-    (fa.StrainGauge, NOISY | {"link": 0, "x": 0.25, "face": "-y", "gauge_factor": 2.0, "distance": 0.5}),
-    (fa.Accelerometer, NOISY | {"link": -1, "x": 0.25, "axis": "xyz", "gravity": False}),
-    (fa.Accelerometer, {"axis": [0.0, 1.0, 0.0]}),
-    (fa.Camera, NOISY | {"link": -1, "x": 0.5, "axes": "link"}),
+    (fa.sensors.Encoder, NOISY | {"link": 0, "freedom": 0, "pulses": 500, "quadrature": True, "gear_ratio": 2.0}),
+    (fa.sensors.Tachometer, NOISY | {"link": 0, "resolution": 0.5}),
+    (fa.sensors.ForceTorque, NOISY | {"link": 0, "side": "inboard", "noise": [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]}),
+    (fa.sensors.StrainGauge, NOISY | {"link": 0, "x": 0.25, "face": "-y", "gauge_factor": 2.0, "distance": 0.5}),
+    (fa.sensors.Accelerometer, NOISY | {"link": -1, "x": 0.25, "axis": "xyz", "gravity": False}),
+    (fa.sensors.Accelerometer, {"axis": [0.0, 1.0, 0.0]}),
+    (fa.sensors.Camera, NOISY | {"link": -1, "x": 0.5, "axes": "link"}),
 ]
 
 
@@ -97,7 +100,7 @@ def test_a_spring_given_by_numpy_is_in_the_saved_scene(tmp_path) -> None:
     body = fa.RigidBody(np.float32(2), inertia=np.ones(3))
     arm = fa.Arm([fa.Link(hinge, body)], np.array([0, -10, 0]))
     scene = fa.Scene(arm, {np.int64(0): fa.Torque(np.float64(1))}, options={"rtol": np.float64(1e-7)})
-    scene.sensors = (fa.Encoder(link=np.int64(0), pulses=np.int32(100)),)
+    scene.sensors = (fa.sensors.Encoder(link=np.int64(0), pulses=np.int32(100)),)
     scene.control = (fa.PD(np.float32(1), np.int64(2), np.int64(0), limit=np.float64(3)),)
     scene.loads = (fa.Load(np.int64(0), force=np.ones(3)),)
     scene.save(tmp_path / "scene.toml")
@@ -112,5 +115,5 @@ def test_a_spring_given_by_numpy_is_in_the_saved_scene(tmp_path) -> None:
 def test_noise_does_not_depend_on_the_type_of_a_number() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
     run = fa.simulate(arm, np.linspace(0, 1, 11), v0=[1])
-    noisy = [fa.Tachometer(link=link, noise=0.1).read(run).y for link in (0, np.int64(0))]
+    noisy = [fa.sensors.Tachometer(link=link, noise=0.1).read(run).y for link in (0, np.int64(0))]
     np.testing.assert_array_equal(*noisy)

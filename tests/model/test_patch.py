@@ -203,7 +203,9 @@ def test_a_profile_shaped_like_a_mode_excites_and_senses_that_mode_alone(mode: i
 
 def test_linear_profile_and_taper_by_quadrature() -> None:
     x, share = [0.02, 0.03, 0.07], [1.0, -0.5, 0.25]
-    taper = fa.Taper([0, 0.05, L], [fa.Rectangle(2e-3, 0.03), fa.Rectangle(1.5e-3, 0.025), fa.Rectangle(1e-3, 0.02)])
+    taper = fa.sections.Taper(
+        [0, 0.05, L], [fa.Rectangle(2e-3, 0.03), fa.Rectangle(1.5e-3, 0.025), fa.Rectangle(1e-3, 0.02)]
+    )
     arm = strip(replace(GHOST, profile={"x": x, "share": share}), section=taper, modes={"bending_y": 4})
     expected = np.zeros(4)
     for a, b in ((0.02, 0.03), (0.03, 0.05), (0.05, 0.07)):
@@ -291,7 +293,9 @@ def test_energy_is_the_voltage_s_work(order) -> None:
 
 def test_split_is_the_same_link() -> None:
     """Rigidly the same mass, place and force; elastically the limit of more and more shape functions."""
-    taper = fa.Taper([0, 0.05, L], [fa.Rectangle(2e-3, 0.03), fa.Rectangle(1.5e-3, 0.025), fa.Rectangle(1e-3, 0.02)])
+    taper = fa.sections.Taper(
+        [0, 0.05, L], [fa.Rectangle(2e-3, 0.03), fa.Rectangle(1.5e-3, 0.025), fa.Rectangle(1e-3, 0.02)]
+    )
     ghosts = [replace(GHOST, profile=[1, 0.2, 0.8]), replace(GHOST, start=0.2, end=0.4, profile=np.cos)]
     link = strip(*ghosts, section=taper, modes={"bending_y": 16}, rotary_inertia=False).links[0]
     link = replace(link, joint=fa.Revolute("z"), hub=fa.RigidBody(0.1, end=(0.1, 0, 0)), tip=fa.RigidBody(0.02))

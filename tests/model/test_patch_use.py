@@ -83,7 +83,7 @@ def test_linear_model_between_voltage_and_sensors() -> None:
 
 def test_placement_tells_how_far_it_is() -> None:
     told: list[int] = []
-    fa.placement(paper_link(), patch=GHOST, points=7, progress=told.append)
+    fa.place_patch(paper_link(), patch=GHOST, points=7, progress=told.append)
     assert told == [1, 2, 3, 4, 5, 6, 7]
 
 
@@ -91,25 +91,25 @@ def test_placement_tells_how_far_it_is() -> None:
 def test_placement_against_slopes_of_the_modes(length: float) -> None:
     """Authority = moment times the change of slope over omega^2 times the modal mass, and so its best place."""
     arm = paper_link(rotary_inertia=False)
-    found = fa.placement(arm, patch=GHOST, length=length)
+    found = fa.place_patch(arm, patch=GHOST, length=length)
     mass = 7850 * H * B * L / 4
     starts = found.x - length / 2
     for k in range(3):
         slope = clamped_free(k, starts + length, 1) - clamped_free(k, starts, 1)
         expected = MOMENT * slope / (mass * found.frequencies[k] ** 2)
         close(found.authority[:, k] / np.abs(expected).max(), expected / np.abs(expected).max(), 1e-8)
-        best = fa.placement(arm, patch=GHOST, length=length, weights=np.eye(3)[k]).best
+        best = fa.place_patch(arm, patch=GHOST, length=length, weights=np.eye(3)[k]).best
         fine = np.linspace(0, L - length, 20001)
         change = np.abs(clamped_free(k, fine + length, 1) - clamped_free(k, fine, 1))
         assert best == pytest.approx(fine[change.argmax()], abs=3e-5)
-    assert fa.placement(arm, patch=GHOST, length=length, weights=[1, 0, 0]).best == 0  # the root
-    assert fa.placement(arm, patch=GHOST, length=0.15, weights=[0, 1, 0]).best == pytest.approx(0.19, abs=0.02)
+    assert fa.place_patch(arm, patch=GHOST, length=length, weights=[1, 0, 0]).best == 0  # the root
+    assert fa.place_patch(arm, patch=GHOST, length=0.15, weights=[0, 1, 0]).best == pytest.approx(0.19, abs=0.02)
 
 
 def test_placement_is_the_static_deflection() -> None:
     """Bonding the patch there and a volt across it: the modes' deflections add up to the beam's."""
     arm = paper_link(n=3)
-    found = fa.placement(arm, patch=GHOST, weights=[1, 0, 0])
+    found = fa.place_patch(arm, patch=GHOST, weights=[1, 0, 0])
     bonded = paper_link(n=3, patches=[found.patch])
     tip = bonded.deflection(bonded.equilibrium(lock=[0], voltages=[1.0]))[1]
     assert found.best_authority.sum() == pytest.approx(tip, rel=1e-6)  # each mode is 1 at the tip
@@ -126,10 +126,10 @@ def test_placement_is_the_static_deflection() -> None:
 
 def test_placement_of_a_free_arm_and_of_a_profile() -> None:
     arm = paper_link(n=4)
-    free = fa.placement(arm, patch=GHOST, lock=[], weights=[1, 0, 0])
+    free = fa.place_patch(arm, patch=GHOST, lock=[], weights=[1, 0, 0])
     np.testing.assert_allclose(free.frequencies, arm.modes().frequencies[1:4], rtol=1e-6)
     assert free.best > 0.1  # a pinned root has little curvature
-    shaped = fa.placement(arm, patch=replace(GHOST, profile=[0, 1, 0]), modes=2)
+    shaped = fa.place_patch(arm, patch=replace(GHOST, profile=[0, 1, 0]), modes=2)
     assert (shaped.patch.profile["x"][0], shaped.patch.profile["x"][-1]) == pytest.approx(
         (shaped.patch.start, shaped.patch.end)
     )
@@ -210,7 +210,7 @@ def test_place_on_the_command_line(tmp_path, capsys) -> None:
     found = json.loads(capsys.readouterr().out)
     bare = strip(modes={"bending_y": 2}, basis="clamped-free", joint=fa.Revolute("z"))
     patch = fa.load(path).arm.links[0].beam.patches[0]
-    assert found["best"] == pytest.approx(fa.placement(bare, patch=patch, modes=2, weights=[0, 1]).best, abs=1e-8)
+    assert found["best"] == pytest.approx(fa.place_patch(bare, patch=patch, modes=2, weights=[0, 1]).best, abs=1e-8)
     assert main(["place", "ist"]) == 2
     assert "link = -1: has no patches" in capsys.readouterr().err
 
@@ -244,7 +244,10 @@ BAD = [
     (lambda: bad(profile={"x": [0, 1], "shar": [1, 1]}), r"profile: unknown key 'shar'; did you mean 'share'"),
     (lambda: bad(profile=lambda x: abs(x - 0.04)), r"profile: a callable must be smooth .* samples"),
     (lambda: bad(profile=0.5), r"profile has shape \(\): must be a callable, or two samples"),
-    (lambda: bonded(section=fa.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)), r"patches\[0\].offset = None: a section"),
+    (
+        lambda: bonded(section=fa.sections.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)),
+        r"patches\[0\].offset = None: a section",
+    ),
     (lambda: strip(7), r"patches = \[7\]: must be a list of Patch"),
     (lambda: fa.Piezo(-1, 0.3, 7500, 0), r"youngs_modulus = -1: must be positive"),
     (lambda: fa.Piezo(6e10, 0.7, 7500, 0), r"poisson_ratio = 0.7"),
@@ -264,14 +267,14 @@ BAD = [
     (lambda: fa.Voltage([0, 1], [0, np.nan]), r"V = .*must be finite"),
     (lambda: bonded().linearize([0, 0, 0], inputs=[("patch", 0)]), r"inputs\[0\] = .*must be \(.patch., link, patch"),
     (lambda: bonded().linearize([0, 0, 0], inputs=[], outputs=[("charge", 0, 2)]), r"outputs\[0\]: patch = 2"),
-    (lambda: fa.placement(paper_link(), patch=PAIR, length=0.6), r"length = 0.6: must be positive and below"),
-    (lambda: fa.placement(paper_link(), patch=PAIR, weights=[1, 1]), r"weights has shape \(2,\): must be 3 numbers"),
-    (lambda: fa.placement(paper_link(), patch=PAIR, modes=4), r"modes = 4: the arm has 3 that bend this beam"),
-    (lambda: fa.placement(paper_link(), patch=replace(PAIR, face="z", width=1e-3)), r"face 'z' .* moves none"),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, length=0.6), r"length = 0.6: must be positive and below"),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, weights=[1, 1]), r"weights has shape \(2,\): must be 3 numbers"),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, modes=4), r"modes = 4: the arm has 3 that bend this beam"),
+    (lambda: fa.place_patch(paper_link(), patch=replace(PAIR, face="z", width=1e-3)), r"face 'z' .* moves none"),
     (lambda: fa.split(strip(PAIR, damping_ratio=0.1).links[0]), r"damping_ratio = 0.1: is of the whole beam's modes"),
     (lambda: fa.split(strip(PAIR).links[0], places=[0.7]), r"places = \[0.7\]: must be a list of places from 0 to"),
     (lambda: fa.split(fa.Link(fa.Fixed())), r"link = .*must be a Link with a beam"),
-    (lambda: fa.placement(paper_link(), patch="pzt"), r"patch = 'pzt': must be a Patch"),
+    (lambda: fa.place_patch(paper_link(), patch="pzt"), r"patch = 'pzt': must be a Patch"),
 ]  # fmt: skip
 
 

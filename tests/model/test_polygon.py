@@ -26,31 +26,31 @@ def close(one: fa.SectionMatrix, other: fa.SectionMatrix, rel: float) -> None:
 
 def test_a_rectangle_wherever_it_lies() -> None:
     corners = rectangle(0.01, 0.02)
-    close(fa.polygon(corners, STEEL), fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), STEEL), 1e-3)
+    close(fa.sections.polygon(corners, STEEL), fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), STEEL), 1e-3)
     c, s = np.cos(0.4), np.sin(0.4)
     moved = corners @ np.array([[c, s], [-s, c]]) + (0.003, -0.008)
     expected = fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), STEEL, y=0.003, z=-0.008, angle=0.4)
-    close(fa.polygon(moved, STEEL), expected, 1e-3)
+    close(fa.sections.polygon(moved, STEEL), expected, 1e-3)
 
 
 def test_a_symmetric_one_is_on_its_axis() -> None:
     """To the last bit, so that beams of it need no higher order."""
-    section = fa.polygon(rectangle(0.01, 0.02), STEEL)
+    section = fa.sections.polygon(rectangle(0.01, 0.02), STEEL)
     assert section.com == (0.0, 0.0) and not section.off_axis
     fa.Beam(0.5, section, modes={"bending_y": 2}, order=2)
 
 
 def test_corners_that_repeat() -> None:
     once = rectangle(0.01, 0.02)
-    again = fa.polygon(np.vstack([once[:1], once, once[:1]]), STEEL)
-    close(again, fa.polygon(once, STEEL), 1e-6)
+    again = fa.sections.polygon(np.vstack([once[:1], once, once[:1]]), STEEL)
+    close(again, fa.sections.polygon(once, STEEL), 1e-6)
 
 
 @pytest.mark.parametrize("thickness", [0.002, 0.005])
 def test_a_hollow_one_is_the_box(thickness: float) -> None:
     inner = rectangle(0.04 - 2 * thickness, 0.06 - 2 * thickness)
-    got = fa.polygon(rectangle(0.04, 0.06), STEEL, holes=[inner])
-    expected = fa.SectionMatrix.of(fa.Box(0.04, 0.06, thickness), STEEL)
+    got = fa.sections.polygon(rectangle(0.04, 0.06), STEEL, holes=[inner])
+    expected = fa.SectionMatrix.of(fa.sections.Box(0.04, 0.06, thickness), STEEL)
     close(got, expected, 0.03)  # so good is the box's shear; of the others:
     for k in (0, 3, 4, 5):
         assert got.stiffness[k][k] == pytest.approx(expected.stiffness[k][k], rel=1e-3)
@@ -62,8 +62,8 @@ def test_a_hollow_one_is_the_box(thickness: float) -> None:
 def test_an_i_beams_outline_is_the_i_beam() -> None:
     y, z, f, w = 0.05, 0.03, 0.005, 0.002  # halves, and the flange
     right = [(-y, -z), (f - y, -z), (f - y, -w), (y - f, -w), (y - f, -z), (y, -z)]
-    got = fa.polygon([*right, *((a, -b) for a, b in reversed(right))], STEEL)
-    expected = fa.SectionMatrix.of(fa.IBeam(2 * y, 2 * z, f, 2 * w), STEEL)
+    got = fa.sections.polygon([*right, *((a, -b) for a, b in reversed(right))], STEEL)
+    expected = fa.SectionMatrix.of(fa.sections.IBeam(2 * y, 2 * z, f, 2 * w), STEEL)
     close(got, expected, 0.03)  # so good is its shear; of the others:
     for k in (0, 3, 4, 5):
         assert got.stiffness[k][k] == pytest.approx(expected.stiffness[k][k], rel=2e-3)
@@ -74,7 +74,7 @@ def test_a_channels_shear_centre() -> None:
     h, b, t = 0.1, 0.05, 0.002
     y, z, w = b, h / 2 + t / 2, t / 2
     outline = [(-w, -z), (y, -z), (y, t - z), (w, t - z), (w, z - t), (y, z - t), (y, z), (-w, z)]
-    section = fa.polygon(outline, STEEL)
+    section = fa.sections.polygon(outline, STEEL)
     F = np.linalg.inv(np.array(section.stiffness))
     assert -F[3, 2] / F[3, 3] == pytest.approx(-3 * b**2 / (h + 6 * b), rel=0.02)  # y of a force along z without twist
     assert F[3, 1] / F[3, 3] == pytest.approx(0.0, abs=1e-5)
@@ -99,7 +99,7 @@ def test_a_channels_shear_centre() -> None:
 )
 def test_bad_polygons(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        fa.polygon(**{"points": rectangle(0.01, 0.02), "material": STEEL} | change)
+        fa.sections.polygon(**{"points": rectangle(0.01, 0.02), "material": STEEL} | change)
 
 
 @pytest.mark.parametrize(
@@ -113,6 +113,6 @@ def test_bad_polygons(change: dict[str, Any], message: str) -> None:
 )  # fmt: skip
 def test_slivers_are_refused_before_they_are_divided_into_millions(points: Any, holes: Any) -> None:
     with pytest.raises(ValueError, match=r"parts are as thin as \d.*e-\d+ m, and take about .* no more than 100000"):
-        fa.polygon(points, STEEL, holes)
+        fa.sections.polygon(points, STEEL, holes)
     with pytest.raises(ValueError, match=r"thin as 9.2e-07 m, .* give elements=\d{5} if they are meant"):
-        fa.polygon([(0, 0), (1e-2, 0), (1e-2, 1e-6), (0, 1e-6)], STEEL)
+        fa.sections.polygon([(0, 0), (1e-2, 0), (1e-2, 1e-6), (0, 1e-6)], STEEL)

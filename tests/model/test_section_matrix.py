@@ -16,7 +16,7 @@ M = np.array(fa.SectionMatrix.of(STRIP, STEEL).inertia)
 
 
 def arm(section: object, modes: dict = ALL, order: object = "exact", **more: object) -> fa.Arm:
-    material = None if isinstance(section, fa.SectionMatrix | fa.Taper) else STEEL
+    material = None if isinstance(section, fa.SectionMatrix | fa.sections.Taper) else STEEL
     beam = fa.Beam(0.5, section, material, modes, "legendre", order, **more)
     hub = fa.RigidBody(0.5, (0.01, 0.02, 0.0), (1e-3, 2e-3, 1.5e-3))
     return fa.Arm([fa.Link(fa.Revolute((0, 0.6, 0.8)), hub, beam)], gravity=(1, 2, -9.81))
@@ -127,7 +127,7 @@ def test_energy_and_momentum_of_a_free_rod() -> None:
 
 def test_tapers_are_linear_in_the_matrices() -> None:
     first, last = fa.SectionMatrix(K, M), fa.SectionMatrix(0.4 * K, 0.5 * M)
-    taper = fa.Taper((0.0, 0.2, 0.5), (first, last, first))
+    taper = fa.sections.Taper((0.0, 0.2, 0.5), (first, last, first))
     np.testing.assert_allclose(taper.at(0.1).stiffness, 0.7 * K)
     a = arm(taper)
     assert a.links[0].beam.mass == pytest.approx(0.5 * 0.75 * M[0, 0])
@@ -160,7 +160,7 @@ def test_kinks_of_a_taper_are_integrated(kind: str) -> None:
         sections = [fa.SectionMatrix.of(s, STEEL, y=y) for s, y in zip(sections, (0.0, 0.02, 0.0), strict=True)]
     beam = fa.Beam(
         0.5,
-        fa.Taper((0.0, 0.2, 0.5), sections),
+        fa.sections.Taper((0.0, 0.2, 0.5), sections),
         STEEL if kind == "shapes" else None,
         {"bending_y": 2, "torsion": 3},
         "legendre",
@@ -228,13 +228,13 @@ def test_economize_knows_them() -> None:
     )
     one = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam)])
     scene = fa.Scene(one, {0: fa.Motion.spin_up(3.0, 0.15)}, t=np.linspace(0.0, 0.2, 21))
-    plan = fa.economize(scene, tol=1e-2)
+    plan = fa.economize(scene, tolerance=1e-2)
     found = plan.scene.arm.links[0].beam
     assert found.order in (3, "exact") and found.ne < beam.ne
 
 
 def test_an_angle_in_degrees_is_doubted() -> None:
-    with pytest.warns(fa.ModelWarning, match="angle = 45 rad of a section: is it in degrees"):
+    with pytest.warns(fa.errors.ModelWarning, match="angle = 45 rad of a section: is it in degrees"):
         fa.SectionMatrix.of(STRIP, STEEL, angle=45)
 
 
@@ -259,7 +259,7 @@ def test_an_angle_in_degrees_is_doubted() -> None:
             "section: stiffness = 0.*torsion.*must be positive",
         ),
         (lambda: arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.01), order=2), 'order = 2: must be 3 or "exact"'),
-        (lambda: fa.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "must all be a SectionMatrix"),
+        (lambda: fa.sections.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "must all be a SectionMatrix"),
     ],
 )
 def test_bad_input(make: object, says: str) -> None:

@@ -17,14 +17,14 @@ def mesh(section: Any) -> Mesh:
         radii = np.linspace(section.radius - section.thickness, section.radius, 9)
         return grid(radii, np.linspace(0, 2 * np.pi, 97), lambda r, a: (r * np.cos(a), r * np.sin(a)), ring=True)
     y, z = section.y / 2, section.z / 2
-    if isinstance(section, fa.Ellipse):
+    if isinstance(section, fa.sections.Ellipse):
         side = np.linspace(-1, 1, 33)
         return grid(side, side, lambda u, v: (y * u * np.sqrt(1 - v * v / 2), z * v * np.sqrt(1 - u * u / 2)))
-    if isinstance(section, fa.Box):
+    if isinstance(section, fa.sections.Box):
         t, s = np.broadcast_to(section.thickness, 2)
         wall = lambda u, v: (np.abs(u) > y - t) | (np.abs(v) > z - s)  # noqa: E731
         return grid(lines(-y, t - y, y - t, y), lines(-z, s - z, z - s, z), keep=wall)
-    if isinstance(section, fa.IBeam):
+    if isinstance(section, fa.sections.IBeam):
         f, w = section.flange, section.web / 2
         both = lambda u, v: (np.abs(u) > y - f) | (np.abs(v) < w)  # noqa: E731
         return grid(lines(-y, f - y, y - f, y), lines(-z, -w, w, z), keep=both)
@@ -35,20 +35,20 @@ SHAPES = [  # with how far off the torsion constant and the two shear correction
     (fa.Rectangle(0.5, 0.3), 2e-5, 1e-4, 1e-4),  # 5/6 is that of a rectangle without Poisson's ratio
     (fa.Tube(1.0, 0.3), 3e-5, 1e-5, 1e-5),
     (fa.Tube(1.0, 0.02), 3e-5, 1e-5, 1e-5),
-    (fa.Ellipse(2.0, 0.8), 1e-5, 1e-5, 1e-5),
-    (fa.Ellipse(1.0, 1.0), 1e-5, 1e-5, 1e-5),
-    (fa.Box(1.0, 1.0, 0.02), 5e-4, 0.01, 0.01),
-    (fa.Box(1.0, 1.0, 0.1), 5e-4, 0.02, 0.02),
-    (fa.Box(1.0, 0.5, 0.05), 5e-4, 0.03, 0.03),
-    (fa.Box(1.0, 0.5, 0.1), 5e-4, 0.06, 0.06),
-    (fa.Box(1.0, 0.8, (0.02, 0.1)), 5e-4, 0.04, 0.04),
-    (fa.Box(1.0, 0.8, (0.2, 0.05)), 5e-4, 0.06, 0.06),
-    (fa.Box(1.0, 1.0, 0.45), 3e-3, 0.3, 0.3),
-    (fa.IBeam(1.0, 0.6, 0.05, 0.03), 2e-3, 0.02, 0.01),
-    (fa.IBeam(1.0, 0.6, 0.05, 0.01), 2e-3, 0.02, 0.01),
-    (fa.IBeam(1.0, 0.6, 0.05, 0.1), 2e-3, 0.02, 0.01),
-    (fa.IBeam(1.0, 1.0, 0.1, 0.1), 2e-3, 0.03, 0.02),
-    (fa.IBeam(1.0, 0.6, 0.02, 0.06), 2e-3, 0.02, 0.03),
+    (fa.sections.Ellipse(2.0, 0.8), 1e-5, 1e-5, 1e-5),
+    (fa.sections.Ellipse(1.0, 1.0), 1e-5, 1e-5, 1e-5),
+    (fa.sections.Box(1.0, 1.0, 0.02), 5e-4, 0.01, 0.01),
+    (fa.sections.Box(1.0, 1.0, 0.1), 5e-4, 0.02, 0.02),
+    (fa.sections.Box(1.0, 0.5, 0.05), 5e-4, 0.03, 0.03),
+    (fa.sections.Box(1.0, 0.5, 0.1), 5e-4, 0.06, 0.06),
+    (fa.sections.Box(1.0, 0.8, (0.02, 0.1)), 5e-4, 0.04, 0.04),
+    (fa.sections.Box(1.0, 0.8, (0.2, 0.05)), 5e-4, 0.06, 0.06),
+    (fa.sections.Box(1.0, 1.0, 0.45), 3e-3, 0.3, 0.3),
+    (fa.sections.IBeam(1.0, 0.6, 0.05, 0.03), 2e-3, 0.02, 0.01),
+    (fa.sections.IBeam(1.0, 0.6, 0.05, 0.01), 2e-3, 0.02, 0.01),
+    (fa.sections.IBeam(1.0, 0.6, 0.05, 0.1), 2e-3, 0.02, 0.01),
+    (fa.sections.IBeam(1.0, 1.0, 0.1, 0.1), 2e-3, 0.03, 0.02),
+    (fa.sections.IBeam(1.0, 0.6, 0.02, 0.06), 2e-3, 0.02, 0.03),
 ]
 
 
@@ -68,27 +68,27 @@ def test_a_shape_has_saint_venants_integrals(section: Any, torsion: float, along
 def test_a_faces_shear_in_torsion_is_that_of_the_wall() -> None:
     """Of a box and a flange, over the middle of the face, per twist and distance; see Patch."""
     for section, axis in (
-        (fa.Box(1.0, 0.6, (0.04, 0.02)), "y"),
-        (fa.Box(1.0, 0.6, (0.04, 0.02)), "z"),
-        (fa.IBeam(1.0, 0.6, 0.04, 0.01), "y"),
+        (fa.sections.Box(1.0, 0.6, (0.04, 0.02)), "y"),
+        (fa.sections.Box(1.0, 0.6, (0.04, 0.02)), "z"),
+        (fa.sections.IBeam(1.0, 0.6, 0.04, 0.01), "y"),
     ):
         face = section._face(axis)
         assert face.twist * face.distance == pytest.approx(mesh(section).surface_shear(axis, face.distance), rel=0.02)
 
 
 def test_limits_are_the_shapes_they_ought_to_be() -> None:
-    disc, circle = fa.Ellipse(0.2, 0.2), fa.Circle(0.1)
+    disc, circle = fa.sections.Ellipse(0.2, 0.2), fa.Circle(0.1)
     tube, bore = fa.Tube(0.1, 0.02), fa.Circle(0.1, 0.08)
     for one, two in ((disc, circle), (tube, bore)):
         for name in ("area", "second_moment_y", "second_moment_z", "torsion_constant"):
             assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-12)
-    thin = fa.Box(1.0, 0.5, 1e-4)
+    thin = fa.sections.Box(1.0, 0.5, 1e-4)
     assert thin.torsion_constant == pytest.approx(2e-4 * 0.25 / 1.5, rel=1e-3)  # Bredt
     assert fa.Tube(1.0, 1e-4).shear_areas[0] == pytest.approx(np.pi * 1e-4, rel=1e-3)  # half the area
-    wide = fa.IBeam(1.0, 40.0, 0.01, 0.01)
+    wide = fa.sections.IBeam(1.0, 40.0, 0.01, 0.01)
     assert wide.torsion_constant == pytest.approx(81 * 1e-6 / 3, rel=1e-3)  # thin strips
-    assert fa.Ellipse(2.0, 1.0)._reach("y") == 1.0 and fa.Ellipse(2.0, 1.0)._face("y") is None
-    assert fa.IBeam(1.0, 0.5, 0.1, 0.1)._face("z") is None
+    assert fa.sections.Ellipse(2.0, 1.0)._reach("y") == 1.0 and fa.sections.Ellipse(2.0, 1.0)._face("y") is None
+    assert fa.sections.IBeam(1.0, 0.5, 0.1, 0.1)._face("z") is None
 
 
 def test_shear_may_differ_along_the_two_axes() -> None:
@@ -97,15 +97,18 @@ def test_shear_may_differ_along_the_two_axes() -> None:
         return float(np.asarray(beam._core.stiffness)[0, 0])
 
     G = 209e9 / 2.6
-    for section in (fa.Rectangle(0.1, 0.2, (0.5, 0.25)), fa.GeneralSection(0.02, 1e-4, 1e-4, 1e-4, (0.5, 0.25))):
+    for section in (
+        fa.Rectangle(0.1, 0.2, (0.5, 0.25)),
+        fa.sections.GeneralSection(0.02, 1e-4, 1e-4, 1e-4, (0.5, 0.25)),
+    ):
         assert shear(section, "y") == pytest.approx(0.5 * 0.02 * G) == 2 * shear(section, "z")
-    beam = fa.IBeam(0.1, 0.06, 0.005, 0.003)
+    beam = fa.sections.IBeam(0.1, 0.06, 0.005, 0.003)
     assert [shear(beam, a) for a in "yz"] == pytest.approx([G * a for a in beam.shear_areas])
 
 
 def test_a_thin_web_shears_more_than_a_full_section() -> None:
     """Of the tip's deflection 3 E I / (G A_s L^2) is shear, which is found above 5 %."""
-    full, thin = fa.Rectangle(0.1, 0.06), fa.IBeam(0.1, 0.06, 0.005, 0.001)
+    full, thin = fa.Rectangle(0.1, 0.06), fa.sections.IBeam(0.1, 0.06, 0.005, 0.001)
     beams = [fa.Beam(0.8, section, STEEL, {"bending_y": 1}) for section in (full, thin)]
     share = 3 * 2.6 * thin.second_moment_z / (thin.shear_areas[0] * 0.8**2)
     assert not fa.check(fa.Arm([fa.Link(fa.Fixed(), beam=beams[0])]))
@@ -115,19 +118,27 @@ def test_a_thin_web_shears_more_than_a_full_section() -> None:
 
 TAPERED = [
     (fa.Tube(0.02, 0.004), fa.Tube(0.01, 0.002), fa.Tube(0.015, 0.003)),
-    (fa.Ellipse(0.02, 0.04), fa.Ellipse(0.01, 0.02), fa.Ellipse(0.015, 0.03)),
-    (fa.Box(0.02, 0.04, 0.004), fa.Box(0.01, 0.02, (0.002, 0.004)), fa.Box(0.015, 0.03, (0.003, 0.004))),
-    (fa.IBeam(0.04, 0.02, 0.004, 0.002), fa.IBeam(0.02, 0.02, 0.002, 0.002), fa.IBeam(0.03, 0.02, 0.003, 0.002)),
+    (fa.sections.Ellipse(0.02, 0.04), fa.sections.Ellipse(0.01, 0.02), fa.sections.Ellipse(0.015, 0.03)),
+    (
+        fa.sections.Box(0.02, 0.04, 0.004),
+        fa.sections.Box(0.01, 0.02, (0.002, 0.004)),
+        fa.sections.Box(0.015, 0.03, (0.003, 0.004)),
+    ),
+    (
+        fa.sections.IBeam(0.04, 0.02, 0.004, 0.002),
+        fa.sections.IBeam(0.02, 0.02, 0.002, 0.002),
+        fa.sections.IBeam(0.03, 0.02, 0.003, 0.002),
+    ),
 ]
 
 
 @pytest.mark.parametrize(("root", "tip", "middle"), TAPERED)
 def test_tapers_go_by_the_sides(root: Any, tip: Any, middle: Any) -> None:
-    assert fa.Taper((0.0, 1.0), (root, tip)).at(0.5) == middle
+    assert fa.sections.Taper((0.0, 1.0), (root, tip)).at(0.5) == middle
     given = type(tip)(**{**tip._arguments(), "shear_correction": 0.5})
-    y, z = fa.Taper((0.0, 1.0), (root, given)).at(0.5).shear_correction
+    y, z = fa.sections.Taper((0.0, 1.0), (root, given)).at(0.5).shear_correction
     assert (y, z) == pytest.approx([(k + 0.5) / 2 for k in root._core.shear_correction])
-    mixed = fa.Taper((0.0, 1.0), (root, fa.Rectangle(0.01, 0.01))).at(0.5)
+    mixed = fa.sections.Taper((0.0, 1.0), (root, fa.Rectangle(0.01, 0.01))).at(0.5)
     assert mixed.area == pytest.approx((root.area + 1e-4) / 2)
 
 
@@ -142,14 +153,14 @@ def test_arms_of_them_are_kept() -> None:
     [
         (lambda: fa.Tube(0.1, 0.1), "thickness = 0.1: must be less than the radius"),
         (lambda: fa.Tube(-0.1, 0.1), "radius = -0.1: must be positive"),
-        (lambda: fa.Ellipse(0.1, np.nan), "z = nan: must be positive"),
-        (lambda: fa.Box(0.1, 0.2, 0.05), "thickness = 0.05: must be less than half of y"),
-        (lambda: fa.Box(0.1, 0.2, (0.01, 0.1)), "thickness = 0.1: must be less than half of z"),
-        (lambda: fa.Box(0.1, 0.2, (0.01, 0.1, 0.1)), "thickness = .*: must be one number, or two"),
-        (lambda: fa.IBeam(0.1, 0.1, 0.05, 0.01), "flange = 0.05: must be less than half of y"),
-        (lambda: fa.IBeam(0.1, 0.1, 0.01, 0.1), "web = 0.1: must be less than z"),
-        (lambda: fa.IBeam(0.1, 0.1, 0.01, "thin"), "web = 'thin': must be a number"),
-        (lambda: fa.Box(0.1, 0.2, 0.01, 0.0), "shear_correction = 0: must be positive"),
+        (lambda: fa.sections.Ellipse(0.1, np.nan), "z = nan: must be positive"),
+        (lambda: fa.sections.Box(0.1, 0.2, 0.05), "thickness = 0.05: must be less than half of y"),
+        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1)), "thickness = 0.1: must be less than half of z"),
+        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1, 0.1)), "thickness = .*: must be one number, or two"),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.05, 0.01), "flange = 0.05: must be less than half of y"),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, 0.1), "web = 0.1: must be less than z"),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, "thin"), "web = 'thin': must be a number"),
+        (lambda: fa.sections.Box(0.1, 0.2, 0.01, 0.0), "shear_correction = 0: must be positive"),
         (lambda: fa.Rectangle(0.1, 0.2, (0.5,)), "shear_correction = .*: must be one number, or two"),
     ],
 )

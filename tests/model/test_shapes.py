@@ -12,7 +12,7 @@ from numpy.polynomial.legendre import Legendre
 from scipy.optimize import brentq
 
 UNIT = fa.Material(1.0, 1.0, 0.3)
-SQUARE = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+SQUARE = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0)
 
 
 def clamped(beam: fa.Beam, tip: fa.RigidBody | None = None) -> fa.Arm:
@@ -68,7 +68,7 @@ def test_unloaded_loaded_modes_are_clamped_free_modes() -> None:
 def test_loaded_torsion_with_a_disc() -> None:
     """b tan b = J_beam / J_disc."""
     disc = 0.5
-    section = fa.GeneralSection(1.0, 0.5, 0.5, 1.0)
+    section = fa.sections.GeneralSection(1.0, 0.5, 0.5, 1.0)
     tip = fa.RigidBody(0.0, inertia=(disc, 0.0, 0.0))
     beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, shear_modulus=1.0), {"torsion": 2}, "loaded", basis_tip=tip)
     b = [brentq(lambda b: b * np.tan(b) - 1.0 / disc, *bracket) for bracket in ((0.1, 1.57), (3.15, 4.71))]
@@ -159,7 +159,7 @@ def test_own_shapes_survive_pickling_and_scene_files() -> None:
 )
 def test_kirchhoffs_wedge_and_cone(section, expected: tuple[float, ...]) -> None:
     """Clamped at the base, pointed at the end: omega L^2 sqrt(rho A0 / E I0) (Kirchhoff 1879; Conway & Dubil 1965)."""
-    taper = fa.Taper((0.0, 1.0), (section(1.0), section(1e-7)))
+    taper = fa.sections.Taper((0.0, 1.0), (section(1.0), section(1e-7)))
     beam = fa.Beam(1.0, taper, UNIT, {"bending_y": 14}, "legendre", rotary_inertia=False)
     root = section(1.0)
     found = clamped(beam).modes().frequencies[:3] / np.sqrt(root.second_moment_z / root.area)
@@ -172,7 +172,7 @@ def test_kirchhoffs_wedge_and_cone(section, expected: tuple[float, ...]) -> None
 
 def test_rigid_taper_with_the_basis_of_loaded_modes() -> None:
     """A beam without shapes is a rigid body: a truncated cone's mass and centre of mass, with each basis."""
-    taper = fa.Taper((0.0, 0.6), (fa.Circle(0.02), fa.Circle(0.01)))
+    taper = fa.sections.Taper((0.0, 0.6), (fa.Circle(0.02), fa.Circle(0.01)))
     a, b = 0.02, 0.01
     mass = 2000.0 * np.pi * 0.6 / 3 * (a * a + a * b + b * b)
     com = 0.6 / 4 * (a * a + 2 * a * b + 3 * b * b) / (a * a + a * b + b * b)
@@ -185,7 +185,7 @@ def test_rigid_taper_with_the_basis_of_loaded_modes() -> None:
 
 def test_masses_and_sag_of_a_taper() -> None:
     """A tapered strip under a tip force: w = F int (L - x)^2 / E I(x) dx; its mass is the truncated wedge's."""
-    taper = fa.Taper((0.0, 0.6), (fa.Rectangle(0.01, 0.02), fa.Rectangle(0.004, 0.02)))
+    taper = fa.sections.Taper((0.0, 0.6), (fa.Rectangle(0.01, 0.02), fa.Rectangle(0.004, 0.02)))
     beam = fa.Beam(0.6, taper, fa.Material(2000.0, 1e9), {"bending_y": 12}, "legendre")
     assert beam.mass == pytest.approx(2000 * 0.6 * 0.02 * 0.007, rel=1e-12)
     arm, F = clamped(beam), 1e-3
@@ -204,7 +204,7 @@ def test_gauss_points_of_a_taper_suffice(order: int | str, places: int) -> None:
     rotary inertia, which is not in proportion to the mass, is right to 1e-7 of the forces where the taper kinks."""
     rng = np.random.default_rng(places)
     x = np.linspace(0, 0.6, places)
-    taper = fa.Taper(x, [fa.Rectangle(*rng.uniform(0.01, 0.03, 2)) for _ in x])
+    taper = fa.sections.Taper(x, [fa.Rectangle(*rng.uniform(0.01, 0.03, 2)) for _ in x])
     modes = {"bending_y": 3, "bending_z": 1, "torsion": 1}
     for rotary, tolerance in ((False, 1e-10), (True, 1e-9 if places == 2 else 1e-6)):
         few, many = (
@@ -222,7 +222,7 @@ def test_gauss_points_of_a_taper_suffice(order: int | str, places: int) -> None:
 def test_gauss_points_of_a_tapers_loaded_modes_suffice(order: int | str) -> None:
     """They bend where the taper is slender, so that a wave number of the whole length does not tell how many."""
     sides = (0.004, 0.004), (0.025, 0.018), (0.027, 0.005)
-    taper = fa.Taper((0.0, 0.3, 0.6), [fa.Rectangle(*s) for s in sides])
+    taper = fa.sections.Taper((0.0, 0.3, 0.6), [fa.Rectangle(*s) for s in sides])
     modes, tip = {"bending_y": 2, "bending_z": 1, "torsion": 1}, fa.RigidBody(0.1, inertia=(1e-4, 1e-4, 1e-4))
     few, many = (
         spinning(modes, order, section=taper, rotary_inertia=False, gauss_points=n, basis="loaded", basis_tip=tip)
@@ -236,8 +236,11 @@ def test_gauss_points_of_a_tapers_loaded_modes_suffice(order: int | str) -> None
 
 def test_a_taper_between_equal_sections_is_uniform() -> None:
     strip = fa.Rectangle(0.01, 0.02)
-    for sections in ((strip, strip, strip), (strip, fa.GeneralSection(*(getattr(strip._core, n) for n in NAMES)))):
-        taper = fa.Taper(np.linspace(0, 0.6, len(sections)), sections)
+    for sections in (
+        (strip, strip, strip),
+        (strip, fa.sections.GeneralSection(*(getattr(strip._core, n) for n in NAMES))),
+    ):
+        taper = fa.sections.Taper(np.linspace(0, 0.6, len(sections)), sections)
         one, two = (spinning({"bending_y": 3, "torsion": 1, "shear_y": 1}, 2, section=s) for s in (strip, taper))
         q, v, a = random_state(np.random.default_rng(4), one)
         expected = one.inverse_dynamics(q, v, a)
@@ -306,7 +309,10 @@ def beam(**change) -> fa.Beam:
         ({"basis": "loadet"}, r"basis = 'loadet': must be one of .* did you mean 'loaded'"),
         ({"basis_tip": fa.RigidBody(1.0)}, r"basis_tip: goes with basis = 'loaded'"),
         ({"basis": "loaded", "basis_tip": 1.0}, r"basis_tip = 1.0: must be a RigidBody"),
-        ({"section": fa.Taper((0, 2.0), (SQUARE, SQUARE))}, r"section.x = \(0.0, 2.0\): must end at the beam's length"),
+        (
+            {"section": fa.sections.Taper((0, 2.0), (SQUARE, SQUARE))},
+            r"section.x = \(0.0, 2.0\): must end at the beam's length",
+        ),
     ],
 )
 def test_bad_shapes(change: dict, message: str) -> None:
@@ -325,7 +331,7 @@ def test_bad_shapes(change: dict, message: str) -> None:
 )
 def test_bad_tapers(arguments: tuple, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        fa.Taper(*arguments)
+        fa.sections.Taper(*arguments)
 
 
 ALL = {"bending_y": 2, "bending_z": 2, "torsion": 2, "shear_y": 1, "shear_z": 1, "extension": 2}

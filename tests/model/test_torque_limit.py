@@ -296,7 +296,7 @@ def test_predictive_control_plans_within_the_limit() -> None:
 
 def test_a_filter_predicts_with_what_the_motor_gives() -> None:
     def after(arm: fa.Arm, tau: float) -> np.ndarray:
-        known = fa.KalmanFilter(arm, [fa.Encoder(0, noise=1e-3)], 1e-2, force_noise=0.1, q_std=0.1, v_std=0.1)
+        known = fa.KalmanFilter(arm, [fa.sensors.Encoder(0, noise=1e-3)], 1e-2, force_noise=0.1, q_std=0.1, v_std=0.1)
         known.predict([tau])
         return np.concatenate([known.q, known.v])
 

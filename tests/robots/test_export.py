@@ -34,7 +34,7 @@ def plane(**options: Any) -> fa.Arm:
 def space() -> fa.Arm:
     """Crooked joints, a slide, bending both ways and torsion, a taper, a payload off the axis."""
     modes = {"bending_y": 4, "bending_z": 4, "torsion": 2}
-    taper = fa.Taper([0, 0.5], [fa.Rectangle(0.012, 0.03), fa.Rectangle(0.01, 0.02)])
+    taper = fa.sections.Taper([0, 0.5], [fa.Rectangle(0.012, 0.03), fa.Rectangle(0.01, 0.02)])
     tube = fa.Tube(0.012, 0.001)
     tip = fa.RigidBody(0.2, (0.02, 0.01, 0.03), (2e-4, 3e-4, 4e-4), (0.03, 0, 0.01))
     turned = fa.Placement((0.01, 0.02, 0.03), (0.3, -0.2, 0.5))
@@ -52,14 +52,14 @@ def space() -> fa.Arm:
 
 def rigid() -> fa.Arm:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         arm = fa.from_urdf(ROBOTS / "six.urdf", tip="tool", gravity=(0, 1, -9.81))
     return fa.Arm([replace(link, looks=()) for link in arm], arm.gravity)
 
 
 def compiled(arm: fa.Arm, segments: int = 10) -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         return mujoco.MjModel.from_xml_string(arm.to_mjcf(segments=segments))
 
 
@@ -139,12 +139,12 @@ def test_the_tip_in_mujoco() -> None:
 
 def test_a_rigid_arm_comes_back(tmp_path: Path) -> None:
     arm = rigid()
-    with pytest.warns(fa.RobotWarning, match="gravity: URDF has none"):
+    with pytest.warns(fa.errors.RobotWarning, match="gravity: URDF has none"):
         arm.to_urdf(tmp_path / "arm.urdf")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         arm.to_mjcf(tmp_path / "arm.xml")  # says nothing: all is in it
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         backs = [fa.from_mjcf(tmp_path / "arm.xml")]
         backs.append(fa.from_urdf(tmp_path / "arm.urdf", tip="tip", gravity=arm.gravity))
     q, v = np.linspace(-1, 1, 6), np.linspace(1, -0.5, 6)
@@ -158,13 +158,13 @@ def test_a_rigid_arm_comes_back(tmp_path: Path) -> None:
 
 def test_segments_in_urdf(tmp_path: Path) -> None:
     arm = plane()
-    with pytest.warns(fa.RobotWarning) as seen:
+    with pytest.warns(fa.errors.RobotWarning) as seen:
         text = arm.to_urdf(tmp_path / "arm.urdf", segments=3)
     said = str(seen[0].message)
     assert "springs, but for Gazebo: upper segment 1 hinge" in said and "reflected inertia: shoulder" in said
     assert text == (tmp_path / "arm.urdf").read_text() and text.count("<springStiffness>") == 6
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         back = fa.from_urdf(tmp_path / "arm.urdf", gravity=arm.gravity)
     cut = segmented(arm, 3).arm
     q = np.linspace(-0.3, 0.4, 8)
@@ -220,7 +220,7 @@ def test_what_is_left_out(tmp_path: Path) -> None:
     modes = {"bending_y": 2, "shear_y": 1, "extension": 1}
     joint = fa.Revolute(coulomb=1.0, stiction=2.0, lower=-1.0, upper=1.0, limit_stiffness=10.0)
     arm = fa.Arm([fa.Link(joint, None, fa.Beam(0.5, fa.Rectangle(0.01, 0.03), ALLOY, modes=modes), name="a")])
-    with pytest.warns(fa.RobotWarning) as seen:
+    with pytest.warns(fa.errors.RobotWarning) as seen:
         text = arm.to_mjcf()
     said = str(seen[0].message)
     for words in ("shear_y, extension of 'a'", "stiction above dry friction: a", "soft stops"):
@@ -232,12 +232,12 @@ def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute(), solid, name=name) for name in ("world", "tip", 'a<&"b--')])
     assert compiled(arm).nv == 3
-    with pytest.warns(fa.RobotWarning, match="the name 'world' of a link"):
+    with pytest.warns(fa.errors.RobotWarning, match="the name 'world' of a link"):
         arm.to_mjcf()
     named = [fa.Link(fa.Revolute(), solid, name="a"), fa.Link(fa.Revolute(name="a joint"), solid, name="b")]
     assert compiled(fa.Arm(named)).nv == 2
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         arm.to_urdf(tmp_path / "arm.urdf")
         assert fa.from_urdf(tmp_path / "arm.urdf").names == arm.names
 
@@ -262,16 +262,16 @@ def test_one_sided_stops(tmp_path: Path) -> None:
     joints = [fa.Revolute(upper=0.5, limit_stiffness=10.0), fa.Revolute(lower=-0.25, limit_stiffness=10.0),
               fa.Prismatic(lower=0.1, limit_stiffness=10.0), fa.Revolute(), fa.Prismatic()]  # fmt: skip
     arm = fa.Arm([fa.Link(replace(joint, name=f"j{k}"), solid, name=f"l{k}") for k, joint in enumerate(joints)])
-    with pytest.warns(fa.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+    with pytest.warns(fa.errors.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
         text = arm.to_urdf(tmp_path / "arm.urdf")
-    with pytest.warns(fa.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+    with pytest.warns(fa.errors.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
         arm.to_mjcf(tmp_path / "arm.xml")
     types = re.findall(r'<joint name="j\d" type="(\w+)"', text)
     assert types == ["revolute", "revolute", "prismatic", "continuous", "prismatic"]
     far = 1e6
     for read in (fa.from_urdf, fa.from_mjcf):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", fa.RobotWarning)
+            warnings.simplefilter("ignore", fa.errors.RobotWarning)
             back = read(tmp_path / ("arm.urdf" if read is fa.from_urdf else "arm.xml"), stops=1.0)
         limits = [(x.joint.lower, x.joint.upper) for x in back][:5]
         slide = (-far, far) if read is fa.from_urdf else (None, None)  # URDF wants limits of a slide
@@ -326,7 +326,7 @@ def test_what_beams_and_bodies_lose() -> None:
          fa.Link(fa.Fixed(name="bolts"), None, bent, fa.RigidBody(0.1), name="b")]
     )  # fmt: skip
     for write in (arm.to_mjcf, arm.to_urdf):
-        with pytest.warns(fa.RobotWarning) as seen:
+        with pytest.warns(fa.errors.RobotWarning) as seen:
             write(segments=4)
         said = str(seen[0].message)
         assert ("names of fixed joints: bolts" in said) == (write == arm.to_mjcf)

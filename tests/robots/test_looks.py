@@ -46,7 +46,7 @@ def robot(tmp_path: Path, mesh: str = "package://my_robot/meshes/fore.obj", **op
     (folder / "meshes" / "fore.obj").write_text(OBJ)
     file = folder / "urdf" / "arm.urdf"
     file.write_text(URDF.replace("MESH", mesh))
-    with pytest.warns(fa.RobotWarning) as said:
+    with pytest.warns(fa.errors.RobotWarning) as said:
         arm = fa.from_urdf(file, **options)
     return arm, str(said[0].message)
 
@@ -158,7 +158,7 @@ def test_geoms_of_mjcf_stand_where_mujoco_has_them(tmp_path: Path) -> None:
           <geom type="capsule" size="0.02 0.1" pos="0 0 0.1"/>
           <geom type="sphere" size="0.3" group="3"/></body></worldbody></mujoco>""")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         arm = fa.from_mjcf(file)
     found = [(x.shape, x.on, x.colour) for x in arm["one"].looks]
     assert found[:2] == [("box", "base", "#808080"), ("mesh", "hub", "#FF0000")]

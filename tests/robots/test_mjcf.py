@@ -17,7 +17,7 @@ TEXT = FILE.read_text()
 
 def quiet(path: Path, **options: Any) -> fa.Arm:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         return fa.from_mjcf(path, **options)
 
 
@@ -49,7 +49,7 @@ def test_mujoco() -> None:
 
 
 def test_what_it_says_and_does_not() -> None:
-    with pytest.warns(fa.RobotWarning) as seen:
+    with pytest.warns(fa.errors.RobotWarning) as seen:
         arm = fa.from_mjcf(FILE, tip="hand", stops=1e3)
     text = str(seen[0].message)
     for words in ("5 kg fixed to the base", "move with the link: flap_hinge", "1 actuator", "geoms"):
@@ -73,7 +73,7 @@ def test_a_flexible_body(tmp_path: Path) -> None:
 def test_the_reference_position(tmp_path: Path) -> None:
     text = TEXT.replace('<joint name="elbow"', '<joint name="elbow" ref="0.5"')
     (path := tmp_path / "arm.xml").write_text(text)
-    with pytest.warns(fa.RobotWarning, match="the arm's q is qpos - ref: elbow"):
+    with pytest.warns(fa.errors.RobotWarning, match="the arm's q is qpos - ref: elbow"):
         assert fa.from_mjcf(path, tip="tool") == quiet(FILE, tip="tool")
 
 

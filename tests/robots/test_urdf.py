@@ -25,7 +25,7 @@ ALLOY = fa.Material(density=2700.0, youngs_modulus=70e9, poisson_ratio=0.33)
 
 def quiet(path: Path, **options: Any) -> fa.Arm:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RobotWarning)
+        warnings.simplefilter("ignore", fa.errors.RobotWarning)
         return fa.from_urdf(path, **options)
 
 
@@ -65,7 +65,7 @@ def test_what_joints_say() -> None:
 
 def test_the_report() -> None:
     """Nothing is left out without a word."""
-    with pytest.warns(fa.RobotWarning) as seen:
+    with pytest.warns(fa.errors.RobotWarning) as seen:
         fa.from_urdf(DATA / "robots" / "tree.urdf", tip="left_palm")
     text = str(seen[0].message)
     assert len(seen) == 1
@@ -76,7 +76,7 @@ def test_the_report() -> None:
         "limits of position (`stops` makes soft stops of them): lift, left_shoulder, left_elbow",
     ):
         assert words in text
-    with pytest.warns(fa.RobotWarning, match="limits of effort and velocity: pan"):
+    with pytest.warns(fa.errors.RobotWarning, match="limits of effort and velocity: pan"):
         arm = fa.from_urdf(DATA / "robots" / "six.urdf")
     assert [look.shape for look in arm["turret"].looks] == ["box"]
 
@@ -94,7 +94,7 @@ def test_strange_elements(tmp_path: Path) -> None:
     text = SIX.replace("</robot>", '<gazebo reference="turret"/><transmission name="t1"/></robot>')
     text = text.replace('<dynamics damping="0.4"/>', '<dynamics damping="0.4" spring="3"/>')
     (path := tmp_path / "robot.urdf").write_text(text)
-    with pytest.warns(fa.RobotWarning) as seen:
+    with pytest.warns(fa.errors.RobotWarning) as seen:
         arm = fa.from_urdf(path)
     said = str(seen[0].message)
     assert "<gazebo>" in said and "<transmission>: t1" in said and "attribute spring of <dynamics>: shoulder" in said
@@ -197,7 +197,7 @@ def test_its_mass_replaces_or_is_added(tmp_path: Path) -> None:
     # what is bolted on rides with the nearer end: the motor, 0.3 m up of 0.42
     arm = made(tmp_path, SIX, flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
     assert arm["upper_arm"].tip.mass == 1.1 and arm["upper_arm"].hub is None
-    with pytest.warns(fa.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg replaces them"):
+    with pytest.warns(fa.errors.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg replaces them"):
         fa.from_urdf(DATA / "robots" / "six.urdf", flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
 
 

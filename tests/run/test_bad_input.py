@@ -44,7 +44,7 @@ PARTS = [
     (lambda: beam(material=fa.Material(7850, 209e9), modes={"torsion": 1}), r"shear_modulus = not given"),
     (lambda: fa.Rectangle(0.001, -0.02), r"z = -0.02: must be positive"),
     (lambda: fa.Circle(0.01, 0.02), r"inner_radius = 0.02: must be smaller than the radius"),
-    (lambda: fa.GeneralSection(1.0, 1.0, 0.0, 1.0), r"second_moment_z = 0"),
+    (lambda: fa.sections.GeneralSection(1.0, 1.0, 0.0, 1.0), r"second_moment_z = 0"),
     (lambda: fa.Material(-1.0, 209e9), r"density = -1"),
     (lambda: fa.Material(7850, 0.0), r"youngs_modulus = 0"),
     (lambda: fa.Material(7850, 209e9, 0.6), r"poisson_ratio = 0.6"),
@@ -229,7 +229,7 @@ WRONG_KINDS = [
     (lambda: fa.Axes(axes=None), r"axes = None: must be a list of motions"),
     (lambda: fa.Universal(stiffness=[[1, 2], [3]]), r"stiffness = .*must be numbers"),
     (lambda: fa.Universal(stiffness=np.zeros((2, 2))), r"stiffness has shape \(2, 2\)"),
-    (lambda: fa.Encoder(noise=[[1, 2], [3]]), r"noise = .*must be numbers"),
+    (lambda: fa.sensors.Encoder(noise=[[1, 2], [3]]), r"noise = .*must be numbers"),
     (lambda: fa.RigidBody(HUGE), r"mass = 1000.*is too large"),
     (lambda: fa.Load(force={}), r"force = {}: must be numbers"),
     (lambda: fa.Load(force="abc"), r"force = 'abc': must be numbers"),
@@ -290,6 +290,6 @@ def test_a_spin_up_of_any_length_is_smooth() -> None:
 def test_deep_sweep_files_are_refused(tmp_path) -> None:
     (tmp_path / "sweep.toml").write_text("title = " + "[" * 5000 + "]" * 5000)
     with pytest.raises(ValueError, match="sweep: is nested too deeply"):
-        fa.load_sweep(tmp_path / "sweep.toml")
+        fa.SweepPlan.load(tmp_path / "sweep.toml")
     with pytest.raises(ValueError, match="File name too long"):
-        fa.load_sweep("a" * 5000)
+        fa.SweepPlan.load("a" * 5000)

@@ -28,7 +28,7 @@ def stepped_mpc() -> list[Any]:
 def failing_mpc() -> list[Any]:
     """Which has called back."""
     law = fa.MPC(arm(), horizon=0.1, stages=5, blocks=3)
-    with pytest.warns(fa.MPCWarning):
+    with pytest.warns(fa.errors.MPCWarning):
         law.step(0.0, np.full(4, np.nan), np.zeros(4))
     return [law, law._core, law.model]
 
@@ -50,7 +50,7 @@ class Remembers:
 
 def filtered() -> list[Any]:
     known = arm()
-    found = fa.KalmanFilter(known, [fa.Encoder(0, noise=1e-3)], 2e-3, force_noise=0.1, q_std=0.1, v_std=0.1)
+    found = fa.KalmanFilter(known, [fa.sensors.Encoder(0, noise=1e-3)], 2e-3, force_noise=0.1, q_std=0.1, v_std=0.1)
     found.update([0.0])
     found.predict(np.zeros(4))
     return [found, found._core, known]
@@ -68,7 +68,7 @@ KINDS: dict[str, Callable[[], list[Any]]] = {
     "MPC in a run": lambda: run_of(fa.MPC(horizon=0.1, stages=5, blocks=3)),
     "a law that knows its controller": lambda: run_of(Remembers().law),
     "a linear law with a callable reference, of a sensor": lambda: run_of(
-        fa.LinearController([], None, None, [[1.0]], rate=200, measure=[fa.Encoder(0)], reference=lambda s: [s])
+        fa.LinearController([], None, None, [[1.0]], rate=200, measure=[fa.sensors.Encoder(0)], reference=lambda s: [s])
     ),
     "computed torque": lambda: run_of(fa.ComputedTorque(1.0, reference=0.0, rate=2000)),
     "a continuous PID, a drive and an event": lambda: run_of(

@@ -134,7 +134,7 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
 def test_switches_within_a_few_steps_are_told(step: float) -> None:
     """A controller of 4243 rad/s: at rest soon, but in smaller steps it swings on for more than 1 s."""
     control = fa.PD(1.8e7, 0.0, link=0)
-    with pytest.warns(fa.StepWarning, match="dry friction.*within three steps.*take a smaller step"):
+    with pytest.warns(fa.errors.StepWarning, match="dry friction.*within three steps.*take a smaller step"):
         fa.simulate(block(), [0, 1], [0.1], control=control, integrator="rk4", step=step)
 
 
@@ -144,7 +144,7 @@ def test_rk4_tells_the_limit_of_joints_that_slide(damping_ratio: float) -> None:
     arm, given = strip(3, damping_ratio), {"drive": {0: pulses(1)}, "integrator": "rk4"}
     frequency = arm.modes().frequencies[-1]
     assert frequency > 3.9 * arm.modes(lock=[0]).frequencies[-1]
-    with pytest.warns(fa.StepWarning, match=rf"{frequency:.3g} rad/s of link 0 shear_y 1".replace("+", r"\+")):
+    with pytest.warns(fa.errors.StepWarning, match=rf"{frequency:.3g} rad/s of link 0 shear_y 1".replace("+", r"\+")):
         fa.simulate(arm, [0, 0.2], step=1.5e-4, **given)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -365,7 +365,7 @@ def test_interrupted_while_it_sticks_and_slips(options: dict) -> None:
         if now > 1.0:
             raise KeyboardInterrupt
 
-    with pytest.raises(fa.SimulationInterrupted) as caught:
+    with pytest.raises(fa.errors.SimulationInterrupted) as caught:
         fa.simulate(arm, t, drive=drive, progress=stop, **options)
     assert caught.value.time < 15_000
 

@@ -139,7 +139,7 @@ def test_against_moreau_time_stepping() -> None:
     np.testing.assert_allclose(r.q, np.array(path)[:: steps // 40], atol=0.01 * np.ptp(path))
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 def test_friction_does_not_break_steps_that_go_well_without() -> None:
     """Beams with modes far too fast for the step: a switch must not wake them. (When states were interpolated at
     switches, it did: all of these runs failed.)"""

@@ -29,7 +29,7 @@ def both(arm: fa.Arm, t, **options) -> tuple[fa.Result, fa.Result]:
     return chain, dense
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")  # random arms bend as they like
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")  # random arms bend as they like
 @pytest.mark.parametrize("seed", range(6))
 def test_chain_and_dense_agree_on_random_arms(seed: int) -> None:
     """Every joint, springs, stops, damping, loads, a motion: the same solution, at about the same number of steps."""

@@ -128,7 +128,7 @@ def test_other_threads_go_on_during_evaluations():
 
 def test_ctrl_c_stops_steps_of_gauss_that_cannot_be_solved():
     arm = chain(6, 3)  # 42 coordinates, thrown so fast that steps are halved again and again
-    with ctrl_c(after=0.5) as since, pytest.raises(fa.SimulationInterrupted):
+    with ctrl_c(after=0.5) as since, pytest.raises(fa.errors.SimulationInterrupted):
         fa.simulate(arm, [0, 100.0], v0=np.full(arm.nv, 0.3), integrator="gauss", step=0.05)
     assert since() < SOON
 
@@ -145,17 +145,17 @@ def test_ctrl_c_between_many_rows_of_one_step(prescribed):
         for _ in range(20):
             fa.simulate(arm, t, **options)
     assert since() < SOON
-    if isinstance(caught.value, fa.SimulationInterrupted):  # not between two runs
+    if isinstance(caught.value, fa.errors.SimulationInterrupted):  # not between two runs
         assert len(caught.value.result.t) < len(t)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 def test_ctrl_c_while_a_batch_builds_its_beams():
-    taper = fa.Taper([0, 0.2, 0.5], [fa.Rectangle(y, 0.02) for y in (0.004, 0.003, 0.002)])
+    taper = fa.sections.Taper([0, 0.2, 0.5], [fa.Rectangle(y, 0.02) for y in (0.004, 0.003, 0.002)])
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=fa.Beam(0.5, taper, STEEL, {"bending_y": 3, "bending_z": 3}))])
     tips, kinds = np.linspace(0, 1, 4000), "link.0.beam.material.density"
     before = threading.active_count()
-    with ctrl_c(after=0.6) as since, pytest.raises(fa.BatchInterrupted) as caught:
+    with ctrl_c(after=0.6) as since, pytest.raises(fa.errors.BatchInterrupted) as caught:
         fa.simulate_batch(arm, [0, 0.01], parameters={kinds: 7000 + tips}, integrator="implicit", step=0.01, workers=2)
     assert since() < SOON and len(caught.value.result) == 4000
     assert threading.active_count() == before

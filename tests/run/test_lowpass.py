@@ -16,11 +16,11 @@ from scipy.linalg import expm
 
 CUT = 5.0  # Hz
 FILTERS = [
-    fa.LowPass(CUT),
-    fa.LowPass(CUT, 2),
-    fa.LowPass(CUT, 2, 0.3),
-    fa.LowPass(CUT, 2, 1.0),
-    fa.LowPass(CUT, 2, 3.0),
+    fa.sensors.LowPass(CUT),
+    fa.sensors.LowPass(CUT, 2),
+    fa.sensors.LowPass(CUT, 2, 0.3),
+    fa.sensors.LowPass(CUT, 2, 1.0),
+    fa.sensors.LowPass(CUT, 2, 3.0),
 ]
 each = pytest.mark.parametrize("low_pass", FILTERS, ids=str)
 
@@ -35,7 +35,7 @@ def moved(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> fa.Resu
     return fa.Result(hinge(), t, q[:, None], v[:, None], a[:, None], a[:, None])
 
 
-def ramp(f: fa.LowPass, t: np.ndarray) -> np.ndarray:
+def ramp(f: fa.sensors.LowPass, t: np.ndarray) -> np.ndarray:
     """What leaves a filter, at rest before, of u = max(t, 0)."""
     t, w = np.maximum(t, 0.0), 2 * np.pi * f.frequency
     if f.order == 1:
@@ -48,7 +48,7 @@ def ramp(f: fa.LowPass, t: np.ndarray) -> np.ndarray:
     return t - 2 * d / w + e.real
 
 
-def step(f: fa.LowPass, t: np.ndarray) -> np.ndarray:
+def step(f: fa.sensors.LowPass, t: np.ndarray) -> np.ndarray:
     """And of u = 1 from 0 on."""
     t, w = np.maximum(t, 0.0), 2 * np.pi * f.frequency
     if f.order == 1:
@@ -64,7 +64,7 @@ def step(f: fa.LowPass, t: np.ndarray) -> np.ndarray:
 
 
 @each
-def test_straight_lines_are_exact_at_any_times(low_pass: fa.LowPass) -> None:
+def test_straight_lines_are_exact_at_any_times(low_pass: fa.sensors.LowPass) -> None:
     rng = np.random.default_rng(1)
     kinks, slopes = np.array([0.1, 0.15, 0.4]), np.array([3.0, -5.0, 2.0])
     for count in (3, 40, 4000):
@@ -75,7 +75,7 @@ def test_straight_lines_are_exact_at_any_times(low_pass: fa.LowPass) -> None:
 
 
 @each
-def test_a_step_is_answered_as_the_closed_form_has_it(low_pass: fa.LowPass) -> None:
+def test_a_step_is_answered_as_the_closed_form_has_it(low_pass: fa.sensors.LowPass) -> None:
     t = np.concatenate([[-1.0, 0.0], np.linspace(1e-9, 1.0, 777)])
     y = low_pass.apply(t, (t > 0).astype(float))
     close(y, step(low_pass, t), 1e-7)
@@ -85,11 +85,11 @@ def test_a_step_is_answered_as_the_closed_form_has_it(low_pass: fa.LowPass) -> N
 
 
 def test_what_frequency_and_bandwidth_mean() -> None:
-    first, second = fa.LowPass(CUT), fa.LowPass(CUT, order=2)
+    first, second = fa.sensors.LowPass(CUT), fa.sensors.LowPass(CUT, order=2)
     assert abs(first.response(CUT)) == pytest.approx(np.sqrt(0.5)) == abs(second.response(CUT))
     assert np.angle(first.response(CUT), deg=True) == pytest.approx(-45.0)
     assert np.angle(second.response(CUT), deg=True) == pytest.approx(-90.0)
-    assert abs(fa.LowPass(CUT, 2, 0.3).response(CUT)) == pytest.approx(1 / 0.6)
+    assert abs(fa.sensors.LowPass(CUT, 2, 0.3).response(CUT)) == pytest.approx(1 / 0.6)
     f = np.concatenate([np.linspace(0, 40 * CUT, 400001), np.geomspace(40 * CUT, 1e7 * CUT, 400001)[1:]])
     for low_pass in FILTERS:
         energy = np.abs(low_pass.response(f)) ** 2
@@ -98,14 +98,14 @@ def test_what_frequency_and_bandwidth_mean() -> None:
 
 
 @each
-def test_white_noise_leaves_with_the_energy_of_the_bandwidth(low_pass: fa.LowPass) -> None:
+def test_white_noise_leaves_with_the_energy_of_the_bandwidth(low_pass: fa.sensors.LowPass) -> None:
     dt, sigma = 1e-3, 0.5  # one-sided density sigma^2 2 dt, up to 500 Hz
     t, density = np.arange(200_001) * dt, sigma**2 * 2 * dt
     noise = np.random.default_rng(3).normal(scale=sigma, size=(t.size, 10))
     y = low_pass.apply(t, noise)[5000:]
     assert y.var() == pytest.approx(density * low_pass.bandwidth, rel=0.05)
     # and its spectrum is |response|^2 of it; far below 500 Hz, straight lines between samples take nothing away
-    spectra = [fa.psd(t[5000:], column, segment=2.0) for column in y.T]
+    spectra = [fa.sensors.psd(t[5000:], column, segment=2.0) for column in y.T]
     at = spectra[0].frequency
     near = (at > 1) & (at < 20)
     ratio = np.mean([s.density for s in spectra], axis=0)[near] / (density * np.abs(low_pass.response(at[near])) ** 2)
@@ -128,7 +128,11 @@ def test_very_slow_and_very_fast_filters(ratio: float) -> None:
     """Frequency times step; a slow one keeps its first value, a fast one lets all pass."""
     t = np.arange(2001) * 1e-3
     y = np.sin(9 * t)
-    for low_pass in (fa.LowPass(1e3 * ratio), fa.LowPass(1e3 * ratio, 2), fa.LowPass(1e3 * ratio, 2, 1.0)):
+    for low_pass in (
+        fa.sensors.LowPass(1e3 * ratio),
+        fa.sensors.LowPass(1e3 * ratio, 2),
+        fa.sensors.LowPass(1e3 * ratio, 2, 1.0),
+    ):
         out = low_pass.apply(t, y)
         if ratio == 1e4:
             assert np.abs(out - y).max() < 1e-5
@@ -141,13 +145,13 @@ def test_very_slow_and_very_fast_filters(ratio: float) -> None:
 
 
 @each
-def test_amplitudes_and_phases_from_a_tenth_to_ten_times_the_frequency(low_pass: fa.LowPass) -> None:
+def test_amplitudes_and_phases_from_a_tenth_to_ten_times_the_frequency(low_pass: fa.sensors.LowPass) -> None:
     f = CUT * np.array([0.1, 0.3, 1.0, 3.0, 10.0])
     t = np.arange(24001) / 4000
     w, phase = 2 * np.pi * f, np.arange(5)
     angle = np.outer(t, w) + phase
     run = moved(t, np.sin(angle).sum(1), (w * np.cos(angle)).sum(1), -(w * w * np.sin(angle)).sum(1))
-    for sensor, gain in ((fa.Encoder(0, pulses=None), np.ones(5)), (fa.Tachometer(0), 1j * w)):
+    for sensor, gain in ((fa.sensors.Encoder(0, pulses=None), np.ones(5)), (fa.sensors.Tachometer(0), 1j * w)):
         y = replace(sensor, filter=low_pass).read(run).y[:, 0]
         late = t >= 4.0  # a whole number of periods of all, long after the start
         fit = np.linalg.lstsq(np.hstack([np.sin(angle), np.cos(angle)])[late], y[late], rcond=None)[0]
@@ -159,15 +163,15 @@ def test_amplitudes_and_phases_from_a_tenth_to_ten_times_the_frequency(low_pass:
 
 
 @each
-def test_a_reading_does_not_depend_on_the_output_times(low_pass: fa.LowPass) -> None:
+def test_a_reading_does_not_depend_on_the_output_times(low_pass: fa.sensors.LowPass) -> None:
     """A constant acceleration is exact whatever they are, sampled between them, too, and late."""
     uneven = np.cumsum(np.random.default_rng(4).uniform(0.01, 0.1, 40))
     for t in (np.linspace(0, 1, 11), np.linspace(0, 1, 501), (uneven - uneven[0]) / np.ptp(uneven)):
         run = moved(t, 1.0 + t**2, 2 * t, np.full(len(t), 2.0))
         late = {"rate": 37.0, "delay": 0.0123, "filter": low_pass}
-        rate = fa.Tachometer(**late).read(run)
+        rate = fa.sensors.Tachometer(**late).read(run)
         close(rate.y[:, 0], 2 * ramp(low_pass, rate.t - 0.0123), 1e-8)
-        angle = fa.Encoder(pulses=None, **late).read(run)
+        angle = fa.sensors.Encoder(pulses=None, **late).read(run)
         # a parabola's answer is the integral of the ramp's
         fine = np.linspace(0, 1, 200001)
         r = ramp(low_pass, fine)
@@ -178,9 +182,9 @@ def test_a_reading_does_not_depend_on_the_output_times(low_pass: fa.LowPass) -> 
 def test_coarse_output_times_follow_a_fine_run() -> None:
     arm, end = paper_link(), 0.5
     for sensor in (
-        fa.StrainGauge(0, 0.01, filter=30.0, rate=1000),
-        fa.Accelerometer(filter=fa.LowPass(30.0, 2), rate=1000),
-        fa.ForceTorque(0, filter=30.0, rate=1000),
+        fa.sensors.StrainGauge(0, 0.01, filter=30.0, rate=1000),
+        fa.sensors.Accelerometer(filter=fa.sensors.LowPass(30.0, 2), rate=1000),
+        fa.sensors.ForceTorque(0, filter=30.0, rate=1000),
     ):
         coarse, fine = (
             sensor.read(fa.simulate(arm, np.linspace(0, end, n), drive={0: fa.Motion.spin_up(2.0, 0.25)}, rtol=1e-9)).y
@@ -196,8 +200,13 @@ def test_turning_balls_and_loads_that_change_are_filtered() -> None:
     v[6:] *= 0.05
     loads = [fa.Load(force=lambda t: [0, 2 * np.sin(90 * t), 0])]
     coarse, fine = (fa.simulate(arm, np.linspace(0, 0.05, n), arm.zero, v, loads=loads, rtol=1e-9) for n in (101, 1001))
-    for sensor in (fa.Tachometer(), fa.Camera(), fa.Accelerometer(axis="xyz"), fa.ForceTorque()):
-        sensor = replace(sensor, filter=fa.LowPass(50.0, 2))
+    for sensor in (
+        fa.sensors.Tachometer(),
+        fa.sensors.Camera(),
+        fa.sensors.Accelerometer(axis="xyz"),
+        fa.sensors.ForceTorque(),
+    ):
+        sensor = replace(sensor, filter=fa.sensors.LowPass(50.0, 2))
         y = sensor.read(coarse).y
         assert np.abs(y - sensor.read(fine).y[::10]).max() < 1e-3 * np.ptp(y, axis=0).max()
         sampler = sensor.sampler(arm, loads=loads)
@@ -208,14 +217,14 @@ def test_turning_balls_and_loads_that_change_are_filtered() -> None:
 def test_the_filter_comes_first_and_noise_is_added_behind_it() -> None:
     t = np.linspace(0, 1, 2001)
     run = moved(t, 0 * t, 0 * t, 0 * t)
-    bare = fa.Tachometer(noise=0.2, seed=3)
+    bare = fa.sensors.Tachometer(noise=0.2, seed=3)
     filtered = replace(bare, filter=1.0)
     np.testing.assert_array_equal(filtered.read(run).y, bare.read(run).y)  # still white, the same by the same seed
     turn = moved(t, t, np.ones_like(t), 0 * t)
-    steps = fa.Encoder(pulses=100, filter=CUT).read(turn).y[:, 0] / (2 * np.pi / 100)
+    steps = fa.sensors.Encoder(pulses=100, filter=CUT).read(turn).y[:, 0] / (2 * np.pi / 100)
     close(steps, np.round(steps), 1e-9)
     jump = moved(t, 0 * t, np.where(t < 0.5, 0.0, 5.0), 0 * t)
-    held = fa.Tachometer(range=2.0, filter=CUT).read(jump).y[:, 0]
+    held = fa.sensors.Tachometer(range=2.0, filter=CUT).read(jump).y[:, 0]
     assert held.max() == 2.0 and 0.1 < held[np.searchsorted(t, 0.503)] < 0.6  # saturation is the converter's
 
 
@@ -224,14 +233,17 @@ def test_filters_keep_vibrations_from_folding_back() -> None:
     t = np.linspace(0, 20, 20001)
     w = 2 * np.pi * 41.0
     run = moved(t, np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t))
-    sensor = fa.Encoder(pulses=None, rate=50)
-    folded, clean = fa.psd(*_ty(sensor.read(run))), fa.psd(*_ty(replace(sensor, filter=fa.LowPass(10.0, 2)).read(run)))
+    sensor = fa.sensors.Encoder(pulses=None, rate=50)
+    folded, clean = (
+        fa.sensors.psd(*_ty(sensor.read(run))),
+        fa.sensors.psd(*_ty(replace(sensor, filter=fa.sensors.LowPass(10.0, 2)).read(run))),
+    )
     assert folded.peaks(1)[0] == pytest.approx(9.0, abs=0.01)
     ratio = clean.density.max() / folded.density.max()
     assert ratio == pytest.approx(1 / (1 + 4.1**4), rel=0.02)
 
 
-def _ty(reading: fa.Reading) -> tuple[np.ndarray, np.ndarray]:
+def _ty(reading: fa.results.Reading) -> tuple[np.ndarray, np.ndarray]:
     return reading.t, reading.y
 
 
@@ -241,14 +253,14 @@ def _ty(reading: fa.Reading) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     "options", [{}, {"rate": 250.0}, {"delay": 0.008}, {"delay": 0.0034}, {"rate": 500.0, "delay": 0.004}]
 )
-@pytest.mark.parametrize("low_pass", [20.0, fa.LowPass(20.0, 2, 0.9)], ids=str)
+@pytest.mark.parametrize("low_pass", [20.0, fa.sensors.LowPass(20.0, 2, 0.9)], ids=str)
 def test_a_sampler_gives_what_a_reading_gives(low_pass, options: dict) -> None:
     arm = paper_link()
     run = fa.simulate(arm, np.arange(301) / 1000, drive={0: fa.Motion.spin_up(2.0, 0.25)})
     for sensor in (
-        fa.Accelerometer(noise=0.3, range=4.0, filter=low_pass, **options),
-        fa.Encoder(pulses=None, noise=0.001, filter=low_pass, **options),
-        fa.ForceTorque(filter=low_pass, **options),
+        fa.sensors.Accelerometer(noise=0.3, range=4.0, filter=low_pass, **options),
+        fa.sensors.Encoder(pulses=None, noise=0.001, filter=low_pass, **options),
+        fa.sensors.ForceTorque(filter=low_pass, **options),
     ):
         reading, sampler = sensor.read(run), sensor.sampler(arm)
         for _ in range(2):
@@ -260,7 +272,7 @@ def test_a_sampler_gives_what_a_reading_gives(low_pass, options: dict) -> None:
 
 @pytest.mark.parametrize("copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
 def test_a_sampler_goes_on_where_it_was_saved(copied) -> None:
-    sensor = fa.Tachometer(filter=fa.LowPass(20.0, 2), noise=0.1, delay=0.003)
+    sensor = fa.sensors.Tachometer(filter=fa.sensors.LowPass(20.0, 2), noise=0.1, delay=0.003)
     t = np.arange(100) / 1000
     whole, half = sensor.sampler(hinge()), sensor.sampler(hinge())
     heard = [whole.sample(s, [0.0], [np.sin(50 * s)], [50 * np.cos(50 * s)]) for s in t]
@@ -280,7 +292,10 @@ def test_a_loop_sees_what_is_read_of_its_run(options: dict) -> None:
         seen.append(y)
         return -3.0 * y[0]
 
-    sensors = [fa.Tachometer(0, filter=fa.LowPass(15.0, 2)), fa.Encoder(0, pulses=None, filter=15.0)]
+    sensors = [
+        fa.sensors.Tachometer(0, filter=fa.sensors.LowPass(15.0, 2)),
+        fa.sensors.Encoder(0, pulses=None, filter=15.0),
+    ]
     t = np.arange(201) / 200
     for _ in range(2):  # a run begins anew
         seen.clear()
@@ -305,9 +320,9 @@ def test_filters_in_a_slow_loop_see_the_arm_between_its_samples(integrator: str)
     v0 = [0.0, 0.1, 0.1, 0.1]
     options = {} if integrator == "ida" else {"integrator": integrator, "step": 1e-4 if integrator == "rk4" else 1e-3}
     sensors = [
-        fa.StrainGauge(0, 0.01, filter=fa.LowPass(10.0, 2)),
-        fa.Tachometer(0, filter=8.0),
-        fa.Camera(filter=8.0, rate=20.0, delay=0.0123, noise=1e-4),
+        fa.sensors.StrainGauge(0, 0.01, filter=fa.sensors.LowPass(10.0, 2)),
+        fa.sensors.Tachometer(0, filter=8.0),
+        fa.sensors.Camera(filter=8.0, rate=20.0, delay=0.0123, noise=1e-4),
     ]
     seen: list[tuple[float, np.ndarray]] = []
 
@@ -324,7 +339,7 @@ def test_filters_in_a_slow_loop_see_the_arm_between_its_samples(integrator: str)
         close(found, read[at], 1e-8 * np.abs(read).max())
     camera = sensors[2].read(run)
     close(y[:, 2:], camera.y[np.searchsorted(camera.t, t[at] + 1e-9) - 1], 1e-6)
-    rings = fa.StrainGauge(0, 0.01).read(run).y
+    rings = fa.sensors.StrainGauge(0, 0.01).read(run).y
     assert np.ptp(rings) > 1.5 * np.ptp(y[:, 0])
 
 
@@ -333,7 +348,7 @@ def test_looking_at_an_arm_does_not_move_it() -> None:
     for options in ({"integrator": "implicit", "step": 1e-3}, {"rtol": 1e-8}):
         runs = [
             fa.simulate(arm, t, v0=[0.0, 0.1, 0.0, 0.0], control=fa.Sampled(lambda t, y: 1e-3, 50.0, [s]), **options)
-            for s in (fa.Tachometer(0), fa.Tachometer(0, filter=10.0))
+            for s in (fa.sensors.Tachometer(0), fa.sensors.Tachometer(0, filter=10.0))
         ]
         close(runs[1].q, runs[0].q, 1e-6 * np.abs(runs[0].q).max())
         assert runs[1].stats["steps"] < 1.6 * runs[0].stats["steps"]  # IDA ends steps there, and does not begin anew
@@ -350,7 +365,7 @@ def test_looking_at_a_joint_with_friction_does_not_move_it(integrator: str) -> N
 
     runs = [
         fa.simulate(arm, t, control=fa.Sampled(law, 20.0, [s]), **options)
-        for s in (fa.Tachometer(0), fa.Tachometer(0, filter=10.0))
+        for s in (fa.sensors.Tachometer(0), fa.sensors.Tachometer(0, filter=10.0))
     ]
     assert runs[0].stats["switches"] >= 2
     close(runs[1].q, runs[0].q, 1e-5)
@@ -358,13 +373,13 @@ def test_looking_at_a_joint_with_friction_does_not_move_it(integrator: str) -> N
 
 def test_an_accelerometer_has_the_mean_right_where_forces_jump() -> None:
     """A bang-bang torque: what the filter gives of the record, where forces jump at rows, against the closed form."""
-    low_pass, h = fa.LowPass(CUT, 2), 5e-3
+    low_pass, h = fa.sensors.LowPass(CUT, 2), 5e-3
     torque = np.where(np.arange(201) // 7 % 2, -4.0, 4.0)
     run = fa.simulate(
         hinge(), np.arange(201) * h, v0=[0.0],
         control=fa.Sampled(lambda t, y: torque[round(t / h)], 1 / h, [("joint", 0)]), integrator="implicit", step=h,
     )  # fmt: skip
-    y = fa.Accelerometer(filter=low_pass, gravity=False).read(run).y[:, 0]
+    y = fa.sensors.Accelerometer(filter=low_pass, gravity=False).read(run).y[:, 0]
     edges = np.flatnonzero(np.diff(torque)) + 1
     expected = 1.6 + sum(0.4 * (torque[k] - torque[k - 1]) * step(low_pass, run.t - run.t[k]) for k in edges)
     assert np.abs(y - expected).max() < 0.01  # straight lines between rows would be half a step early: 0.11
@@ -373,7 +388,7 @@ def test_an_accelerometer_has_the_mean_right_where_forces_jump() -> None:
 def test_a_loop_that_its_filter_makes_unstable_is_named() -> None:
     """A rate fed back through a slow filter, and an angle: growth against the matrix of one sample."""
     kp, kd, h = 300.0, 6.0, 0.01
-    for low_pass in (fa.LowPass(0.1), fa.LowPass(0.8, 2, 0.5)):
+    for low_pass in (fa.sensors.LowPass(0.1), fa.sensors.LowPass(0.8, 2, 0.5)):
         A, B = low_pass.matrices()
         k = len(A)
         M = np.zeros((3 + k, 3 + k))  # angle, rate, filter, held torque
@@ -385,16 +400,16 @@ def test_a_loop_that_its_filter_makes_unstable_is_named() -> None:
         growth = np.log(np.abs(np.linalg.eigvals(expm(M * h) @ hold)).max()) / h
         assert growth > 0.5
 
-        def law(sensor: fa.Sensor) -> fa.Controller:
+        def law(sensor: fa.sensors.Sensor) -> fa.Controller:
             gains = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[kp, kd]]
             return fa.LinearController(*gains, rate=1 / h, measure=[("joint", 0), sensor])
 
         t = np.linspace(0, 4, 401)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            fa.simulate(hinge(), t, [0.01], control=law(fa.Tachometer(0)), integrator="implicit", step=h)
-        slow = law(fa.Tachometer(0, filter=low_pass))
-        with pytest.warns(fa.LoopWarning, match="the loop of .* of 'link 0 revolute'.* is unstable") as w:
+            fa.simulate(hinge(), t, [0.01], control=law(fa.sensors.Tachometer(0)), integrator="implicit", step=h)
+        slow = law(fa.sensors.Tachometer(0, filter=low_pass))
+        with pytest.warns(fa.errors.LoopWarning, match="the loop of .* of 'link 0 revolute'.* is unstable") as w:
             fa.simulate(hinge(), t, [0.01], control=slow, integrator="implicit", step=h)
         assert w[0].message.finding.value == pytest.approx(growth, rel=1e-5)
 
@@ -424,8 +439,8 @@ def test_scenes_have_filters(tmp_path: Path) -> None:
     path.write_text(SCENE)
     scene = fa.load(path)
     first, second = scene.sensors
-    assert first == fa.Tachometer(filter=40) == fa.Tachometer(filter=fa.LowPass(40.0))
-    assert second.filter == fa.LowPass(2.0, order=2, damping_ratio=0.9)
+    assert first == fa.sensors.Tachometer(filter=40) == fa.sensors.Tachometer(filter=fa.sensors.LowPass(40.0))
+    assert second.filter == fa.sensors.LowPass(2.0, order=2, damping_ratio=0.9)
     for sensor in scene.sensors:
         assert pickle.loads(pickle.dumps(sensor)) == sensor and hash(sensor) == hash(copy.copy(sensor))
     scene.save(tmp_path / "again.toml")
@@ -454,9 +469,9 @@ def test_bad_scenes(old: str, new: str, message: str, tmp_path: Path) -> None:
 
 
 def test_batches_are_filtered_one_by_one_or_at_once() -> None:
-    low_pass, t = fa.LowPass(CUT, 2), np.linspace(0, 1, 201)
+    low_pass, t = fa.sensors.LowPass(CUT, 2), np.linspace(0, 1, 201)
     batch = fa.simulate_batch(hinge(), t, v0=np.array([[1.0], [2.0], [-3.0]]), outputs=("q", "v"))
-    sensor = fa.Tachometer(0, filter=low_pass)
+    sensor = fa.sensors.Tachometer(0, filter=low_pass)
     at_once = low_pass.apply(t, batch.v, axis=1)
     for k in range(3):
         close(sensor.read(batch[k]).y, at_once[k], 1e-9)
@@ -479,40 +494,40 @@ def test_a_filter_above_half_the_rate_of_the_states_is_warned_of() -> None:
     t = np.linspace(0, 1, 101)
     run = moved(t, t, np.ones_like(t), 0 * t)
     words = r"filter: 60 Hz is above half the rate .* this tachometer sees, every 0.01 s.*one every 0.00833 s"
-    with pytest.warns(fa.ModelWarning, match=words):
-        fa.Tachometer(filter=60.0).read(run)
-    sampler = fa.Tachometer(filter=60.0).sampler(run.arm)
+    with pytest.warns(fa.errors.ModelWarning, match=words):
+        fa.sensors.Tachometer(filter=60.0).read(run)
+    sampler = fa.sensors.Tachometer(filter=60.0).sampler(run.arm)
     sampler.sample(0.0, [0.0], [1.0])
-    with pytest.warns(fa.ModelWarning, match=words):
+    with pytest.warns(fa.errors.ModelWarning, match=words):
         sampler.sample(0.01, [0.0], [1.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sampler.sample(0.02, [0.0], [1.0])  # once
-        fa.Tachometer(filter=50.0).read(run)
-        fa.Tachometer(filter=50.0, rate=20.0).read(run)  # above half its own rate: an analogue filter may
+        fa.sensors.Tachometer(filter=50.0).read(run)
+        fa.sensors.Tachometer(filter=50.0, rate=20.0).read(run)  # above half its own rate: an analogue filter may
 
 
 BAD = [
-    (lambda: fa.Encoder(filter=0), r"filter = 0: must be positive and finite \(Hz\)"),
-    (lambda: fa.Encoder(filter=-5.0), r"filter = -5.0: must be positive"),
-    (lambda: fa.Encoder(filter=np.nan), r"filter = nan: must be positive"),
-    (lambda: fa.Encoder(filter=np.inf), r"filter = inf: must be positive"),
-    (lambda: fa.Encoder(filter=True), r"filter = True: must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.Encoder(filter="slow"), r"filter = 'slow': must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.Encoder(filter=(5.0, 2)), r"filter = \(5.0, 2\): must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.LowPass(0.0), r"frequency = 0.0: must be positive and finite \(Hz\)"),
-    (lambda: fa.LowPass("5"), r"frequency = '5': must be a number"),
-    (lambda: fa.LowPass(5.0, 0), r"order = 0: must be 1 or 2"),
-    (lambda: fa.LowPass(5.0, 3), r"order = 3: must be 1 or 2"),
-    (lambda: fa.LowPass(5.0, 1.5), r"order = 1.5: must be a whole number"),
-    (lambda: fa.LowPass(5.0, 1, 0.7), r"damping_ratio = 0.7: is of order 2; order = 1 has none"),
-    (lambda: fa.LowPass(5.0, 2, 0.0), r"damping_ratio = 0.0: must be positive and finite"),
-    (lambda: fa.LowPass(5.0, 2, "soft"), r"damping_ratio = 'soft': must be a number"),
-    (lambda: fa.LowPass(5.0).apply([0, 1, 1], [0, 0, 0]), r"t: must be times that increase"),
-    (lambda: fa.LowPass(5.0).apply([0, 1], [0, 0, 0]), r"y has shape \(3,\): must have 2 entries"),
-    (lambda: fa.LowPass(5.0).apply([0, 1], [0, 1], axis=1), r"y has shape \(2,\): must have 2 entries"),
-    (lambda: fa.LowPass(5.0).apply([0, 1], [0, np.nan]), r"y = \[0.0, nan\]: must be finite"),
-    (lambda: fa.LowPass(5.0).response("x"), r"frequency = 'x': must be numbers"),
+    (lambda: fa.sensors.Encoder(filter=0), r"filter = 0: must be positive and finite \(Hz\)"),
+    (lambda: fa.sensors.Encoder(filter=-5.0), r"filter = -5.0: must be positive"),
+    (lambda: fa.sensors.Encoder(filter=np.nan), r"filter = nan: must be positive"),
+    (lambda: fa.sensors.Encoder(filter=np.inf), r"filter = inf: must be positive"),
+    (lambda: fa.sensors.Encoder(filter=True), r"filter = True: must be a cut-off in Hz, or a LowPass"),
+    (lambda: fa.sensors.Encoder(filter="slow"), r"filter = 'slow': must be a cut-off in Hz, or a LowPass"),
+    (lambda: fa.sensors.Encoder(filter=(5.0, 2)), r"filter = \(5.0, 2\): must be a cut-off in Hz, or a LowPass"),
+    (lambda: fa.sensors.LowPass(0.0), r"frequency = 0.0: must be positive and finite \(Hz\)"),
+    (lambda: fa.sensors.LowPass("5"), r"frequency = '5': must be a number"),
+    (lambda: fa.sensors.LowPass(5.0, 0), r"order = 0: must be 1 or 2"),
+    (lambda: fa.sensors.LowPass(5.0, 3), r"order = 3: must be 1 or 2"),
+    (lambda: fa.sensors.LowPass(5.0, 1.5), r"order = 1.5: must be a whole number"),
+    (lambda: fa.sensors.LowPass(5.0, 1, 0.7), r"damping_ratio = 0.7: is of order 2; order = 1 has none"),
+    (lambda: fa.sensors.LowPass(5.0, 2, 0.0), r"damping_ratio = 0.0: must be positive and finite"),
+    (lambda: fa.sensors.LowPass(5.0, 2, "soft"), r"damping_ratio = 'soft': must be a number"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1, 1], [0, 0, 0]), r"t: must be times that increase"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 0, 0]), r"y has shape \(3,\): must have 2 entries"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 1], axis=1), r"y has shape \(2,\): must have 2 entries"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, np.nan]), r"y = \[0.0, nan\]: must be finite"),
+    (lambda: fa.sensors.LowPass(5.0).response("x"), r"frequency = 'x': must be numbers"),
 ]
 
 

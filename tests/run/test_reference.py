@@ -38,14 +38,30 @@ def test_every_key_is_explained_and_on_the_page(made: Any, known: dict[str, Argu
 
 def test_every_kind_is_known() -> None:
     joints = {fa.Fixed, fa.Revolute, fa.Prismatic, fa.Cylindrical, fa.Universal, fa.Planar, fa.Spherical, fa.Free}
-    sensors = {fa.Encoder, fa.Tachometer, fa.ForceTorque, fa.StrainGauge, fa.Accelerometer, fa.Camera}
-    sections = {fa.Rectangle, fa.Circle, fa.Tube, fa.Ellipse, fa.Box, fa.IBeam, fa.GeneralSection, fa.Taper}
-    assert joints | {fa.Axes} <= set(kinds(fa.Joint).values()) and sensors <= set(kinds(fa.Sensor).values())
+    sensors = {
+        fa.sensors.Encoder,
+        fa.sensors.Tachometer,
+        fa.sensors.ForceTorque,
+        fa.sensors.StrainGauge,
+        fa.sensors.Accelerometer,
+        fa.sensors.Camera,
+    }
+    sections = {
+        fa.Rectangle,
+        fa.Circle,
+        fa.Tube,
+        fa.sections.Ellipse,
+        fa.sections.Box,
+        fa.sections.IBeam,
+        fa.sections.GeneralSection,
+        fa.sections.Taper,
+    }
+    assert joints | {fa.Axes} <= set(kinds(fa.Joint).values()) and sensors <= set(kinds(fa.sensors.Sensor).values())
     assert sections <= set(kinds(*arguments(fa.Beam)["section"].parts).values())
     assert {"pd", "strain_feedback", "state_feedback", "pid"} <= set(kinds(fa.Controller))
 
 
-@pytest.mark.parametrize("kind", [fa.Revolute, fa.Spherical, fa.Encoder], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", [fa.Revolute, fa.Spherical, fa.sensors.Encoder], ids=lambda kind: kind.__name__)
 def test_help_explains_what_is_inherited(kind: Any) -> None:
     for name in arguments(kind):
         assert f" {name}: " in kind.__doc__ or f" {name}, " in kind.__doc__

@@ -103,7 +103,7 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
     t, v0 = np.linspace(0, 2, 101), [0.1]
     fa.simulate(rigid(), t, v0=v0, control=damper(1.95, compiled=compiled), **steps(integrator))  # warnings are errors
     said = r"of 'link 0 revolute', sampled every 0.01 s, .* z = -1.1; .* below 0.95 of .*, or sampled every 0.005 s"
-    with pytest.warns(fa.LoopWarning, match=said) as w:
+    with pytest.warns(fa.errors.LoopWarning, match=said) as w:
         fa.simulate(rigid(), t, v0=v0, control=damper(2.1, compiled=compiled), **steps(integrator))
     assert w[0].message.control == 0 and w[0].message.finding.value == pytest.approx(np.log(1.1) / 0.01)
     assert w[0].filename == __file__
@@ -130,20 +130,21 @@ def test_the_delay_of_a_loop_counts(compiled: bool) -> None:
     t, v0 = np.linspace(0, 3, 51), [0.1]
     for delay, limit in ((0.01, 1.0), (0.005, 2.0), (0.02, 0.618)):
         fa.simulate(rigid(), t, v0=v0, control=damper(0.97 * limit, delay=delay, compiled=compiled))
-        with pytest.warns(fa.LoopWarning, match=f"with a delay of {delay:g} s, is unstable"):
+        with pytest.warns(fa.errors.LoopWarning, match=f"with a delay of {delay:g} s, is unstable"):
             fa.simulate(rigid(), t, v0=v0, control=damper(1.06 * limit, delay=delay, compiled=compiled))
 
 
 def test_a_loop_with_a_reference_that_steps_is_named() -> None:
     kd = 2.3 * INERTIA / 0.01
     law = fa.Sampled(lambda t, y: 5.0 * ((t > 0.1) - y[0]) - kd * y[1], 100, [("joint", 0), ("rate", 0)])
-    with pytest.warns(fa.LoopWarning, match=r"z = -1\.3"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"z = -1\.3"):
         fa.simulate(rigid(), np.linspace(0, 1, 101), control=law)
 
 
 def test_two_loops_that_are_stable_alone_are_named_together() -> None:
     t = np.linspace(0, 2, 101)
-    with pytest.warns(fa.LoopWarning, match=r"loop of Sampled .*\(control\[0\]\) and Sampled .*\(control\[1\]\)"):
+    told = r"loop of Sampled .*\(control\[0\]\) and Sampled .*\(control\[1\]\)"
+    with pytest.warns(fa.errors.LoopWarning, match=told):
         fa.simulate(rigid(), t, v0=[0.1], control=[damper(1.2), damper(0.95)])
 
 
@@ -173,12 +174,12 @@ def test_python_laws_with_memory_are_named(integrator: str) -> None:
     so that |z|^2 = k/2."""
     t, I = np.linspace(0, 2, 41), INERTIA
     fa.simulate(rigid(), t, control=fa.Sampled(Pid(20 * I, 10 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator))
-    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, .* z = 1\.01 \+- 0\.0694i"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, .* z = 1\.01 \+- 0\.0694i"):
         fa.simulate(
             rigid(), t, control=fa.Sampled(Pid(20 * I, 400 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator)
         )
     late = fa.Sampled(Pid(0.0, 0.0, 2.2 * I / 0.01), 100, [("joint", 0)])
-    with pytest.warns(fa.LoopWarning) as w:
+    with pytest.warns(fa.errors.LoopWarning) as w:
         fa.simulate(rigid(), t, v0=[0.1], control=late, **steps(integrator))
     assert w[0].message.finding.value == pytest.approx(0.5 * np.log(1.1) / 0.01, rel=1e-4)
 
@@ -188,7 +189,7 @@ def test_laws_that_read_sensors_are_named(compiled: bool) -> None:
     """As one that reads the rate; a sensor's delay counts as the law's own; its noise and its steps do not matter."""
     t = np.linspace(0, 1, 51)
 
-    def law(share: float, sensor: fa.Sensor) -> fa.Controller:
+    def law(share: float, sensor: fa.sensors.Sensor) -> fa.Controller:
         kd = share * INERTIA / 0.01
         if not compiled:
             return fa.Sampled(lambda t, y: -kd * y[0], 100, [sensor])
@@ -196,12 +197,12 @@ def test_laws_that_read_sensors_are_named(compiled: bool) -> None:
             np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[kd]], rate=100, measure=[sensor]
         )
 
-    noisy, late = fa.Tachometer(0, noise=1e-4, resolution=1e-5), fa.Tachometer(0, delay=0.01)
+    noisy, late = fa.sensors.Tachometer(0, noise=1e-4, resolution=1e-5), fa.sensors.Tachometer(0, delay=0.01)
     fa.simulate(rigid(), t, v0=[0.1], control=law(1.8, noisy))
     fa.simulate(rigid(), t, v0=[0.1], control=law(0.9, late))
-    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, .* z = -1\.1;"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, .* z = -1\.1;"):
         fa.simulate(rigid(), t, v0=[0.1], control=law(2.1, noisy))
-    with pytest.warns(fa.LoopWarning, match="with a delay of 0.01 s, is unstable"):
+    with pytest.warns(fa.errors.LoopWarning, match="with a delay of 0.01 s, is unstable"):
         fa.simulate(rigid(), t, v0=[0.1], control=law(1.1, late))
 
 
@@ -223,10 +224,10 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
     """In lanes as by `simulate`: they were silent but for scenarios that failed."""
     t, law, v0 = np.linspace(0, 2, 51), fa.PD(5.0, -1.0, reference=0.1), [[0.1], [0.2]]
     said = r"scenario 0: control\[0\]: the loop of PD of 'link 0 revolute' feeds energy in: .* 1.43 \+- 3.5i 1/s"
-    with pytest.warns(fa.LoopWarning, match=said):
+    with pytest.warns(fa.errors.LoopWarning, match=said):
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
     assert r.stats["engine"] == "steps" and not r.failures
-    with pytest.warns(fa.LoopWarning, match=said):
+    with pytest.warns(fa.errors.LoopWarning, match=said):
         fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=law)
     fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=fa.PD(5.0, 1.0, reference=0.1))
     fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), step=1e-3)
@@ -255,7 +256,7 @@ def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
         return fa.simulate(free, t, [0.0, 1e-4, 1e-5, 0.0], control=law, integrator="gauss", step=5e-3)
 
     run(0.95 * -0.01332)
-    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, is unstable: .*below 0\.[67]"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, is unstable: .*below 0\.[67]"):
         run(1.5 * -0.01332)
 
 
@@ -266,7 +267,8 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
         return fa.StrainFeedback(2.0, 0.05, k, x=0.0, reference=0.1)
 
     t = np.linspace(0, 3, 4)
-    with pytest.warns(fa.LoopWarning, match=r"scenario 1: .*loop of StrainFeedback of 'link 0 .* feeds energy in"):
+    told = r"scenario 1: .*loop of StrainFeedback of 'link 0 .* feeds energy in"
+    with pytest.warns(fa.errors.LoopWarning, match=told):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
     rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
@@ -275,7 +277,7 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
 
 
 def test_a_position_loop_with_the_wrong_sign() -> None:
-    with pytest.warns(fa.LoopWarning, match=r"pole is 5 1/s; with the other sign of its gains it is stable"):
+    with pytest.warns(fa.errors.LoopWarning, match=r"pole is 5 1/s; with the other sign of its gains it is stable"):
         fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=fa.PD(-25 * INERTIA, 0.0))
 
 
@@ -308,7 +310,7 @@ def test_a_pulse_between_steps_is_told(integrator: str) -> None:
     """A torque of 5 N m for 2 ms, between two output times and two steps."""
     options = steps(integrator) | ({"step": 0.05 if integrator == "gauss" else 8e-3} if integrator in FIXED else {})
     pulse = fa.Torque(lambda t: 5.0 if 0.5005 < t < 0.5025 else 0.0)
-    with pytest.warns(fa.StepWarning, match=r"drive of 'link 0 revolute': is 5 at t = 0.50.* give samples") as w:
+    with pytest.warns(fa.errors.StepWarning, match=r"drive of 'link 0 revolute': is 5 at t = 0.50.* give samples") as w:
         r = fa.simulate(rigid(), np.linspace(0, 1.6, 5), drive={0: pulse}, **options)
     assert not r.v.any() and w[0].message.finding.value == 5.0 and w[0].filename == __file__
     assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
@@ -317,9 +319,9 @@ def test_a_pulse_between_steps_is_told(integrator: str) -> None:
 def test_pulses_of_loads_and_references_are_told() -> None:
     t = np.linspace(0, 1, 3)
     push = fa.Load(0, force=lambda t: (0.0, 5.0 if 0.7 < t < 0.71 else 0.0, 0.0))
-    with pytest.warns(fa.StepWarning, match=r"loads\[0\]: is 5 at t = 0.70"):
+    with pytest.warns(fa.errors.StepWarning, match=r"loads\[0\]: is 5 at t = 0.70"):
         fa.simulate(rigid(), t, loads=[push])
-    with pytest.warns(fa.StepWarning, match="reference of control: is"):
+    with pytest.warns(fa.errors.StepWarning, match="reference of control: is"):
         fa.simulate(rigid(), t, control=fa.PD(1.0, 1.0, reference=lambda t: 1.0 if 0.7 < t < 0.71 else 0.0))
 
 
@@ -341,7 +343,7 @@ def test_batches_tell_of_pulses_between_half_steps(integrator: str) -> None:
     def run(law) -> None:
         fa.simulate_batch(rigid(), t, np.zeros((2, 1)), drive={0: fa.Torque(law)}, integrator=integrator, step=0.02)
 
-    with pytest.warns(fa.StepWarning, match="drive .* is 5 at t = 0.50"):
+    with pytest.warns(fa.errors.StepWarning, match="drive .* is 5 at t = 0.50"):
         run(lambda t: 5.0 if 0.501 < t < 0.509 else 0.0)
     run(lambda t: np.sin(20 * t))
     run(lambda t: 5.0 if 0.45 < t < 0.7 else 0.0)
@@ -358,7 +360,7 @@ def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
             raise Enough
 
     said = r"of 1e\+04 s, .* steps are to come, .* (minutes|hours) .*vibration of the beams.* 368 rad/s.*\"gauss\""
-    with pytest.warns(fa.SlowWarning, match=said), pytest.raises(Enough):
+    with pytest.warns(fa.errors.SlowWarning, match=said), pytest.raises(Enough):
         fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop)
 
 
@@ -367,12 +369,12 @@ def test_what_is_told_during_a_run_is_told_once_and_kept(monkeypatch: pytest.Mon
     steps_of = sys.modules["flexarm.run.steps"]
     monkeypatch.setattr(steps_of, "_MANY", 10)
     monkeypatch.setattr(steps_of, "_ENDLESS", 10)
-    with pytest.warns(fa.SlowWarning) as told:
+    with pytest.warns(fa.errors.SlowWarning) as told:
         run = fa.simulate(sheared(), [0.0, 0.03], drive={0: fa.Torque(0.5)})
     assert len(told) == 1 and told[0].message.finding in run.check()
     monkeypatch.setattr(steps_of, "_ENDLESS", 1e12)
     control = fa.PD(-25 * INERTIA, 0.0)
-    with pytest.warns(fa.LoopWarning) as told:
+    with pytest.warns(fa.errors.LoopWarning) as told:
         run = fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=control, rtol=1e-7, max_order=1)
     assert len(told) == 1 and told[0].message.finding in run.check()
 

@@ -80,14 +80,14 @@ def law_of(gain: float) -> Callable[[float, np.ndarray], float]:
     return lambda t, y: float(gain * np.sin(0.3 - y[0]) - 0.4 * np.tanh(y[1]))
 
 
-ANGLE = fa.Encoder(0, pulses=None)
-SLOW = fa.Encoder(0, pulses=None, filter=60.0, delay=1e-3, noise=1e-3)
+ANGLE = fa.sensors.Encoder(0, pulses=None)
+SLOW = fa.sensors.Encoder(0, pulses=None, filter=60.0, delay=1e-3, noise=1e-3)
 LAWS: dict[str, Callable[[float], Any]] = {
     "integral, late": lambda x: [integral(x, delay=0.003),
                                  fa.LinearController.pid(1.0, 3.0, 0.1, 0, rate=90.0, delay=0.02)],
     "at its limit": lambda x: integral(x, limit=0.5, tracking_time=0.02),
-    "an accelerometer": lambda x: read(x, [ANGLE, fa.Accelerometer(0)], 0.01),
-    "filters, noise": lambda x: read(x, [SLOW, fa.Tachometer(0)], 0.4),
+    "an accelerometer": lambda x: read(x, [ANGLE, fa.sensors.Accelerometer(0)], 0.01),
+    "filters, noise": lambda x: read(x, [SLOW, fa.sensors.Tachometer(0)], 0.4),
     "a function": lambda x: fa.Sampled(law_of(x), 250.0, [("joint", 0), ("rate", 0)]),
     "computed torque": lambda x: fa.ComputedTorque(20 * x, reference=0.3, rate=250.0),
     "MPC": lambda x: fa.MPC(reference=0.05 * x, rate=125.0, horizon=0.2, stages=10, blocks=5),
@@ -167,7 +167,7 @@ class Adds:
 
 @pytest.mark.parametrize("options", [GAUSS, IDA])
 def test_what_a_run_has_no_derivatives_through(options: dict[str, Any]) -> None:
-    steps = fa.LinearController([], D=[[6.0]], measure=[fa.Encoder(0)], rate=250.0)
+    steps = fa.LinearController([], D=[[6.0]], measure=[fa.sensors.Encoder(0)], rate=250.0)
     adds = fa.Sampled(Adds(), 250.0, [("joint", 0)])
     for law, says in ((steps, "measure.0.*reads in steps"), (adds, "remembers")):
         run = fa.simulate(flexible(0.1), np.linspace(0, 0.1, 26), [0.1, 0, 0], control=law, **options)

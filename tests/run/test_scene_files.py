@@ -101,15 +101,15 @@ def test_warnings_of_a_scene_point_at_the_line_that_asked() -> None:
     section = {"type": "rectangle", "y": 0.01, "z": 0.02}
     beam = {"length": 0.5, "section": section, "material": steel, "modes": {"bending_y": 2}}
     arm = fa.Arm.from_dict({"link": [{"joint": {"type": "revolute", "axis": "z"}, "beam": beam}]})
-    gauge = fa.StrainGauge(link=0, x=0.01, filter=fa.LowPass(1e3))
+    gauge = fa.sensors.StrainGauge(link=0, x=0.01, filter=fa.sensors.LowPass(1e3))
     options = {"integrator": "implicit", "step": 1e-2}
     scene = fa.Scene(arm, {0: fa.Torque(0.1)}, t=np.linspace(0, 0.045, 11), sensors=(gauge,), options=options)
-    with pytest.warns(fa.RangeWarning) as said:
+    with pytest.warns(fa.errors.RangeWarning) as said:
         run = scene.run()
     found = run.check(fa.Watch({("rotation", 0): 1e-6}))
     assert found[0] == said[0].message.finding and {x.unit for x in found} == {"rad", "Pa"}
     assert {w.filename for w in said} == {__file__}
-    with pytest.warns(fa.ModelWarning, match="filter: 1000 Hz") as said:
+    with pytest.warns(fa.errors.ModelWarning, match="filter: 1000 Hz") as said:
         scene.readings(run)
     assert {w.filename for w in said} == {__file__}
 

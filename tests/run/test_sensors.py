@@ -41,21 +41,21 @@ def test_gauges_on_a_beam_with_a_force_on_its_end(x: float) -> None:
     by_y = -P * moment / (E * HEIGHT * WIDTH**3 / 12) * WIDTH / 2  # the tip goes to +y, so the face +y is compressed
     by_z = -Q * moment / (E * WIDTH * HEIGHT**3 / 12) * HEIGHT / 2
     for face, strain in (("+y", by_y), ("-y", -by_y), ("+z", by_z), ("-z", -by_z)):
-        found = fa.StrainGauge(0, x, face).measure(arm, 0.0, q, np.zeros(arm.nv))
+        found = fa.sensors.StrainGauge(0, x, face).measure(arm, 0.0, q, np.zeros(arm.nv))
         assert found.shape == (1,) and found[0] == pytest.approx(strain, rel=1e-5)
-    resistance = fa.StrainGauge(0, x, "+y", gauge_factor=2.05).measure(arm, 0.0, q, np.zeros(arm.nv))
+    resistance = fa.sensors.StrainGauge(0, x, "+y", gauge_factor=2.05).measure(arm, 0.0, q, np.zeros(arm.nv))
     assert resistance[0] == pytest.approx(2.05 * by_y, rel=1e-5)
 
 
 def test_gauges_know_the_faces_of_circles_and_tapers() -> None:
     def strain(section, **gauge) -> float:
         arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(0.5, section, STEEL, {"bending_y": 1}, "legendre"))])
-        return float(fa.StrainGauge(0, 0.25, **gauge).measure(arm, 0.0, [2.0], [0.0])[0])  # curvature 2 1/m
+        return float(fa.sensors.StrainGauge(0, 0.25, **gauge).measure(arm, 0.0, [2.0], [0.0])[0])  # curvature 2 1/m
 
     assert strain(fa.Circle(0.003)) == pytest.approx(-2 * 0.003)
-    wedge = fa.Taper((0, 0.5), (fa.Rectangle(0.004, 0.01), fa.Rectangle(0.002, 0.01)))
+    wedge = fa.sections.Taper((0, 0.5), (fa.Rectangle(0.004, 0.01), fa.Rectangle(0.002, 0.01)))
     assert strain(wedge) == pytest.approx(-2 * 0.0015)
-    general = fa.GeneralSection(1e-5, 1e-10, 1e-10, 1e-10)
+    general = fa.sections.GeneralSection(1e-5, 1e-10, 1e-10, 1e-10)
     assert strain(general, distance=0.002) == pytest.approx(-2 * 0.002)
     with pytest.raises(ValueError, match=r"distance = None: this section does not tell"):
         strain(general)
@@ -66,25 +66,25 @@ def test_an_accelerometer_at_rest_reads_gravity_upwards() -> None:
     zero = np.zeros(1)
 
     def read(q: float, **sensor) -> np.ndarray:
-        return fa.Accelerometer(axis="xyz", **sensor).measure(arm, 0.0, [q], zero, zero)
+        return fa.sensors.Accelerometer(axis="xyz", **sensor).measure(arm, 0.0, [q], zero, zero)
 
     close(read(0.0), np.array([0, G, 0]), 1e-12)
     close(read(np.pi / 2), np.array([G, 0, 0]), 1e-12)  # its own x points up
     close(read(0.0, gravity=False), np.zeros(3), 1e-12)
-    oblique = fa.Accelerometer(axis=(1, 1, 0)).measure(arm, 0.0, [0.0], zero, zero)
+    oblique = fa.sensors.Accelerometer(axis=(1, 1, 0)).measure(arm, 0.0, [0.0], zero, zero)
     assert oblique[0] == pytest.approx(G / np.sqrt(2))
 
 
 def test_an_accelerometer_in_free_fall_reads_nothing() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (1, 0, 0), end=(1, 0, 0)))], (0, -G, 0))
     a = arm.forward_dynamics([0.0], [0.0])  # a point mass let go with its rod level: nothing holds it at first
-    assert abs(fa.Accelerometer().measure(arm, 0.0, [0.0], [0.0], a)[0]) < 1e-12
-    assert fa.Accelerometer(gravity=False).measure(arm, 0.0, [0.0], [0.0], a)[0] == pytest.approx(-G)
+    assert abs(fa.sensors.Accelerometer().measure(arm, 0.0, [0.0], [0.0], a)[0]) < 1e-12
+    assert fa.sensors.Accelerometer(gravity=False).measure(arm, 0.0, [0.0], [0.0], a)[0] == pytest.approx(-G)
 
 
 def test_an_accelerometer_that_is_spun_reads_towards_the_axis() -> None:
     run = turning(3.0, np.linspace(0, 1, 11))
-    y = fa.Accelerometer(axis="xyz").read(run).y
+    y = fa.sensors.Accelerometer(axis="xyz").read(run).y
     close(y, np.tile([-(3.0**2) * 0.4, 0, 0], (11, 1)), 1e-9)
 
 
@@ -94,7 +94,7 @@ def test_force_and_torque_of_weight_and_lever() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), body)], (0, 0, -G))
     pull = fa.Load(force=np.outer([0.0, 4.0], [0, 0, -1.0]), t=[0, 1])
     run = fa.simulate(arm, t, drive={0: fa.Motion([0, 1], [0, 0])}, loads=[pull])
-    sensor = fa.ForceTorque(0)
+    sensor = fa.sensors.ForceTorque(0)
     weight, lever = 2.0 * G + 4.0 * t, 2.0 * G * 0.3 + 4.0 * t * 0.5
     zero = np.zeros_like(t)
     close(sensor.read(run).y, np.stack([zero, zero, weight, zero, -lever, zero], axis=1), 1e-9)
@@ -107,10 +107,10 @@ def test_force_and_torque_of_weight_and_lever() -> None:
 def test_a_camera_follows_the_tip() -> None:
     arm = paper_link()
     run = fa.simulate(arm, np.linspace(0, 0.3, 61), drive={0: fa.Motion.spin_up(2.0, 0.25)})
-    close(fa.Camera().read(run).y, run.frame()[0], 1e-15)
-    close(fa.Camera(axes="link").read(run).y, run.tip_deflection(), 1e-12)
-    close(fa.Camera(x=0.2, axes="link").read(run).y, arm.deflection(run.q, 0, 0.2), 1e-12)
-    assert fa.Camera().read(run).labels == ("position x", "position y", "position z")
+    close(fa.sensors.Camera().read(run).y, run.frame()[0], 1e-15)
+    close(fa.sensors.Camera(axes="link").read(run).y, run.tip_deflection(), 1e-12)
+    close(fa.sensors.Camera(x=0.2, axes="link").read(run).y, arm.deflection(run.q, 0, 0.2), 1e-12)
+    assert fa.sensors.Camera().read(run).labels == ("position x", "position y", "position z")
 
 
 def test_encoders_and_tachometers() -> None:
@@ -119,13 +119,15 @@ def test_encoders_and_tachometers() -> None:
     angle = arm.links[0].joint.units.index("rad")
     slide = 1 - angle
     for freedom, unit in ((angle, "rad"), (slide, "m")):
-        assert fa.Encoder(0, freedom).components(arm) == [("position", unit)]
-        assert fa.Encoder(0, freedom).measure(arm, 0.0, q, v)[0] == q[freedom]
-        assert fa.Tachometer(0, freedom).measure(arm, 0.0, q, v)[0] == v[freedom]
-    assert fa.Encoder(0, angle, 500).steps(arm)[0] == pytest.approx(2 * np.pi / 500)
-    assert fa.Encoder(0, angle, 500, quadrature=True, gear=100).steps(arm)[0] == pytest.approx(2 * np.pi / 200e3)
-    assert fa.Encoder(0, slide, 500).steps(arm)[0] == pytest.approx(1 / 500)
-    assert fa.Encoder(0, slide, None).steps(arm)[0] == 0
+        assert fa.sensors.Encoder(0, freedom).components(arm) == [("position", unit)]
+        assert fa.sensors.Encoder(0, freedom).measure(arm, 0.0, q, v)[0] == q[freedom]
+        assert fa.sensors.Tachometer(0, freedom).measure(arm, 0.0, q, v)[0] == v[freedom]
+    assert fa.sensors.Encoder(0, angle, 500).steps(arm)[0] == pytest.approx(2 * np.pi / 500)
+    assert fa.sensors.Encoder(0, angle, 500, quadrature=True, gear_ratio=100).steps(arm)[0] == pytest.approx(
+        2 * np.pi / 200e3
+    )
+    assert fa.sensors.Encoder(0, slide, 500).steps(arm)[0] == pytest.approx(1 / 500)
+    assert fa.sensors.Encoder(0, slide, None).steps(arm)[0] == 0
 
 
 # -- what the instrument makes of it -------------------------------------------------------------------------------
@@ -133,7 +135,7 @@ def test_encoders_and_tachometers() -> None:
 
 def test_a_delayed_reading_in_steps_by_hand() -> None:
     run = turning(2.0, np.linspace(0, 1, 11))
-    reading = fa.Encoder(pulses=8, rate=4, delay=0.1).read(run)  # angles 0 (not yet moving), 0.3, 0.8, 1.3, 1.8
+    reading = fa.sensors.Encoder(pulses=8, rate=4, delay=0.1).read(run)  # angles 0 (not yet moving), 0.3, 0.8, 1.3, 1.8
     close(reading.t, np.array([0, 0.25, 0.5, 0.75, 1.0]), 1e-15)
     np.testing.assert_allclose(reading.y[:, 0] / (np.pi / 4), [0, 0, 1, 2, 2], rtol=0, atol=1e-12)
     assert reading.unit == "rad" and "link 0 revolute" in reading.name
@@ -141,7 +143,7 @@ def test_a_delayed_reading_in_steps_by_hand() -> None:
 
 def test_noise_comes_before_steps_and_range_last() -> None:
     run = turning(2.0, np.linspace(0, 1, 2001))
-    y = fa.Encoder(pulses=100, noise=0.5, range=1.0).read(run).y[:, 0]
+    y = fa.sensors.Encoder(pulses=100, noise=0.5, range=1.0).read(run).y[:, 0]
     counts = y[np.abs(y) < 1.0] / (2 * np.pi / 100)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert y.max() == 1.0 and y.min() < 0 and np.abs(y).max() <= 1.0
@@ -150,22 +152,22 @@ def test_noise_comes_before_steps_and_range_last() -> None:
 def test_noise_is_white_repeats_by_seed_and_is_each_sensors_own() -> None:
     run = turning(0.0, np.linspace(0, 1, 20001))
 
-    def noise(sensor: fa.Sensor) -> np.ndarray:
+    def noise(sensor: fa.sensors.Sensor) -> np.ndarray:
         return sensor.read(run).y
 
-    first = noise(fa.Accelerometer(noise=0.2, seed=3))[:, 0]
+    first = noise(fa.sensors.Accelerometer(noise=0.2, seed=3))[:, 0]
     assert first.std() == pytest.approx(0.2, rel=0.03) and abs(first.mean()) < 4 * 0.2 / np.sqrt(20001)
     assert abs(np.corrcoef(first[1:], first[:-1])[0, 1]) < 4 / np.sqrt(20000)
     assert abs((np.abs(first) < 0.2).mean() - 0.6827) < 0.015  # Gaussian
-    for same in (fa.Accelerometer(noise=0.2, seed=3), fa.Accelerometer(link=0, noise=0.2, seed=3)):
+    for same in (fa.sensors.Accelerometer(noise=0.2, seed=3), fa.sensors.Accelerometer(link=0, noise=0.2, seed=3)):
         np.testing.assert_array_equal(first, noise(same)[:, 0])
     for other in (
-        fa.Accelerometer(noise=0.2, seed=4),
-        fa.Accelerometer(axis="x", noise=0.2, seed=3),
-        fa.Tachometer(noise=0.2, seed=3),
+        fa.sensors.Accelerometer(noise=0.2, seed=4),
+        fa.sensors.Accelerometer(axis="x", noise=0.2, seed=3),
+        fa.sensors.Tachometer(noise=0.2, seed=3),
     ):
         assert abs(np.corrcoef(first, noise(other)[:, 0])[0, 1]) < 4 / np.sqrt(20000)
-    six = noise(fa.ForceTorque(noise=(1, 1, 1, 0, 0, 0.1)))
+    six = noise(fa.sensors.ForceTorque(noise=(1, 1, 1, 0, 0, 0.1)))
     np.testing.assert_allclose(six.std(axis=0), [1, 1, 1, 0, 0, 0.1], rtol=0.03, atol=1e-12)
 
 
@@ -174,15 +176,15 @@ def test_samples_between_the_output_times_follow_the_motion() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.2, 0, 0), end=(0.4, 0, 0)))])
     swing = fa.Motion(lambda t: (np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t)))
     run = fa.simulate(arm, np.linspace(0, 1, 101), drive={0: swing})
-    encoder = fa.Encoder(pulses=None, rate=730, delay=0.0123).read(run)
+    encoder = fa.sensors.Encoder(pulses=None, rate=730, delay=0.0123).read(run)
     at = np.maximum(encoder.t - 0.0123, 0)
     assert np.abs(encoder.y[:, 0] - np.sin(w * at)).max() < 1e-7
-    rate = fa.Tachometer(rate=730).read(run)
+    rate = fa.sensors.Tachometer(rate=730).read(run)
     assert np.abs(rate.y[:, 0] - w * np.cos(w * rate.t)).max() < 1e-6
-    along = fa.Accelerometer(rate=730, gravity=False).read(run)
+    along = fa.sensors.Accelerometer(rate=730, gravity=False).read(run)
     assert np.abs(along.y[:, 0] + 0.4 * w * w * np.sin(w * along.t)).max() < 1e-4
     with pytest.raises(ValueError, match=r"rate = 2000: is above 1000 Hz.*output time every 0.005 s"):
-        fa.Tachometer(rate=2000).read(run)
+        fa.sensors.Tachometer(rate=2000).read(run)
 
 
 def test_turning_balls_are_read_between_the_output_times() -> None:
@@ -191,7 +193,7 @@ def test_turning_balls_are_read_between_the_output_times() -> None:
     v = 0.3 * rng.normal(size=arm.nv)
     v[6:] *= 0.05
     coarse, fine = (fa.simulate(arm, np.linspace(0, 0.02, n), q, v, rtol=1e-9) for n in (41, 401))
-    for sensor in (fa.Camera(rate=20000), fa.Accelerometer(axis="xyz", rate=20000)):
+    for sensor in (fa.sensors.Camera(rate=20000), fa.sensors.Accelerometer(axis="xyz", rate=20000)):
         y = sensor.read(fine).y
         assert np.abs(sensor.read(coarse).y - y).max() < 2e-3 * np.ptp(y, axis=0).max()
 
@@ -203,9 +205,9 @@ def test_a_sampler_gives_what_a_reading_gives(options: dict) -> None:
     arm = paper_link()
     run = fa.simulate(arm, np.arange(301) / 1000, drive={0: fa.Motion.spin_up(2.0, 0.25)})
     for sensor in (
-        fa.Accelerometer(noise=0.3, resolution=0.05, range=4.0, **options),
-        fa.Encoder(noise=0.001, **options),
-        fa.Camera(noise=(1e-3, 1e-4, 0), **options),
+        fa.sensors.Accelerometer(noise=0.3, resolution=0.05, range=4.0, **options),
+        fa.sensors.Encoder(noise=0.001, **options),
+        fa.sensors.Camera(noise=(1e-3, 1e-4, 0), **options),
     ):
         reading = sensor.read(run)
         sampler = sensor.sampler(arm)
@@ -218,7 +220,7 @@ def test_a_sampler_gives_what_a_reading_gives(options: dict) -> None:
 
 def test_a_sampler_interpolates_a_delay_between_calls() -> None:
     arm = turning(0.0, np.array([0, 1.0])).arm
-    sampler = fa.Encoder(pulses=None, delay=0.15).sampler(arm)
+    sampler = fa.sensors.Encoder(pulses=None, delay=0.15).sampler(arm)
     heard = [sampler.sample(0.1 * k, [float(k * k)], [0.0])[0] for k in range(5)]
     np.testing.assert_allclose(heard, [0, 0, 0.5, 2.5, 6.5], atol=1e-9)  # halfway between 0, 0, 1, 4 and 9
     with pytest.raises(ValueError, match=r"t = 0.4: must be later than the last call's, 0.4"):
@@ -232,13 +234,13 @@ def test_a_spectrum_holds_the_variance_and_finds_the_lines() -> None:
     t = np.arange(20000) / 1000
     y = 3 + 2 * np.sin(2 * np.pi * 7.013 * t) + 0.5 * np.sin(2 * np.pi * 91.37 * t)
     y += 0.3 * np.random.default_rng(1).normal(size=t.size)
-    spectrum = fa.psd(t, y)
+    spectrum = fa.sensors.psd(t, y)
     assert spectrum.density.sum() * spectrum.frequency[1] == pytest.approx(2 + 0.125 + 0.09, rel=0.02)
     np.testing.assert_allclose(spectrum.peaks(2), [7.013, 91.37], atol=0.05 / 20)  # a twentieth of a step
-    smooth = fa.psd(t, y, segment=2.0)
+    smooth = fa.sensors.psd(t, y, segment=2.0)
     quiet = (smooth.frequency > 150) & (smooth.frequency < 450)
     assert smooth.density[quiet].mean() == pytest.approx(0.09 / 500, rel=0.1)  # unit^2/Hz, one-sided
-    assert len(fa.psd(t, np.zeros_like(t)).peaks()) == 0
+    assert len(fa.sensors.psd(t, np.zeros_like(t)).peaks()) == 0
 
 
 def test_a_gauge_after_an_impact_tells_the_frequencies() -> None:
@@ -247,8 +249,8 @@ def test_a_gauge_after_an_impact_tells_the_frequencies() -> None:
     v0 = np.linalg.solve(arm.mass_matrix(arm.zero)[1:, 1:], 1e-4 * arm.jacobian(arm.zero)[1, 1:])  # 1e-4 N s
     t = np.arange(8001) / 1000
     run = fa.simulate(arm, t, v0=[0, *v0], drive={0: fa.Motion([0, 8], [0, 0])}, integrator="gauss", step=0.002)
-    reading = fa.StrainGauge(0, 0.01).read(run)
-    peaks = fa.psd(reading.t, reading.y).peaks(3)
+    reading = fa.sensors.StrainGauge(0, 0.01).read(run)
+    peaks = fa.sensors.psd(reading.t, reading.y).peaks(3)
     np.testing.assert_allclose(peaks * 2 * np.pi, [20.948766, 131.283672, 367.598084], rtol=1e-3)
 
 
@@ -280,8 +282,8 @@ def test_scenes_and_the_command_line_read_sensors(tmp_path: Path, capsys) -> Non
     path.write_text(SCENE)
     scene = fa.load(path)
     assert scene.sensors == (
-        fa.Encoder(0, pulses=500),
-        fa.Accelerometer(axis="xyz", rate=500, noise=(0.1, 0.1, 0.0)),
+        fa.sensors.Encoder(0, pulses=500),
+        fa.sensors.Accelerometer(axis="xyz", rate=500, noise=(0.1, 0.1, 0.0)),
     )
     for sensor in scene.sensors:
         assert pickle.loads(pickle.dumps(sensor)) == sensor
@@ -300,59 +302,62 @@ def test_a_file_without_its_loads_has_no_reactions(tmp_path: Path) -> None:
     run = fa.simulate(arm, [0, 0.1], loads=[fa.Load(force=(1, 0, 0))])
     run.save(tmp_path / "run.npz")
     again = fa.Result.load(tmp_path / "run.npz")
-    close(fa.Encoder().read(again).y, fa.Encoder().read(run).y, 1e-15)
+    close(fa.sensors.Encoder().read(again).y, fa.sensors.Encoder().read(run).y, 1e-15)
     with pytest.raises(ValueError, match=r"loads = None"):
-        fa.ForceTorque().read(again)
+        fa.sensors.ForceTorque().read(again)
 
 
 def test_readings_are_drawn(tmp_path: Path) -> None:
     run = turning(2.0, np.linspace(0, 1, 101))
-    for sensor, panels in ((fa.Encoder(), 1), (fa.ForceTorque(), 2)):
+    for sensor, panels in ((fa.sensors.Encoder(), 1), (fa.sensors.ForceTorque(), 2)):
         fig = sensor.read(run).plot()
         assert len(fig.axes) == panels
         fig.savefig(tmp_path / "reading.png")
-    assert "(rad)" in fa.Encoder().read(run).plot().axes[0].get_ylabel()
+    assert "(rad)" in fa.sensors.Encoder().read(run).plot().axes[0].get_ylabel()
 
 
 LINK = paper_link()
 BAD = [
-    (lambda: fa.Encoder(pulses=0), r"pulses = 0: must be at least 1"),
-    (lambda: fa.Encoder(pulses=1.5), r"pulses = 1.5: must be a whole number"),
-    (lambda: fa.Encoder(resolution=0.1), r"resolution = 0.1: an encoder's follows from pulses"),
-    (lambda: fa.Encoder(gear=0), r"gear = 0: must be positive"),
-    (lambda: fa.Encoder(quadrature=4), r"quadrature = 4: must be true or false"),
-    (lambda: fa.Encoder(rate=0), r"rate = 0: must be positive"),
-    (lambda: fa.Encoder(rate="fast"), r"rate = 'fast': must be a number"),
-    (lambda: fa.Encoder(delay=-1e-3), r"delay = -0.001: must not be negative"),
-    (lambda: fa.Tachometer(noise=-1), r"noise = -1: must not be negative"),
-    (lambda: fa.Tachometer(noise=np.nan), r"noise = nan: must be finite"),
-    (lambda: fa.Tachometer(range=0), r"range = 0: must be positive"),
-    (lambda: fa.Tachometer(resolution=0.0), r"resolution = 0.0: must be positive"),
-    (lambda: fa.Tachometer(seed=-1), r"seed = -1: must not be negative"),
-    (lambda: fa.Tachometer(seed=0.5), r"seed = 0.5: must be a whole number"),
-    (lambda: fa.StrainGauge(face="y"), r"face = 'y': must be one of \+y, -y, \+z, -z"),
-    (lambda: fa.StrainGauge(gauge_factor=0), r"gauge_factor = 0: must be positive"),
-    (lambda: fa.Accelerometer(axis="w"), r"axis = 'w': must be one of x, y, z, xyz"),
-    (lambda: fa.Accelerometer(axis=(0, 0, 0)), r"axis = .*must not be zero"),
-    (lambda: fa.Accelerometer(gravity=9.81), r"gravity = 9.81: must be true or false"),
-    (lambda: fa.Camera(axes="hub"), r"axes = 'hub': must be one of world, link"),
-    (lambda: fa.ForceTorque(side="left"), r"side = 'left': must be one of outboard, inboard"),
-    (lambda: fa.Encoder(3).check(LINK), r"link = 3: must be from -1 to 0"),
-    (lambda: fa.Encoder(0, 1).check(LINK), r"link = \(0, 1\): its joint has freedoms 0 to 0"),
-    (lambda: fa.StrainGauge(0, 0.6).check(LINK), r"x = 0.6: must be on the beam"),
-    (lambda: fa.StrainGauge(0).check(pendulum()), r"link = 0: has no beam to bond"),
-    (lambda: fa.Camera(axes="link").check(pendulum()), r"beam"),
-    (lambda: fa.Camera(noise=(1, 2)).check(LINK), r"noise = \(1.0, 2.0\): must be one number, or 3"),
+    (lambda: fa.sensors.Encoder(pulses=0), r"pulses = 0: must be at least 1"),
+    (lambda: fa.sensors.Encoder(pulses=1.5), r"pulses = 1.5: must be a whole number"),
+    (lambda: fa.sensors.Encoder(resolution=0.1), r"resolution = 0.1: an encoder's follows from pulses"),
+    (lambda: fa.sensors.Encoder(gear_ratio=0), r"gear_ratio = 0: must be positive"),
+    (lambda: fa.sensors.Encoder(quadrature=4), r"quadrature = 4: must be true or false"),
+    (lambda: fa.sensors.Encoder(rate=0), r"rate = 0: must be positive"),
+    (lambda: fa.sensors.Encoder(rate="fast"), r"rate = 'fast': must be a number"),
+    (lambda: fa.sensors.Encoder(delay=-1e-3), r"delay = -0.001: must not be negative"),
+    (lambda: fa.sensors.Tachometer(noise=-1), r"noise = -1: must not be negative"),
+    (lambda: fa.sensors.Tachometer(noise=np.nan), r"noise = nan: must be finite"),
+    (lambda: fa.sensors.Tachometer(range=0), r"range = 0: must be positive"),
+    (lambda: fa.sensors.Tachometer(resolution=0.0), r"resolution = 0.0: must be positive"),
+    (lambda: fa.sensors.Tachometer(seed=-1), r"seed = -1: must not be negative"),
+    (lambda: fa.sensors.Tachometer(seed=0.5), r"seed = 0.5: must be a whole number"),
+    (lambda: fa.sensors.StrainGauge(face="y"), r"face = 'y': must be one of \+y, -y, \+z, -z"),
+    (lambda: fa.sensors.StrainGauge(gauge_factor=0), r"gauge_factor = 0: must be positive"),
+    (lambda: fa.sensors.Accelerometer(axis="w"), r"axis = 'w': must be one of x, y, z, xyz"),
+    (lambda: fa.sensors.Accelerometer(axis=(0, 0, 0)), r"axis = .*must not be zero"),
+    (lambda: fa.sensors.Accelerometer(gravity=9.81), r"gravity = 9.81: must be true or false"),
+    (lambda: fa.sensors.Camera(axes="hub"), r"axes = 'hub': must be one of world, link"),
+    (lambda: fa.sensors.ForceTorque(side="left"), r"side = 'left': must be one of outboard, inboard"),
+    (lambda: fa.sensors.Encoder(3).check(LINK), r"link = 3: must be from -1 to 0"),
+    (lambda: fa.sensors.Encoder(0, 1).check(LINK), r"link = \(0, 1\): its joint has freedoms 0 to 0"),
+    (lambda: fa.sensors.StrainGauge(0, 0.6).check(LINK), r"x = 0.6: must be on the beam"),
+    (lambda: fa.sensors.StrainGauge(0).check(pendulum()), r"link = 0: has no beam to bond"),
+    (lambda: fa.sensors.Camera(axes="link").check(pendulum()), r"beam"),
+    (lambda: fa.sensors.Camera(noise=(1, 2)).check(LINK), r"noise = \(1.0, 2.0\): must be one number, or 3"),
     (
-        lambda: fa.Encoder().check(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))])),
+        lambda: fa.sensors.Encoder().check(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))])),
         r"freedom = 0: is one",
     ),
-    (lambda: fa.Accelerometer().sampler(LINK).sample(0.0, LINK.zero, np.zeros(4)), r"a = None: accelerometer y needs"),
-    (lambda: fa.psd([0, 1], [0, 1]), r"t has shape \(2,\): must be at least eight"),
-    (lambda: fa.psd(np.arange(9.0) ** 2, np.zeros(9)), r"t: must increase in equal steps"),
-    (lambda: fa.psd(np.arange(9), np.zeros(8)), r"y has shape \(8,\): must be one signal, 9 numbers"),
-    (lambda: fa.psd(np.arange(9), np.zeros(9), segment=3), r"segment = 3: must be from 8 to 9 s"),
-    (lambda: fa.psd(np.arange(9), np.ones(9), window="flat"), r"window = 'flat'"),
+    (
+        lambda: fa.sensors.Accelerometer().sampler(LINK).sample(0.0, LINK.zero, np.zeros(4)),
+        r"a = None: accelerometer y needs",
+    ),
+    (lambda: fa.sensors.psd([0, 1], [0, 1]), r"t has shape \(2,\): must be at least eight"),
+    (lambda: fa.sensors.psd(np.arange(9.0) ** 2, np.zeros(9)), r"t: must increase in equal steps"),
+    (lambda: fa.sensors.psd(np.arange(9), np.zeros(8)), r"y has shape \(8,\): must be one signal, 9 numbers"),
+    (lambda: fa.sensors.psd(np.arange(9), np.zeros(9), segment=3), r"segment = 3: must be from 8 to 9 s"),
+    (lambda: fa.sensors.psd(np.arange(9), np.ones(9), window="flat"), r"window = 'flat'"),
 ]
 
 
@@ -379,12 +384,12 @@ def test_bad_scenes(old: str, new: str, message: str, tmp_path: Path) -> None:
 
 def test_a_reading_is_columns(tmp_path: Path) -> None:
     run = fa.load("ist").run()
-    reading = fa.Camera(0).read(run)
+    reading = fa.sensors.Camera(0).read(run)
     data = reading.to_data()
     assert data.names == reading.labels == ("position x", "position y", "position z") and data.name == reading.name
     np.testing.assert_array_equal(np.column_stack(list(data.columns.values())), reading.y)
     reading.save(tmp_path / "camera.csv")
-    back = fa.load_data(tmp_path / "camera.csv")
+    back = fa.Data.load(tmp_path / "camera.csv")
     assert back.units == data.units
     np.testing.assert_array_equal(back["position y"], data["position y"])
 
@@ -392,19 +397,21 @@ def test_a_reading_is_columns(tmp_path: Path) -> None:
 def test_gain_and_offset_come_before_noise_and_steps() -> None:
     """Per component too; the noise is the same that a sensor without them has."""
     run = fa.load("ist").run()
-    plain, other = (fa.Encoder(0, pulses=None, noise=1e-3, **more) for more in ({}, {"gain": 1.5, "offset": -0.2}))
-    angle = fa.Encoder(0, pulses=None).read(run).y
+    plain, other = (
+        fa.sensors.Encoder(0, pulses=None, noise=1e-3, **more) for more in ({}, {"gain": 1.5, "offset": -0.2})
+    )
+    angle = fa.sensors.Encoder(0, pulses=None).read(run).y
     noise = plain.read(run).y - angle
     np.testing.assert_allclose(other.read(run).y, 1.5 * angle - 0.2 + noise, atol=1e-14)
-    step = fa.Encoder(0, pulses=100, gain=2.0).read(run).y
+    step = fa.sensors.Encoder(0, pulses=100, gain=2.0).read(run).y
     np.testing.assert_allclose(step, np.round(2 * angle / (2 * np.pi / 100)) * (2 * np.pi / 100), atol=1e-14)
-    camera = fa.Camera(gain=(1, 2, 3), offset=(0, 0.1, 0))
-    place = fa.Camera().read(run).y
+    camera = fa.sensors.Camera(gain=(1, 2, 3), offset=(0, 0.1, 0))
+    place = fa.sensors.Camera().read(run).y
     np.testing.assert_allclose(camera.read(run).y, place * [1, 2, 3] + [0, 0.1, 0], atol=1e-15)
     sampler, t = other.sampler(run.arm), 7
     rows = [sampler.sample(float(run.t[k]), run.q[k], run.v[k], run.a[k]) for k in range(t)]
     np.testing.assert_allclose(rows, other.read(run).y[:t], atol=1e-12)
     with pytest.raises(ValueError, match="gain"):
-        fa.Camera(gain=(1, 2)).read(run)
+        fa.sensors.Camera(gain=(1, 2)).read(run)
     with pytest.raises(ValueError, match="offset"):
-        fa.Encoder(offset="x")  # type: ignore[arg-type]
+        fa.sensors.Encoder(offset="x")  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 def kane_beam(order: int) -> fa.Arm:
     """L 10, EI 1.4e4, rho A 1.2, rho I 6e-4, GA 1e7 (Kane, Ryan & Banerjee 1987; Simo & Vu-Quoc 1986)."""
     I = 6e-4 / 1.2
-    section = fa.GeneralSection(1.0, I, I, 1.0, shear_correction=1.0)
+    section = fa.sections.GeneralSection(1.0, I, I, 1.0, shear_correction=1.0)
     material = fa.Material(1.2, 1.4e4 / I, shear_modulus=1e7)
     modes = {"bending_y": 5}
     return fa.Arm([fa.Link(fa.Revolute("z"), beam=fa.Beam(10.0, section, material, modes, "legendre", order))])
@@ -138,7 +138,7 @@ def test_everything_prescribed() -> None:
     np.testing.assert_allclose(r.tau, 4.0)
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")  # bends far, on purpose
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")  # bends far, on purpose
 def test_order_one_diverges_above_its_critical_speed() -> None:
     t = np.linspace(0, 4, 101)
     drive = {0: fa.Motion.spin_up(24.0, 1.0)}
@@ -175,7 +175,7 @@ def test_errors_of_a_drive_come_through() -> None:
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(lambda t: float("nan"))})
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.SlowWarning")
+@pytest.mark.filterwarnings("ignore::flexarm.errors.SlowWarning")
 def test_ctrl_c_stops_a_long_run() -> None:
     arm = paper_link()
     q0 = [0, 0.1, 0, 0]
@@ -208,7 +208,7 @@ def test_ctrl_c_inside_a_callable_keeps_the_result(how: dict[str, Any], place: s
         "progress": {"progress": pressed},
     }[place]
     end = 1000.0 if place == "progress" else 1.0
-    with pytest.raises(fa.SimulationInterrupted) as caught:
+    with pytest.raises(fa.errors.SimulationInterrupted) as caught:
         fa.simulate(arm, np.linspace(0, end, int(100 * end) + 1), [0, 0.05, 0, 0], **given, **how)
     kept = caught.value.result
     assert kept.t[-1] <= caught.value.time and len(kept.t) > 10 and np.isfinite(kept.q).all()
@@ -229,7 +229,7 @@ def test_ida_looks_around_often_however_long_its_steps_take() -> None:
             raise KeyboardInterrupt
 
     began = time.monotonic()
-    with pytest.raises(fa.SimulationInterrupted):
+    with pytest.raises(fa.errors.SimulationInterrupted):
         fa.simulate(arm, [0, 10], progress=look)
     assert np.diff([began, *looks])[1:].max() < 0.5  # 0.1 s on a quiet machine; 200 steps took seconds
 
@@ -250,7 +250,7 @@ def test_progress_goes_to_stderr(capsys) -> None:
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")  # bends far, on purpose
+@pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")  # bends far, on purpose
 def test_no_step_passes_over_a_pulse() -> None:
     """An arm at rest must not sleep through a short torque or motion."""
     hub = fa.RigidBody(inertia=(0, 0, 1e-2), end=(0.075, 0, 0))

@@ -340,7 +340,7 @@ def test_ctrl_c_and_stats() -> None:
     arm = paper_link()
     killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     killer.start()
-    with pytest.raises(fa.SimulationInterrupted) as caught:
+    with pytest.raises(fa.errors.SimulationInterrupted) as caught:
         fa.simulate(arm, np.linspace(0, 1e5, 100_001), [0, 0.1, 0, 0], integrator="implicit", step=1e-3)
     killer.join()
     kept = caught.value.result

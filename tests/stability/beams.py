@@ -20,7 +20,7 @@ CRITICAL = 20.948766  # rad/s: the first clamped-free frequency of the paper's l
 def clamped(modes: dict[str, int], order: int | str = 2, tip: fa.RigidBody | None = None, **beam) -> fa.Arm:
     """A beam on a wall with L = EI = rho A = 1."""
     options = {"basis": "legendre", "rotary_inertia": False} | beam
-    section, material = fa.GeneralSection(1.0, 1.0, 1.0, 1.0), fa.Material(1.0, 1.0, 0.3)
+    section, material = fa.sections.GeneralSection(1.0, 1.0, 1.0, 1.0), fa.Material(1.0, 1.0, 0.3)
     return fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, modes, order=order, **options), tip=tip)])
 
 
@@ -40,7 +40,7 @@ def growth_at_speed(order: int | str, speed: float, time: float = 1.0) -> tuple[
     t = np.linspace(0, time, 401)
     spin = fa.Motion(lambda x: (speed * x, speed, 0.0))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RangeWarning)  # that is what is to be seen
+        warnings.simplefilter("ignore", fa.errors.RangeWarning)  # that is what is to be seen
         r = fa.simulate(arm, t, arm.zero + np.eye(arm.nq)[1] * 1e-9, drive={0: spin}, rtol=1e-8, atol=1e-17)
     tip = np.abs(r.tip_deflection()[:, 1])
     half = len(t) // 2
@@ -54,7 +54,7 @@ def spin_up(order: int | str, speed: float, time: float = 0.5, samples: int = 20
     arm = paper_link(order, 5, "legendre")
     beam = arm.links[0].beam
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RangeWarning)
+        warnings.simplefilter("ignore", fa.errors.RangeWarning)
         r = fa.simulate(arm, np.linspace(0, time, samples), drive={0: fa.Motion.spin_up(speed, time)}, max_order=2)
     return r.tip_deflection() / beam.length, float(rotation(beam, r.q[:, 1:]).max())
 

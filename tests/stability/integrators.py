@@ -109,7 +109,7 @@ def overflow(speed: float = 100.0, modes: int = 1, **options) -> dict:
 def _failed(arm: fa.Arm, t: np.ndarray, how: dict) -> dict:
     started = time.monotonic()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.RangeWarning)
+        warnings.simplefilter("ignore", fa.errors.RangeWarning)
         try:
             fa.simulate(arm, t, **how)
         except fa.SimulationError as e:

@@ -24,7 +24,7 @@ def growth(arm: fa.Arm, control: Any, time: float, output: Callable[[fa.Result],
     t = np.linspace(0, time, 4001)
     start = np.where(np.arange(arm.nq) == 1, 1e-6, 0.0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fa.LoopWarning)
+        warnings.simplefilter("ignore", fa.errors.LoopWarning)
         y = output(fa.simulate(arm, t, start, control=control, integrator="gauss", step=step))[2000:]
     size = np.log(np.sqrt(np.mean(y[:2000].reshape(10, 200) ** 2, axis=1)))
     return float(np.polyfit(t[2000:4000].reshape(10, 200).mean(axis=1), size, 1)[0])
@@ -77,9 +77,9 @@ def pd_on(what: str, factor: float = 1.0, rate: float = 2000.0) -> fa.Controller
     """Sampled PD with differences: on the joint's angle, or on the tip's place, by the arm's length an angle too."""
     kp, kd = factor * 2.0, factor * 0.08
     if what == "joint":
-        measure, row = [fa.Encoder(0, pulses=None)], np.array([[1.0]])
+        measure, row = [fa.sensors.Encoder(0, pulses=None)], np.array([[1.0]])
     else:
-        measure, row = [fa.Camera(0)], np.array([[0.0, 1.0 / 0.575, 0.0]])
+        measure, row = [fa.sensors.Camera(0)], np.array([[0.0, 1.0 / 0.575, 0.0]])
     # x+ = y, u = -(kp + kd / T) y + kd / T x; B and D act on -y
     n, d = row.shape[1], kd * rate
     return fa.LinearController(

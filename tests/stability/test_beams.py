@@ -10,7 +10,7 @@ from flexarm.analysis.validity import LIMITS
 from stability import beams
 
 #: loads that bend beams beyond the range of their order are what is looked at here
-beyond_its_range = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+beyond_its_range = pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
 
 
 def test_order_one_diverges_above_its_critical_speed_at_the_rate_of_theory() -> None:
@@ -111,7 +111,7 @@ def test_a_run_out_of_range_warns(order: int) -> None:
     arm, q0 = bent(order, 0.97 * limit / 1.376505)
     fa.simulate(arm, t, q0, drive=hold)  # warnings are errors here
     arm, q0 = bent(order, 1.05 * limit / 1.376505)
-    with pytest.warns(fa.RangeWarning, match=f"link 0: at order {order} .* take order = ") as caught:
+    with pytest.warns(fa.errors.RangeWarning, match=f"link 0: at order {order} .* take order = ") as caught:
         fa.simulate(arm, t, q0, drive=hold)
     w = caught[0].message
     assert caught[0].filename == __file__  # it points at the caller
@@ -124,7 +124,7 @@ def test_a_run_out_of_range_warns(order: int) -> None:
 @pytest.mark.parametrize(("rotation", "orders"), [(0.28, '2, 3 or "exact"'), (0.6, '3 or "exact"'), (0.9, '"exact"')])
 def test_only_orders_that_are_good_for_it_are_named(rotation: float, orders: str) -> None:
     arm, q = bent(1, rotation / 1.376505)
-    with pytest.warns(fa.RangeWarning, match=f"take order = {orders}$"):
+    with pytest.warns(fa.errors.RangeWarning, match=f"take order = {orders}$"):
         fa.simulate(arm, [0, 1e-4], q, drive={0: fa.Motion([0.0, 1.0], [0.0, 0.0])})
 
 
@@ -137,14 +137,14 @@ def test_torsion_alone_moves_no_tip_and_does_not_warn() -> None:
     beam = fa.Beam(0.5, fa.Circle(0.002), fa.Material(7850, 209e9, 0.3), {"bending_y": 1, "torsion": 1})
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
     fa.simulate(arm, np.linspace(0, 1e-3, 5), [0.0, 1.0])
-    with pytest.warns(fa.RangeWarning):  # bending below its limit, but turned by the twist
+    with pytest.warns(fa.errors.RangeWarning):  # bending below its limit, but turned by the twist
         fa.simulate(arm, np.linspace(0, 1e-3, 5), [0.5 * 0.25 / 1.376505, 1.0])
 
 
 def test_the_worst_link_is_named_and_the_others_counted() -> None:
     link = paper_link().links[0]
     arm = fa.Arm([link, fa.Link(fa.Fixed(), beam=link.beam)])
-    with pytest.warns(fa.RangeWarning, match="link 1, and 1 more: at order 2"):
+    with pytest.warns(fa.errors.RangeWarning, match="link 1, and 1 more: at order 2"):
         fa.simulate(arm, [0, 1e-3], [0, 0.12, 0, 0, 0.2, 0, 0])
 
 

@@ -110,16 +110,21 @@ def test_surface_strain_is_that_of_fibres() -> None:
 
 
 def test_outlines_have_the_sections_integrals() -> None:
-    general = fa.GeneralSection(6e-4, 2e-8, 4.5e-8, 1e-9)
+    general = fa.sections.GeneralSection(6e-4, 2e-8, 4.5e-8, 1e-9)
     matrix = fa.SectionMatrix.of(fa.Rectangle(0.02, 0.03), STEEL)
-    sections = [fa.Rectangle(0.02, 0.03), fa.IBeam(0.1, 0.06, 0.008, 0.005), fa.Circle(0.01), fa.Ellipse(0.02, 0.04)]
+    sections = [
+        fa.Rectangle(0.02, 0.03),
+        fa.sections.IBeam(0.1, 0.06, 0.008, 0.005),
+        fa.Circle(0.01),
+        fa.sections.Ellipse(0.02, 0.04),
+    ]
     for section in sections:
         y, z = body.outline(section).T
         after_y, after_z = np.roll(y, -1), np.roll(z, -1)
         cross = y * after_z - after_y * z
         area = cross.sum() / 2
         second = (cross * (y**2 + y * after_y + after_y**2)).sum() / 12
-        exact = isinstance(section, (fa.Rectangle, fa.IBeam))
+        exact = isinstance(section, (fa.Rectangle, fa.sections.IBeam))
         assert abs(area) == pytest.approx(section.area, rel=1e-9 if exact else 0.01)
         assert abs(second) == pytest.approx(section.second_moment_z, rel=1e-9 if exact else 0.02)
     for section, y, z in ((general, 0.03, 0.02), (matrix, 0.02, 0.03)):
@@ -242,7 +247,12 @@ def test_names_that_matplotlib_takes_for_its_own(tmp_path: Path) -> None:
     beam = fa.Beam(0.3, fa.Tube(0.01, 0.001), STEEL, {"bending_y": 2})
     arm = fa.Arm([fa.Link(fa.Revolute(name=name), beam=beam, name=f"{name} l") for name in (dollars, hidden)])
     run = swing(arm, np.linspace(0.0, 1.0, 11))
-    figures = [run.plot(), arm.modes(lock=[0, 1]).plot(), run.to_data().plot(), fa.StrainGauge(link=0).read(run).plot()]
+    figures = [
+        run.plot(),
+        arm.modes(lock=[0, 1]).plot(),
+        run.to_data().plot(),
+        fa.sensors.StrainGauge(link=0).read(run).plot(),
+    ]
     figures.append(run.animate(titles=[dollars]).figure())
     for figure in figures:
         figure.savefig(tmp_path / "figure.png", dpi=50)

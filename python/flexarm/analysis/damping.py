@@ -258,7 +258,9 @@ class Decay:
 
 
 def fit_decay(t: ArrayLike, y: ArrayLike, modes: int = 1) -> Decay:
-    """Frequencies and damping ratios of a free decay: of a measured deflection, strain or acceleration, or several.
+    """Frequencies and damping ratios of a measured free decay.
+
+    The signal is a deflection, strain or acceleration, or several of them.
 
     The matrix pencil method (Hua & Sarkar 1990) on samples at equal steps, then nonlinear least squares. Constant
     offsets are fitted, too.

@@ -53,8 +53,7 @@ def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
 
 
 class StateWarning(UserWarning):
-    """A state that does not last: a linear model was asked for about one from which the arm accelerates, or the balance
-    found is unstable."""
+    """A linear model about a state from which the arm accelerates, or an unstable balance."""
 
 
 def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array, tau: Array) -> None:

@@ -64,9 +64,11 @@ class RunWarning(UserWarning):
 
 
 class RangeWarning(RunWarning):
-    """A run is beyond the range of its model: a beam bends further than its order is good for (see `LIMITS`), or, at
-    order "exact", than its Gauss points resolve (see `TRUNCATION`); its axis is shortened to nothing, which turns it
-    inside out; or a quantity of a plan's `Watch` has left its range.
+    """A run is beyond the range of its model, such as a beam that bends further than its order allows.
+
+    The limit of each order is in `LIMITS`; at order "exact" it is that of its Gauss points (see `TRUNCATION`). Or the
+    beam's axis is shortened to nothing, which turns it inside out; or a quantity of a plan's `Watch` has left its
+    range.
 
     Attributes:
         finding: its value is the largest rotation of a section against the beam's base (rad), or the quantity watched;
@@ -91,9 +93,10 @@ class LoopWarning(RunWarning):
 
 
 class StepWarning(RunWarning):
-    """Steps miss a part of the motion: those of "rk4" are above its limit, and what oscillates fast has grown; dry
-    friction switches again and again within a step; many steps of "gauss" had to be halved; or no step has seen a
-    pulse of a callable.
+    """Steps miss a part of the motion.
+
+    Those of "rk4" are above its limit, and fast oscillations have grown; dry friction switches again and again within
+    a step; many steps of "gauss" had to be halved; or no step has seen a pulse of a callable.
 
     Attributes:
         finding: its value and limit are the step of "rk4" and its limit (s); how often joints switched, or steps were

@@ -96,12 +96,12 @@ class Modes:
             p, R = self.arm.frame(self.q, k)
         return np.array(out)
 
-    def animate(self, k: int = 0, amplitude: float | None = None) -> View:
-        """Mode k in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;
+    def animate(self, mode: int = 0, amplitude: float | None = None) -> View:
+        """A mode in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;
         `.open()` shows it in a browser, `.save("mode.html")`, ".png", ".gif", ".mp4" writes it.
 
         Args:
-            k: which, from 0; -1 is the last.
+            mode: its number, from 0; -1 is the last.
             amplitude: the largest displacement of any point (m); None: a tenth of the arm's length, and a turn of half
                 a radian at most. A mode has no size of its own. Far above that the shape is no longer the mode's.
 
@@ -109,10 +109,10 @@ class Modes:
             ValueError: no such mode, an amplitude that is not above zero.
         """
         n = len(self.frequencies)
-        if not -n <= whole("k", k) < n:
-            raise ValueError(f"k = {k}: must be from {-n} to {n - 1}, the modes that were found")
+        if not -n <= whole("mode", mode) < n:
+            raise ValueError(f"mode = {mode}: must be from {-n} to {n - 1}, the modes that were found")
         places = [(n, x) for n, b in enumerate(self.arm.links) for x in (*_slices(b.beam, 9), None)]
-        motion = np.array([self.arm.jacobian(self.q, n, x) @ self.shapes[:, k] for n, x in places])
+        motion = np.array([self.arm.jacobian(self.q, n, x) @ self.shapes[:, mode] for n, x in places])
         moved, turned = (float(np.linalg.norm(part, axis=1).max()) for part in (motion[:, :3], motion[:, 3:]))
         if amplitude is None:
             share = min(0.1 * length(self.arm) / max(moved, 1e-300), 0.5 / max(turned, 1e-300))
@@ -121,8 +121,8 @@ class Modes:
             if not (np.isfinite(size) and size > 0 and moved > 0):
                 raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0, of what moves")
             share = size / moved
-        about = (float(self.frequencies[k]), float(self.damping[k]), k % n, share * moved)
-        return animate_mode(self.arm, self.q, share * self.shapes[:, k], *about)
+        about = (float(self.frequencies[mode]), float(self.damping[mode]), mode % n, share * moved)
+        return animate_mode(self.arm, self.q, share * self.shapes[:, mode], *about)
 
 
 @dataclass(frozen=True)

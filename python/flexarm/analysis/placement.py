@@ -23,7 +23,7 @@ _GRID = 201
 
 @dataclass(frozen=True, repr=False)
 class PatchPlacement:
-    """What `placement` returns. Mode 0 is the lowest that bends the beam.
+    """Control authority of a patch over its place along a beam. Mode 0 is the lowest that bends the beam.
 
     Attributes:
         x: centres of the places tried (m from the clamp), (n,).
@@ -89,7 +89,7 @@ class PatchPlacement:
         return figure
 
 
-def placement(
+def place_patch(
     arm: Chain,
     link: int | str = -1,
     *,

@@ -29,7 +29,7 @@ _SHOWN = 6  # most failed or skipped runs in the list
 
 @dataclass(repr=False)
 class Chart:
-    """The result of `chart`. `print(chart)` shows the table.
+    """Runs of a scene with many models and integrators, their errors and times. `print(chart)` shows the table.
 
     Attributes:
         scene: the scene.
@@ -76,12 +76,12 @@ class Chart:
         """The Pareto front, fastest first: runs that no other beats in both time and error."""
         return best(self._graded, self._least)
 
-    def recommend(self, tol: float) -> Run | None:
-        """The fastest run with an error of at most `tol` (over the quantity's span); None if there is none, or if the
-        truth's own tolerance is coarser than that."""
-        if not number("tol", tol) > 0:
-            raise ValueError(f"tol = {tol}: must be positive")
-        good = [r for r in self._graded if r.error is not None and r.error <= tol and self._least <= tol]
+    def recommend(self, tolerance: float) -> Run | None:
+        """The fastest run with an error of at most `tolerance` (over the quantity's span); None if there is none, or
+        if the truth's own tolerance is coarser than that."""
+        if not number("tolerance", tolerance) > 0:
+            raise ValueError(f"tolerance = {tolerance}: must be positive")
+        good = [r for r in self._graded if r.error is not None and r.error <= tolerance and self._least <= tolerance]
         return min(good, key=lambda r: r.time, default=None)
 
     def scene_of(self, row: Run) -> Scene:
@@ -281,7 +281,7 @@ def _left_out(rows: list[Run], word: str) -> list[str]:
 
 
 def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "tip", progress: bool = False) -> Chart:
-    """Charts speed against accuracy on a scene.
+    """Error against time of models and integrators on a scene.
 
     Runs the scene at orders 0 to 3 and exact, with 1 to n + 2 modes per strain where the scene has n, in every possible
     basis, and with every integrator at looser and tighter settings. Not all combinations are run: first the orders,

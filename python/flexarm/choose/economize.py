@@ -31,18 +31,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(repr=False)
-class Plan:
-    """The result of `economize`. `print(plan)` shows the table.
+class ModelPlan:
+    """The cheapest model of a scene within a tolerance, and the choices that led to it. `print(plan)` shows the table.
 
     Attributes:
         given: the scene as given. scene: the same with the lean model and its integrator. arm: that model.
         rich: the scene with the model that the plan was checked against.
         quantity: "tip", "joint", "strain", or the name of the callable.
-        tol: the tolerance, over the quantity's span, or (absolute) in its unit. span: by unit, the quantity's range.
-        certified: whether the check agreed: the lean run is within `tol` of the enriched model, and the reference,
-            against which the choices were made, within a third of it, and motions that symmetry excludes do not grow
-            within the run. reasons: why not.
-        error: largest distance of the lean run from the check's, in the unit of `tol`.
+        tolerance: the tolerance, over the quantity's span, or (absolute) in its unit. span: by unit, the quantity's
+            range.
+        certified: whether the check agreed: the lean run is within `tolerance` of the enriched model, and the
+            reference, against which the choices were made, within a third of it, and motions that symmetry excludes do
+            not grow within the run. reasons: why not.
+        error: largest distance of the lean run from the check's, in the unit of `tolerance`.
         time: wall time of the lean run (s). seconds, runs: wall time and simulations used for deciding.
         choices: every choice; see Choice.
         watch: limits for `result.check(plan.watch)`: the range of the lean run, and half as much beyond.
@@ -52,7 +53,7 @@ class Plan:
     scene: Scene
     rich: Scene
     quantity: str
-    tol: float
+    tolerance: float
     absolute: bool
     span: dict[str, float]
     certified: bool
@@ -78,7 +79,7 @@ class Plan:
 
     def __repr__(self) -> str:
         word = "certified" if self.certified else "not certified"
-        return f"Plan({self.given.name!r}, {self.quantity}, tol={self.tol:g}, {word}: {self.model})"
+        return f"ModelPlan({self.given.name!r}, {self.quantity}, tolerance={self.tolerance:g}, {word}: {self.model})"
 
     def __str__(self) -> str:
         return self.table()
@@ -100,7 +101,7 @@ class Plan:
         given = self._given_run()
 
         def point(run: Run) -> Point:
-            return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tol)
+            return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tolerance)
 
         ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
         models = [Trial(*point(r), _order(r.model)) for r in ran if not r.whole]
@@ -108,7 +109,7 @@ class Plan:
         spans = ", ".join(f"{s:.3g} {u}".rstrip() for u, s in self.span.items())
         unit = " ".join(self.span) if self.absolute else f"share of its span, {spans}"
         return plot_trials(
-            models, settings, None if given is None else point(given), point(found.lean), self.tol, self.absolute,
+            models, settings, None if given is None else point(given), point(found.lean), self.tolerance, self.absolute,
             ylabel=f"Largest error of the {self.quantity} ({unit})",
             title=self.given.name,
             under=f"chosen: {self.model}",
@@ -156,7 +157,7 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, ready for JSON."""
-        keep = "quantity tol absolute span certified reasons error time seconds runs model".split()
+        keep = "quantity tolerance absolute span certified reasons error time seconds runs model".split()
         about = {k: getattr(self, k) for k in keep}
         return {
             "scene": self.given.name,
@@ -174,9 +175,9 @@ def _order(model: Model) -> int | str:
     return "mixed" if len(orders) > 1 else model.order
 
 
-def _tolerance(plan: Plan) -> str:
+def _tolerance(plan: ModelPlan) -> str:
     unit = " ".join(plan.span) if plan.absolute else "of its span"
-    return f"{plan.tol:g} {unit}".rstrip()
+    return f"{plan.tolerance:g} {unit}".rstrip()
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
@@ -200,11 +201,11 @@ def _share(choice: Choice) -> str:
     return f"{100 * choice.time:+.0f} %"
 
 
-def _head(plan: Plan) -> list[str]:
+def _head(plan: ModelPlan) -> list[str]:
     spans = ", ".join(f"{s:.4g} {u}".rstrip() for u, s in plan.span.items())
-    tol = _tolerance(plan) if plan.absolute else f"{plan.tol:g} of it"
+    tolerance = _tolerance(plan) if plan.absolute else f"{plan.tolerance:g} of it"
     check = plan._search.models.label(plan._found.rich.model)
-    lines = [f"{plan.given.name}: {plan.quantity}, span {spans}, to {tol}", ""]
+    lines = [f"{plan.given.name}: {plan.quantity}, span {spans}, to {tolerance}", ""]
     lines.append(f"Take   {plan.model}; {setting_words(plan.scene.options)}")
     if plan.certified:
         lines.append(f"CERTIFIED: error {plan.error:.1e} against {check}, which was not on the path")
@@ -215,7 +216,7 @@ def _head(plan: Plan) -> list[str]:
     return lines
 
 
-def _speed(plan: Plan) -> list[str]:
+def _speed(plan: ModelPlan) -> list[str]:
     rows = [["model", "coordinates", "an evaluation", "operations"]]
     for name, of in speed_of(plan._found).items():
         time = f"{1e6 * of['time']:.2f} µs"
@@ -224,7 +225,7 @@ def _speed(plan: Plan) -> list[str]:
     return aligned(rows, {1, 2, 3})
 
 
-def _indicators(plan: Plan) -> list[str]:
+def _indicators(plan: ModelPlan) -> list[str]:
     found = plan._found
     orders = ", ".join(f"{o}: {e:.1e}" for o, e in found.estimates.by_order.items() if o != "exact")
     lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
@@ -292,26 +293,28 @@ def speed_of(found: Findings) -> dict[str, dict[str, float | int]]:
 # -- deciding ----------------------------------------------------------------------------------------------------------
 
 
-def _checked(tol: float, atol: float | None, time_budget: float | None) -> float:
+def _checked(tolerance: float, atol: float | None, budget: float | None) -> float:
     if atol is not None:
         if not 0 < number("atol", atol) < math.inf:
             raise ValueError(f"atol = {atol}: must be positive and finite, in the quantity's unit")
-    elif not 0 < number("tol", tol) < 1:
-        raise ValueError(f"tol = {tol}: must be between 0 and 1, as a share of the quantity's span; absolute: atol=")
-    if time_budget is not None and not 0 < number("time_budget", time_budget) < math.inf:
-        raise ValueError(f"time_budget = {time_budget}: must be positive and finite, in seconds, or None")
-    return tol if atol is None else atol
+    elif not 0 < number("tolerance", tolerance) < 1:
+        raise ValueError(
+            f"tolerance = {tolerance}: must be between 0 and 1, as a share of the quantity's span; absolute: atol="
+        )
+    if budget is not None and not 0 < number("budget", budget) < math.inf:
+        raise ValueError(f"budget = {budget}: must be positive and finite, in seconds, or None")
+    return tolerance if atol is None else atol
 
 
 def economize(
     scene: Scene | str | Path,
-    tol: float = 1e-3,
+    tolerance: float = 1e-3,
     quantity: str | Callable[[Result], Any] = "tip",
-    time_budget: float | None = None,
+    budget: float | None = None,
     *,
     atol: float | None = None,
     progress: bool = False,
-) -> Plan:
+) -> ModelPlan:
     """The cheapest model of a scene whose error over the scene's run is below a tolerance.
 
     First come indicators: coordinates that symmetry keeps at rest, and residual forces of a run of the scene's own
@@ -321,27 +324,28 @@ def economize(
 
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
-        tol: over the quantity's span, the largest range of any one component, between 0 and 1.
+        tolerance: over the quantity's span, the largest range of any one component, between 0 and 1.
         quantity: "tip", the position of the arm's end; "joint", the coordinates of those joints that are not
             prescribed; "strain", the curvatures of every beam at its clamp (and shear angles and stretches, where the
             scene's own beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
-        time_budget: seconds for deciding; None: no limit. A plan that the limit cuts short is not certified.
-        atol: an absolute tolerance in the quantity's SI unit, in place of tol: atol=1e-3 is a millimetre of the tip.
+        budget: seconds for deciding; None: no limit. A plan that the limit cuts short is not certified.
+        atol: an absolute tolerance in the quantity's SI unit, in place of tolerance: atol=1e-3 is a millimetre of the
+            tip.
         progress: shows the present activity on stderr: a bar, or lines if that is no terminal.
 
     Returns:
-        Plan: `.arm`, `.scene`, `.certified`, `.choices`, `.save("lean.toml")`, `.plot()`.
+        ModelPlan: `.arm`, `.scene`, `.certified`, `.choices`, `.save("lean.toml")`, `.plot()`.
 
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
-    limit = _checked(tol, atol, time_budget)
+    limit = _checked(tolerance, atol, budget)
     scene = read_scene(scene)
     measure = Measure(scene, quantity, atol)
-    budget = Budget(math.inf if time_budget is None else time_budget)
+    allowed = Budget(math.inf if budget is None else budget)
     with progress_bar(progress, "deciding", None) as bar:
         tell = (lambda doing: bar(0, doing)) if bar else _quiet
-        search = EconomizeSearch(scene, measure, limit, budget, tell)
+        search = EconomizeSearch(scene, measure, limit, allowed, tell)
         found = search()
         choices = choices_of(found)
         search.tell = _quiet  # the plan keeps the search, and its bar is gone
@@ -352,10 +356,10 @@ def economize(
     mine, theirs = (search.models.at(run.model, run.options) for run in (lean, rich))
     if isinstance(scene.q0, str):
         mine, theirs = (replace(x, q0=scene.q0) for x in (mine, theirs))
-    return Plan(
+    return ModelPlan(
         scene, mine, theirs,
         measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
-        lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
+        lean.time, allowed.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
     )  # fmt: skip
 
 

@@ -208,7 +208,7 @@ class EconomizeSearch:
         try:
             base = self.start()
         except OutOfTime:
-            raise ValueError("time_budget: is over before the scene's own model could be run; give more") from None
+            raise ValueError("budget: is over before the scene's own model could be run; give more") from None
         assert base.values is not None
         if not self.measure.span:
             self.measure.set_span(base.values)

@@ -10,7 +10,7 @@ from typing import Any
 from .._console import complain, empty_table, json_text, output_folder, print_table
 from ..many.sweeps.result import SweepInterrupted
 from ..many.sweeps.sweep import sweep
-from ..many.sweeps.vary import load_sweep
+from ..many.sweeps.vary import SweepPlan
 from ..run.scene.scene import load
 from . import options
 
@@ -68,7 +68,7 @@ def _executor(where: str, workers: int | None) -> Any:
 
 def run(args: argparse.Namespace) -> int:
     """Sweeps, writes and prints; 0, 1 where no scenario came to its end, 130 after Ctrl-C."""
-    scene, plan = load(args.scene), load_sweep(args.sweep)
+    scene, plan = load(args.scene), SweepPlan.load(args.sweep)
     executor = _executor(args.on, args.workers)
     folder = output_folder(args.output)
     workers = args.workers if executor is None else None

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from .._console import complain, json_text, output_folder
+from ..data.data import Data
 from ..data.draw import style as plots
-from ..data.load import load_data
 from ..identify.fit import Fit, FitError, FitInterrupted
 from ..identify.identify import identify
 from ..identify.unknown import Unknown
@@ -103,8 +103,8 @@ def run(args: argparse.Namespace) -> int:
     """Fits, writes and prints; 0, or 130 after Ctrl-C, or 1 if no run could be simulated."""
     scene = load(args.scene)
     units = _pairs("--unit", args.unit)
-    runs = [load_data(path, units=units or None) for path in args.data]
-    kept = [load_data(path, units=units or None) for path in args.validate]
+    runs = [Data.load(path, units=units or None) for path in args.data]
+    kept = [Data.load(path, units=units or None) for path in args.validate]
     names = runs[0]
     inputs: dict[Any, Any] = {}
     for text, what in _pairs("--input", args.input).items():

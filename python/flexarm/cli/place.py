@@ -7,7 +7,7 @@ import os
 from dataclasses import replace
 
 from .._console import json_text, output_folder, write_csv
-from ..analysis.placement import placement
+from ..analysis.placement import place_patch
 from ..arm.arm import Arm
 from ..data.draw import style as plots
 from ..run.scene.scene import load
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     links[number] = replace(link, beam=replace(link.beam, patches=others))
     lock: list[int] | None = [] if args.free else None
     given = {"modes": args.modes, "weights": args.weight, "lock": lock}
-    found = placement(Arm(links), number, patch=patch, progress=True, **given)
+    found = place_patch(Arm(links), number, patch=patch, progress=True, **given)
     folder = output_folder(args.output)
     names = ["centre (m)", *(f"mode {k} (m/V)" for k in range(args.modes)), "merit"]
     write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])

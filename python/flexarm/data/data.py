@@ -16,8 +16,9 @@ from .._console import aligned
 from . import signal
 from .draw.trajectory import plot_panels
 from .files import write_columns
-from .signal import DataWarning
-from .units import Unit, unit
+from .load import Loaded
+from .signal import DataWarning, check_times
+from .units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,8 +31,8 @@ _QUANTITIES = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Data:
-    """Signals over time, measured or simulated, in SI units. `fa.load_data` reads them from a file.
+class Data(Loaded):
+    """Signals over time, measured or simulated, in SI units. `fa.Data.load` reads them from a file.
 
     `data["name"]` is a column, `data[["one", "two"]]` is Data of these alone; `len(data)` is the number of rows,
     iteration goes over the names, `"name" in data` tells whether there is such a column. `print(data)` is a table.
@@ -251,7 +252,7 @@ class Data:
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame: its index is t (s), its columns have the names here, and `.attrs["units"]` their units;
-        `fa.load_data` takes it back. It needs `pip install 'flexarm[pandas]'`."""
+        `fa.Data.load` takes it back. It needs `pip install 'flexarm[pandas]'`."""
         try:
             import pandas
         except ImportError:
@@ -261,7 +262,7 @@ class Data:
         return frame
 
     def save(self, path: str | Path) -> None:
-        """Writes a file that `fa.load_data` reads, and others do: .csv (or .txt: the same), .h5 (or .hdf5: a data set
+        """Writes a file that `fa.Data.load` reads, and others do: .csv (or .txt: the same), .h5 (or .hdf5: a data set
         each, with an attribute "unit"), .mat (of MATLAB 5: a vector each, and names and units in `flexarm`), .npz.
 
         Raises:
@@ -274,22 +275,3 @@ def constant(y: Array) -> bool:
     """Whether a signal says nothing, but for rounding."""
     most = np.abs(y).max(initial=0.0)
     return bool(not most or np.ptp(y / most) <= 1e-12)
-
-
-def check_times(t: Array, place: Any) -> None:
-    """ValueError where they do not increase; `place` says where a row is."""
-    bad = np.flatnonzero(~(np.diff(t) > 0))
-    if bad.size:
-        k = int(bad[0]) + 1
-        more = f" (and {bad.size - 1} times more)" if bad.size > 1 else ""
-        raise ValueError(f"t must increase: {place(k)} has {t[k]:.9g} s after {t[k - 1]:.9g} s{more}")
-
-
-def unit_of(name: str, text: Any) -> Unit:
-    """The unit of a column; ValueError that names both."""
-    if not isinstance(text, str):
-        raise ValueError(f"units['{name}'] = {text!r}: must be text, such as 'deg'")
-    try:
-        return unit(text)
-    except ValueError as e:
-        raise ValueError(f"column '{name}': {e}") from None

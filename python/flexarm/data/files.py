@@ -204,7 +204,7 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
         while len(inner := _members(at)) == 1 and isinstance(at[inner[0]], h5py.Group):
             at = at[inner[0]]
         if (not held and {"axis0", "block0_values"} <= set(at)) or "pandas_type" in at.attrs:
-            raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
+            raise Refused("is of pandas' own kind: give fa.Data.load(pandas.read_hdf(...))")
         if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
             return _of_group("", at, matlab, held, lambda x: "unit" in x.attrs or "columns" in x.attrs)
         return _of_group("", at, matlab, held)

@@ -7,16 +7,15 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .._check import Array, choice, number
 from . import files, text
-from .data import Data, check_times, unit_of
-from .signal import DataWarning
+from .signal import DataWarning, check_times
 from .store.files import Refused, readable
-from .units import heading, unit
+from .units import heading, unit, unit_of
 
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 MISSING = ("error", "drop")
@@ -24,87 +23,94 @@ _TIMES = ("t", "time", "times", "timestamp")
 
 NONE: Mapping[str, str] = MappingProxyType({})
 
+D = TypeVar("D")  # Data, which is made of times, columns, units and a name
+
 #: How the values of a column are got, once it is known that they are wanted.
 Get = Callable[[str], Any]
 
 
-def load_data(
-    source: Any,
-    *,
-    columns: Iterable[str] | None = None,
-    time: str | None = None,
-    rate: float | None = None,
-    units: Mapping[str, str] | None = None,
-    key: str | None = None,
-    missing: str = "error",
-) -> Data:
-    """Reads signals over time, with names and units, in SI.
+class Loaded:
+    """The reader of `Data`, its subclass, which is made of times, columns, units and a name."""
 
-    A heading tells name and unit: "theta [deg]", "theta (deg)", or "theta_deg" where what follows the last underscore
-    is a common unit ("ms" is m/s after a speed's name, "speed_ms", and else milliseconds); a text file may have a line
-    of units below the names. Without a unit, a column counts as SI, its times as s. Units are
-    products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %, °C, ...: an unknown
-    one is an error that lists those known.
+    @classmethod
+    def load(
+        cls: type[D],
+        source: Any,
+        *,
+        columns: Iterable[str] | None = None,
+        time: str | None = None,
+        rate: float | None = None,
+        units: Mapping[str, str] | None = None,
+        key: str | None = None,
+        missing: str = "error",
+    ) -> D:
+        """Reads signals over time, with names and units, in SI.
 
-    Args:
-        source: the path of a file, by suffix, or a pandas DataFrame.
-            .csv, .txt, .tsv, .dat: cells parted by tabs, semicolons, commas or white space, with decimal points or (not
-            between commas) decimal commas. Lines that begin with #, % or // are comments; the last one before the
-            numbers may hold the names. UTF-8, UTF-16 with its mark, else Windows' Latin letters.
-            .h5, .hdf5: data sets, of which an attribute "unit" or "units" tells the unit.
-            .mat: variables or the fields of a structure; up to MATLAB 7.3.
-            .npz: arrays. In the last three, a matrix x is columns x_0, x_1, ..., dates count in s from the first on,
-            and one number or word alone is left out.
-            A DataFrame's index gives the times where it has a name, or holds dates or durations.
-        columns: names to keep (as in the heading, with or without the unit); None: all.
-        time: the name of the times; None: "t", "time", "timestamp", or the only column in seconds.
-        rate: samples a second (Hz), where there are no times: they begin at 0.
-        units: units by name that count instead of the heading's, such as {"tau_m": "N m"}; "" is none.
-        key: the group of a HDF5 file, or the variable of a .mat; None: all there is.
-        missing: what to do about nan, inf and empty cells: "error", or "drop" the rows with one in any column kept.
+        A heading tells name and unit: "theta [deg]", "theta (deg)", or "theta_deg" where the part after the last
+        underscore is a common unit ("ms" is m/s after a speed's name, "speed_ms", and else milliseconds); a text file
+        may have a line of units below the names. Without a unit, a column counts as SI, its times as s. Units are
+        products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %, °C, ...: an
+        unknown one is an error that lists those known.
 
-    Returns:
-        Data: `.t`, `["name"]`, `.units`, in the order of the file.
+        Args:
+            source: the path of a file, by suffix, or a pandas DataFrame.
+                .csv, .txt, .tsv, .dat: cells parted by tabs, semicolons, commas or white space, with decimal points or
+                (not between commas) decimal commas. Lines that begin with #, % or // are comments; the last one before
+                the numbers may hold the names. UTF-8, UTF-16 with its mark, else Windows' Latin letters.
+                .h5, .hdf5: data sets, of which an attribute "unit" or "units" tells the unit.
+                .mat: variables or the fields of a structure; up to MATLAB 7.3.
+                .npz: arrays. In the last three, a matrix x is columns x_0, x_1, ..., dates count in s from the first,
+                and one number or word alone is left out.
+                A DataFrame's index gives the times where it has a name, or holds dates or durations.
+            columns: names to keep (as in the heading, with or without the unit); None: all.
+            time: the name of the times; None: "t", "time", "timestamp", or the only column in seconds.
+            rate: samples a second (Hz), where there are no times: they begin at 0.
+            units: units by name that count instead of the heading's, such as {"tau_m": "N m"}; "" is none.
+            key: the group of a HDF5 file, or the variable of a .mat; None: all there is.
+            missing: of nan, inf and empty cells: "error", or "drop" the rows with one in any column kept.
 
-    Raises:
-        ValueError: no such file, another kind or a damaged one; columns missing, of different lengths, alike; lines
-            with another number of cells; no numbers, nan (all with row or line, and column); times that do not
-            increase; unknown units.
-        (DataWarning: gaps in time, with the longest, where; arrays of a file that are no columns (complex, text, three
-        axes, sparse, links), with the reason, unless `columns` says what is wanted.)
-    """
-    choice("missing", missing, MISSING)
-    if isinstance(columns, str):
-        raise ValueError(f"columns = {columns!r}: must be a list of names")
-    if units is not None and not isinstance(units, Mapping):
-        raise ValueError(f"units = {units!r}: must be units by name, such as {{'theta': 'deg'}}")
-    for name, of in (units or {}).items():
-        unit_of(name, of)
-    if rate is not None and not 0 < number("rate", rate) < np.inf:
-        raise ValueError(f"rate = {rate}: must be positive and finite (Hz)")
-    take = partial(_made, wanted=columns, time=time, rate=rate, given=dict(units or {}), missing=missing)
-    if _is_frame(source):
-        if key is not None:
-            raise ValueError(f"key = {key!r}: a DataFrame has none")
-        try:
-            found = take(*_of_frame(source), "")
-        except Refused as e:
-            raise ValueError(f"data frame: {e}") from None
-        left: dict[str, str] = {}
-    else:
-        found, left = _from_file(source, key, take)
-    if left and columns is None:
-        text = f"data {found.name!r}: leaves out {_said(left)}; columns= says that this is meant"
-        warnings.warn(DataWarning(text), stacklevel=2)
-    _tell_gaps(found)
-    return found
+        Returns:
+            Data: `.t`, `["name"]`, `.units`, in the order of the file.
+
+        Raises:
+            ValueError: no such file, another kind or a damaged one; columns missing, of different lengths, alike; lines
+                with another number of cells; no numbers, nan (all with row or line, and column); times that do not
+                increase; unknown units.
+            (DataWarning: gaps in time, with the longest, where; arrays of a file that are no columns (complex, text,
+            three axes, sparse, links), with the reason, unless `columns` says that this is meant.)
+        """
+        choice("missing", missing, MISSING)
+        if isinstance(columns, str):
+            raise ValueError(f"columns = {columns!r}: must be a list of names")
+        if units is not None and not isinstance(units, Mapping):
+            raise ValueError(f"units = {units!r}: must be units by name, such as {{'theta': 'deg'}}")
+        for name, of in (units or {}).items():
+            unit_of(name, of)
+        if rate is not None and not 0 < number("rate", rate) < np.inf:
+            raise ValueError(f"rate = {rate}: must be positive and finite (Hz)")
+        take = partial(_made, cls, wanted=columns, time=time, rate=rate, given=dict(units or {}), missing=missing)
+        if _is_frame(source):
+            if key is not None:
+                raise ValueError(f"key = {key!r}: a DataFrame has none")
+            try:
+                found = take(*_of_frame(source), "")
+            except Refused as e:
+                raise ValueError(f"data frame: {e}") from None
+            left: dict[str, str] = {}
+        else:
+            found, left = _from_file(source, key, take)
+        if left and columns is None:
+            text = f"data {Path(source).name!r}: leaves out {_said(left)}; columns= says that this is meant"
+            warnings.warn(DataWarning(text), stacklevel=2)
+        _tell_gaps(found)
+        return found
 
 
 def _said(left: Mapping[str, str]) -> str:
     return ", ".join(f"'{name}', which {why}" for name, why in left.items())
 
 
-def _from_file(source: Any, key: str | None, take: Callable[..., Data]) -> tuple[Data, dict[str, str]]:
+def _from_file(source: Any, key: str | None, take: Callable[..., D]) -> tuple[D, dict[str, str]]:
     """Data, and by name why something in the file is none."""
     if not isinstance(source, (str, Path)):
         raise ValueError(f"path = {source!r}: must be a path, or a pandas DataFrame")
@@ -175,10 +181,10 @@ def _of_series(series: Any, name: str) -> Array:
 
 
 def _made(
-    heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str,
+    make: Callable[..., D], heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str,
     left: Mapping[str, str] = NONE, *,
     wanted: Iterable[str] | None, time: str | None, rate: float | None, given: dict[str, str], missing: str,
-) -> Data:  # fmt: skip
+) -> D:  # fmt: skip
     """Data of columns (heading, unit or None, how to get the values); `left` tells of what is no column why. Refused or
     ValueError for what is wrong."""
     for name in [] if wanted is None else (wanted := list(wanted)):
@@ -200,7 +206,7 @@ def _made(
     t, values, rows = _without_missing(t, values, clock or "t", place, missing)
     try:
         check_times(t, lambda k: place(int(rows[k])))
-        return Data(t, values, {name: found[name][1] for name in names}, source)
+        return make(t, values, {name: found[name][1] for name in names}, source)
     except ValueError as e:
         raise Refused(str(e)) from None
 
@@ -306,7 +312,7 @@ def _without_missing(
     return t[rows], {k: x[rows] for k, x in values.items()}, rows
 
 
-def _tell_gaps(data: Data) -> None:
+def _tell_gaps(data: Any) -> None:
     gaps = data.gaps()
     if len(gaps):
         begin, length = gaps[np.argmax(gaps[:, 1])]

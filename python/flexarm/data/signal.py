@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,16 @@ _MOST = 10_000_000  # samples of an even grid
 
 
 class DataWarning(UserWarning):
-    """Data that can be used, but perhaps not as meant: gaps in time, a constant signal, a lag that tells little."""
+    """Data that tell less than they seem to: gaps in time, a constant signal, a lag that is not sure."""
+
+
+def check_times(t: Array, place: Any) -> None:
+    """ValueError where they do not increase; `place` says where a row is."""
+    bad = np.flatnonzero(~(np.diff(t) > 0))
+    if bad.size:
+        k = int(bad[0]) + 1
+        more = f" (and {bad.size - 1} times more)" if bad.size > 1 else ""
+        raise ValueError(f"t must increase: {place(k)} has {t[k]:.9g} s after {t[k - 1]:.9g} s{more}")
 
 
 def median_step(t: Array) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 #: Standard gravity (m/s^2), the "g" of accelerometers.
 G0 = 9.80665
@@ -147,3 +147,13 @@ def titled(name: str, si: str) -> str:
     """The heading of a column in SI, which `heading` reads."""
     text = f"{name} ({si})"
     return name if not si and heading(name) == (name, "") else text
+
+
+def unit_of(name: str, text: Any) -> Unit:
+    """The unit of a column; ValueError that names both."""
+    if not isinstance(text, str):
+        raise ValueError(f"units['{name}'] = {text!r}: must be text, such as 'deg'")
+    try:
+        return unit(text)
+    except ValueError as e:
+        raise ValueError(f"column '{name}': {e}") from None

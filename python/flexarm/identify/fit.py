@@ -27,7 +27,7 @@ class FitWarning(UserWarning):
 
 
 class FitInterrupted(KeyboardInterrupt):
-    """Ctrl-C during `identify`. `.fit` is the best so far; None if no run was completed."""
+    """Ctrl-C during `identify`; it holds the best fit so far, `.fit`, None if no run was completed."""
 
     def __init__(self, message: str, fit: Fit | None) -> None:
         super().__init__(message)

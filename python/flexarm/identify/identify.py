@@ -42,8 +42,7 @@ def identify(
     workers: int | None = None,
     progress: Any = False,
 ) -> Fit:
-    """Fits unknown numbers of a scene to measured runs by least squares: the outputs of the simulated runs come as near
-    to the data as possible.
+    """Fits unknown numbers of a scene to measured runs, by least squares of the outputs.
 
     Args:
         scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator.

@@ -286,7 +286,7 @@ def measured_run(
 ) -> Run:
     """A checked measured run of a scene; `paths` are the unknowns."""
     if not isinstance(data, Data):
-        raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
+        raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.Data.load(...) gives")
     if len(data) < 3:
         raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
     scene.check_goes_on("a fit")

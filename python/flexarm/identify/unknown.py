@@ -191,7 +191,7 @@ def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None
         near = difflib.get_close_matches(path, [*known, *states], n=1, cutoff=0.3)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         if root == "sensor" and inner[1:2] == ["filter"] and len(inner) == 3 and inner[0].isdigit():
-            hint = "; give this sensor a filter in the scene, such as filter=fa.LowPass(20.0)"
+            hint = "; give this sensor a filter in the scene, such as filter=fa.sensors.LowPass(20.0)"
         raise ValueError(f"is nothing that can vary{hint}")
     if np.ndim(node) or isinstance(node, Mapping) or isinstance(node, str):
         raise ValueError(f"is no single number; take one of it, such as '{path}.0'")

@@ -359,7 +359,7 @@ def closed_loop(
     loads: Sequence[Load] | None = None,
     t: float = 0.0,
 ) -> ClosedLoop:
-    """The linear loop of an arm and its controllers about a state: poles, zeros, modes, margins, root loci.
+    """The linear loop of an arm and its controllers: poles, zeros, modes, margins, root loci.
 
     Continuous laws are solved with the arm; sampled ones are exact, with hold, delay, and the filters, rates and delays
     of their sensors, by matrix exponentials over the period after which all samples repeat (Åström and

@@ -243,9 +243,10 @@ def lqr(
     arm: Chain, q: ArrayLike | None = None, *, weights: Weights | None = None, effort: ArrayLike | None = None,
     actuate: Sequence[Any] | None = None, rate: float | None = None, delay: float = 0.0, limit: float | None = None,
 ) -> Any:  # fmt: skip
-    """A linear-quadratic regulator of an arm about a place: the feedback of all coordinates and rates that minimises
-    the integral of sum (y / its size)² + sum ((u - u0) / effort)² (Bryson's rule), for small deviations. For arms
-    without balls.
+    """A linear-quadratic regulator of an arm about a pose.
+
+    It is the feedback of all coordinates and rates that minimises the integral of
+    sum (y / its size)² + sum ((u - u0) / effort)² (Bryson's rule), for small deviations. For arms without balls.
 
     Args:
         arm: the arm, with its gravity; u0 holds it at q.
@@ -298,8 +299,9 @@ def lqg(
     disturbance: ArrayLike | None = None, weights: Weights | None = None, effort: ArrayLike | None = None,
     actuate: Sequence[Any] | None = None, rate: float | None = None, delay: float = 0.0, limit: float | None = None,
 ) -> LinearController:  # fmt: skip
-    """The regulator of `lqr` with a Kalman filter for what is not measured (LQG). Sampled, the force of a sample knows
-    that sample; a limit is known to the filter (`anti_windup`).
+    """The regulator of `lqr` with a Kalman filter for the states that are not measured (LQG).
+
+    Sampled, the force of a sample knows that sample; a limit is known to the filter (`anti_windup`).
 
     Args:
         arm, q, weights, effort, actuate, rate, delay, limit: as of `lqr`.

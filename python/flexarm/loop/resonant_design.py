@@ -91,10 +91,11 @@ def ppf(
     mode: int | None = None, share: float = 0.3, lock: Iterable[Any] | None = None, rate: float | None = None,
     delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
 ) -> PPF:  # fmt: skip
-    """Positive position feedback for one mode of an arm at rest: see `LinearController.ppf`. Stable for all modes,
-    because its static gain is `share` of what would not be (Fanson & Caughey, AIAA Journal 28, 1990). Of the mode
-    alone, with its part a of that share, frequency w / sqrt(1 - a) and damping ratio sqrt(a) give both pairs of poles
-    the damping ratio sqrt(a / (1 - a)) / 2, the most there is.
+    """Positive position feedback that damps one mode of an arm at rest: see `LinearController.ppf`.
+
+    It is stable for all modes, because its static gain is `share` of what would not be (Fanson & Caughey, AIAA Journal
+    28, 1990). Of the mode alone, with its part a of that share, frequency w / sqrt(1 - a) and damping ratio sqrt(a)
+    give both pairs of poles the damping ratio sqrt(a / (1 - a)) / 2, the most there is.
 
     Args:
         arm: the arm.
@@ -121,11 +122,12 @@ def irc(
     mode: int | None = None, share: float = 0.5, lock: Iterable[Any] | None = None, rate: float | None = None,
     delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
 ) -> IRC:  # fmt: skip
-    """Integral resonant control of an arm at rest: see `LinearController.irc`. Its feedthrough is the static y by u
-    over `share`, so that it is stable for all modes (Aphale, Fleming & Moheimani, Smart Materials and Structures 16,
-    2007); its gain damps one mode most. Of that alone, at w and with its part a of that share, the zero is at z = w
-    sqrt(1 - a) and the damping ratio (w / z - 1) / 2 (A. Preumont, Vibration Control of Active Structures, 2011, ch. 6:
-    the locus of integral force feedback is the same).
+    """Integral resonant control that damps modes of an arm at rest: see `LinearController.irc`.
+
+    Its feedthrough is the static y by u over `share`, so that it is stable for all modes (Aphale, Fleming & Moheimani,
+    Smart Materials and Structures 16, 2007); its gain damps one mode most. Of that alone, at w and with its part a of
+    that share, the zero is at z = w sqrt(1 - a) and the damping ratio (w / z - 1) / 2 (A. Preumont, Vibration Control
+    of Active Structures, 2011, ch. 6: the locus of integral force feedback is the same).
 
     Args:
         arm, q, measure, actuate, mode, share, lock, rate, delay, limit, motor: as of `fa.ppf`.

@@ -21,7 +21,7 @@ _MASS = ("replace", "add")
 
 @dataclass(frozen=True)
 class Flexible:
-    """A link of a robot's file as a beam.
+    """A link of a robot's file as a beam, of which a part may stay rigid.
 
     The beam is straight, from `start` to `end`, in any direction. The link's axes become the beam's: x along it, z as
     near to `up` as possible. Joints, fixed bodies and the tip keep their places and directions.

@@ -60,7 +60,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class Ida(Integrator):
-    """SUNDIALS IDA on the residual of inverse dynamics: variable step and order (Hindmarsh et al. 2005).
+    """SUNDIALS IDA on the residual of inverse dynamics: variable step and order. (Hindmarsh et al. 2005)
 
     Args:
         rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
@@ -95,8 +95,9 @@ class Ida(Integrator):
 
 @dataclass(frozen=True)
 class Implicit(Integrator):
-    """Generalised-alpha (Chung & Hulbert 1993): fixed step, second order, stable for elastic coordinates of any
-    stiffness, cost linear in the number of links; dry friction is in its equations. A soft stop that the arm hits needs
+    """Generalised-alpha: fixed step, second order, stable at any stiffness, cost linear in links.
+
+    (Chung & Hulbert 1993.) Dry friction is in its equations. A soft stop that the arm hits needs
     steps below 0.3 sqrt(mass / limit_stiffness).
 
     Args:
@@ -123,11 +124,13 @@ class Implicit(Integrator):
 
 @dataclass(frozen=True)
 class Gauss(Integrator):
-    """Gauss collocation (Hairer & Wanner, Solving ODEs II): fixed step, order 2 `stages`, as stable, symmetric in time;
-    the most accurate for its cost. The state between its steps is interpolated, so that output times do not shorten
-    them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
-    which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau
-    (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
+    """Gauss collocation: fixed step, order 2 `stages`, stable at any stiffness, cheap for small errors.
+
+    (Hairer & Wanner, Solving ODEs II.) It is symmetric in time. The state between its steps is interpolated, so that
+    output times do not shorten them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a
+    force belong into samples, which its steps end at, and stops that the arm hits need short steps. With dry friction
+    it takes the points of Radau (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch
+    strikes and is too fast for them.
 
     Args:
         step: the longest step (s). Steps end at samples of torques and loads alone; those that would miss some of a
@@ -149,8 +152,9 @@ class Gauss(Integrator):
 
 @dataclass(frozen=True)
 class RK4(Integrator):
-    """The classical Runge-Kutta method: fixed step, fourth order, stable only while the step is below 2.83 over the
-    highest frequency, which is higher where joints are free.
+    """The classical Runge-Kutta method: fixed step, fourth order, stable for short steps alone.
+
+    The step must be below 2.83 over the highest frequency, which is higher where joints are free.
 
     Args:
         step: the longest step (s).

@@ -84,7 +84,7 @@ def table(result: Rows) -> Data:
 def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None) -> Comparison:
     """See Result.compare."""
     if not isinstance(data, Data):
-        raise ValueError(f"data = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
+        raise ValueError(f"data = {type(data).__name__}: must be fa.Data, such as fa.Data.load(...) gives")
     own = table(result)
     if columns is None:
         columns = [name for name in data if name in own]

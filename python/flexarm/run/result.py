@@ -234,8 +234,8 @@ class Result:
         Args:
             data: measured.
             columns: by name of a column of the data, what it is compared with: the name of a column of `to_data`; a
-                sensor of one component, such as `fa.StrainGauge(0)`; a function of a result that gives (nt,); or
-                numbers (nt,). A list of names: both have them. None: all names that both have.
+                sensor of one component, such as `fa.sensors.StrainGauge(0)`; a function of a result that gives (nt,);
+                or numbers (nt,). A list of names: both have them. None: all names that both have.
 
         Returns:
             Comparison: `.nrmse["name"]`, `.bias`, `.lag`, `.correlation`, `print`, `.plot()`.
@@ -250,7 +250,7 @@ class Result:
         """Writes a file, in the format of its suffix.
 
         .npz (or none), .h5 (or .hdf5, where each matrix has attributes "columns" and "units"): everything, the arm and
-        events included; `Result.load` reads it. .csv (or .txt) and .mat: the columns of `to_data`. `fa.load_data` reads
+        events included; `Result.load` reads it. .csv (or .txt) and .mat: the columns of `to_data`. `fa.Data.load` reads
         the columns of all of them.
 
         Raises:
@@ -278,7 +278,7 @@ class Result:
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Reads what `save` wrote as .npz or .h5; tables (.csv, .mat) keep no arm: `fa.load_data` reads their columns.
+        """Reads what `save` wrote as .npz or .h5; tables (.csv, .mat) keep no arm: `fa.Data.load` reads their columns.
 
         Raises:
             ValueError: no such file, another kind of file, a damaged one.
@@ -286,7 +286,7 @@ class Result:
         if not isinstance(path, (str, Path)):
             raise ValueError(f"result = {path!r}: must be a path")
         if Path(path).suffix.lower() in (*CSV, *MAT):
-            raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.load_data reads its columns")
+            raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.Data.load reads its columns")
         try:
             content = Path(path).read_bytes()
         except OSError as e:

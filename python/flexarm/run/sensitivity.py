@@ -50,8 +50,7 @@ class RunStopped(ValueError):
 
 @dataclass(repr=False)
 class Sensitivities:
-    """A run, and its derivatives by np parameters, exact but for rounding; of an integrator's equations, not of
-    differences.
+    """A run, and its exact derivatives by np parameters, of the integrator's equations.
 
     Attributes:
         result: the run.

@@ -46,7 +46,7 @@ class SimulationError(_Stopped, RuntimeError):
 
 
 class SimulationInterrupted(_Stopped, KeyboardInterrupt):
-    """Ctrl-C during a simulation. `.time` is the time reached (s), `.result` what was computed up to there."""
+    """Ctrl-C during a simulation; it holds the result so far. `.result`; `.time` is the time reached (s)."""
 
 
 def _integrate(

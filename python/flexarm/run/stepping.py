@@ -156,20 +156,21 @@ class Simulation:
                     return k
         raise ValueError(f"key = {key!r}: no torque or voltage drives it; give drive={{{key!r}: ...}} from the start")
 
-    def set_load(self, number_of: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
+    def set_load(self, index: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
         """Force (N) and moment (N m) of the load of this number in `loads`, from now on, in place of its law."""
         wrench = np.concatenate([array("force", force, (3,)), array("moment", moment, (3,))])
-        self._core.set_load(number_of, wrench)
+        self._core.set_load(index, wrench)
 
-    def set_reference(self, number_of: int, reference: float, rate: float = 0.0) -> None:
+    def set_reference(self, index: int, reference: float, reference_rate: float = 0.0) -> None:
         """Reference (rad, m), and its rate, of the PD or StrainFeedback of this number in `control`, from now on."""
         controls = self._problem.controls
-        law = controls[number_of] if 0 <= number_of < len(controls) else None
+        law = controls[index] if 0 <= index < len(controls) else None
         if not isinstance(law, (PD, StrainFeedback)):
-            raise ValueError(f"number_of = {number_of}: must be that of a PD or a StrainFeedback in control")
+            raise ValueError(f"index = {index}: must be that of a PD or a StrainFeedback in control")
         run = Run(self._problem.times, self._problem.loads, 0, sum(c.memory for c in controls))
-        before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:number_of])
-        self._core.set_reference(before, law.kp * number("reference", reference) + law.kv * number("rate", rate))
+        before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:index])
+        rate = number("reference_rate", reference_rate)
+        self._core.set_reference(before, law.kp * number("reference", reference) + law.kv * rate)
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (3,) and orientation (3, 3) of a slice now; see `Arm.frame`."""

@@ -108,7 +108,7 @@ def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[st
 
 @dataclass(frozen=True)
 class Watch:
-    """What `Result.check(watch)` looks at, at the output times.
+    """The limits within which a model is valid, for `result.check(watch)` at the output times.
 
     Attributes:
         limits: by (what, link), such as ("rotation", 0), the largest value that is still in range: "rotation" (rad),

@@ -38,7 +38,7 @@ def magnification(value: Any) -> float:
 
 
 class View:
-    """The arm in 3-D, over time if it moves: the result of `arm.show`, `result.animate` and `modes.animate`.
+    """The arm in 3-D, over time if it moves, of `arm.show`, `result.animate` and `modes.animate`.
 
     In a notebook it shows itself. Elsewhere `.open()` shows it in the browser, and `.save(path)` writes it: as a page
     (.html: one file, which needs no network), a picture (.png) or a film (.gif, .mp4).

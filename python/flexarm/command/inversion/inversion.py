@@ -27,7 +27,7 @@ REPLAYS = ("motion", "torque", "feedback")
 
 @dataclass(repr=False, eq=False)
 class Inversion:
-    """The motion of an arm whose tip follows a path, and the torques for it; rows at times t, evenly spaced.
+    """The motion of an arm whose tip follows a path, and the torques for it, evenly spaced in time.
 
     Attributes:
         arm: the arm. method: "stable", "quasi-static" or "rigid".

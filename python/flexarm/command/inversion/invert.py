@@ -48,7 +48,7 @@ def invert(
     stretch: bool = False,
     progress: Any = False,
 ) -> Inversion:
-    """Joint torques and motions that carry the tip along a path: the stable inverse of the arm's dynamics.
+    """Joint torques and motions that carry the tip along a path, by stable inversion of the dynamics.
 
     The tip of a flexible arm answers its motors late, and first the wrong way: torques that are computed forward in
     time for a wanted tip grow without bound. The bounded solution is not causal: the joints begin to move before the

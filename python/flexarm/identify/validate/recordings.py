@@ -10,7 +10,6 @@ import numpy as np
 
 from ..._check import Array
 from ...data.data import Data
-from ...data.load import load_data
 from ...model.acting.drive import Motion, Torque
 
 FOLDER = Path(__file__).with_name("quanser")
@@ -70,13 +69,13 @@ def read(source: Any) -> Recording:
         source: "lqr" or "fsf", shipped; the path of a file, or Data.
 
     Raises:
-        ValueError: as of `load_data`; columns that are missing or in another unit; less than 2 s, below 46 Hz.
+        ValueError: as of `Data.load`; columns that are missing or in another unit; less than 2 s, below 46 Hz.
     """
     if isinstance(source, Data):
         data = source
     else:
         shipped = isinstance(source, str) and source in SHIPPED
-        data = load_data(FOLDER / f"{source}.csv" if shipped else source)
+        data = Data.load(FOLDER / f"{source}.csv" if shipped else source)
     for name, unit in UNITS.items():
         if name not in data:
             raise ValueError(f"data: column '{name}' is missing; there must be {', '.join(UNITS)}")

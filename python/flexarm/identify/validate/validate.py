@@ -47,7 +47,7 @@ def validate(
         Validation: `print` it; `.judged`, `.plot()`.
 
     Raises:
-        ValueError: an unknown rig or recording; as of `load_data`; columns that are missing. FitInterrupted: Ctrl-C.
+        ValueError: an unknown rig or recording; as of `Data.load`; columns that are missing. FitInterrupted: Ctrl-C.
     """
     choice("rig", rig, RIGS)
     scene = load(rig)

@@ -70,9 +70,10 @@ def step_derivatives(
     loads: Sequence[Load] | None = None,
     t: float = 0.0,
 ) -> StepDerivatives:
-    """One step from each state, and what small changes of state and forces change of its end: derivatives of the
-    method's own equations (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A step that begins
-    anew, as in a `rollout` whose forces change at every step.
+    """One step from each state, and its exact Jacobians by state and forces.
+
+    They are of the method's own equations (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A
+    step that begins anew, as in a `rollout` whose forces change at every step.
 
     Args:
         arm: without ball joints or dry friction.
@@ -121,9 +122,10 @@ def rollout_gradient(
     workers: int | None = None,
     progress: Any = False,
 ) -> Gradient:
-    """Derivatives of a number that depends on the rows of a rollout by its start, its forces and parameters of the arm,
-    by the adjoint method: backwards through the steps, at a cost that does not depend on how many forces there are.
-    They are exact but for rounding: of the method's own equations, which begin anew where the forces change.
+    """Derivatives of a number of a rollout by its start, forces and parameters of the arm.
+
+    The adjoint method goes backwards through the steps, at a cost that does not depend on the number of forces. The
+    derivatives are exact but for rounding: of the method's own equations, which begin anew where the forces change.
 
     Args:
         arm: without ball joints; with dry friction for "implicit" alone. Or an arm for each scenario, in their order.

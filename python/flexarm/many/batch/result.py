@@ -42,7 +42,7 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
 
 @dataclass(repr=False)
 class BatchResult:
-    """What a batch gives: B scenarios, nt rows each.
+    """The trajectories of a batch: B scenarios, nt rows each.
 
     Attributes:
         t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those not asked for are None; rows after a
@@ -86,9 +86,9 @@ class BatchResult:
     def parameters(self) -> dict[str, Array]:
         return self.variation.values
 
-    def arm(self, i: int) -> Arm:
-        """The arm of scenario i, with its parameters."""
-        return self.variation.scenario(range(len(self))[i]).arm
+    def arm(self, index: int) -> Arm:
+        """The arm of a scenario, with its parameters."""
+        return self.variation.scenario(range(len(self))[index]).arm
 
     def __getitem__(self, i: int) -> Result:
         """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan. It has derivatives

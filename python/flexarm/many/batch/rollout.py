@@ -62,7 +62,7 @@ class Failure:
 
 
 class BatchInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a batch. `.result` is what was computed up to there: a Rollout or a BatchResult."""
+    """Ctrl-C during a batch; it holds the scenarios so far, in `.result`, a Rollout or a BatchResult."""
 
     def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
@@ -265,8 +265,10 @@ def rollout(
     out: Mapping[str, Array] | None = None,
     progress: Any = False,
 ) -> Rollout:
-    """Takes B scenarios through `nstep` equal steps from t = 0, in C++, over threads. What is not given B times is
-    alike for all, without being copied. What one scenario gives depends neither on the workers nor on the others.
+    """Takes B scenarios through `nstep` equal steps, arrays to arrays, in C++, over threads.
+
+    Arguments that are not given B times are the same for all, and not copied. The result of a scenario depends neither
+    on the workers nor on the others.
 
     Args:
         arm: an arm, or B arms with the same coordinates.

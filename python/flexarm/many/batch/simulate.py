@@ -131,8 +131,10 @@ def simulate_batch(
     batch: int | None = None,
     **options: Any,
 ) -> BatchResult:
-    """Simulates B scenarios over threads. What is not given B times is alike for all. What one scenario gives depends
-    neither on the workers nor on the others; one that fails is reported, and spoils no other.
+    """Simulates B scenarios that differ in start, forces, parameters, over threads.
+
+    Arguments that are not given B times are the same for all. The result of a scenario depends neither on the workers
+    nor on the others; one that fails is reported, and spoils no other.
 
     Args:
         arm, t, drive, loads, control: as of `simulate`.

@@ -184,7 +184,7 @@ def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tu
 @dataclass(frozen=True)
 class RunSummary:
     """What a sweep keeps of each run, as `Job.summary` has it: numbers, and, where it keeps `trajectories`, every
-    `every`-th row of q and v. The arguments are those of `Sweep`."""
+    `every`-th row of q and v. The arguments are those of `SweepPlan`."""
 
     outputs: tuple[str | Callable[[Result], float], ...]
     link: int | str

@@ -17,7 +17,7 @@ from ...data.draw.style import DPI
 from ...data.draw.sweep import MISSING, plot_sweep
 from ...data.store.files import named, readable, write_whole
 from ...data.store.scenarios import read_scenarios
-from .vary import Sweep
+from .vary import SweepPlan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ class SweepResult:
         folder: where it was written, or None.
     """
 
-    plan: Sweep
+    plan: SweepPlan
     parameters: dict[str, Array]
     columns: dict[str, Array]
     units: dict[str, str]
@@ -76,13 +76,13 @@ class SweepResult:
     def complete(self) -> bool:
         return bool(self.done.all())
 
-    def trajectory(self, i: int) -> tuple[Array, Array, Array]:
-        """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, where the plan keeps them."""
+    def trajectory(self, index: int) -> tuple[Array, Array, Array]:
+        """t (nt,), q (nt, nq) and v (nt, nv) of a scenario, where the plan keeps them."""
         if self.folder is None or not self.plan.trajectories:
             raise ValueError("trajectories = false: this sweep did not keep them")
         path = self.folder / FILE
         with readable("trajectories", path, "what a sweep writes"):
-            i = range(len(self))[i]
+            i = range(len(self))[index]
             _, fixed, rows, _ = read_scenarios(path, slice(i, i + 1))
             return fixed["t"], np.array(rows["q"][0]), np.array(rows["v"][0])
 
@@ -125,7 +125,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep. `.result` is the SweepResult up to there."""
+    """Ctrl-C during a sweep; it holds the scenarios so far, in `.result`, a SweepResult."""
 
     def __init__(self, message: str, result: SweepResult) -> None:
         super().__init__(message)

@@ -25,12 +25,12 @@ from ..batch.simulate import make_job
 from ..batch.storage import File, Memory
 from .quantities import RunSummary, check_quantities, quantity
 from .result import FILE, SweepInterrupted, SweepResult
-from .vary import Sweep, load_sweep
+from .vary import SweepPlan
 
 
 def sweep(
     scene: Scene | str | Path,
-    plan: Sweep | str | Path,
+    plan: SweepPlan | str | Path,
     *,
     out: str | Path | None = None,
     resume: bool = True,
@@ -44,7 +44,7 @@ def sweep(
 
     Args:
         scene: a Scene, or the path or name of one.
-        plan: a Sweep, or the path or name of a sweep file.
+        plan: a SweepPlan, or the path or name of a sweep file.
         out: folder for sweep.csv, sweep.png, and sweep.h5, which is written as the scenarios are done, with
             trajectories where the plan keeps them. A sweep that was interrupted or killed goes on from there when it
             is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and
@@ -66,7 +66,7 @@ def sweep(
     """
     started = time.perf_counter()
     scene = scene if isinstance(scene, Scene) else load(scene)
-    plan = plan if isinstance(plan, Sweep) else load_sweep(plan)
+    plan = plan if isinstance(plan, SweepPlan) else SweepPlan.load(plan)
     if plan.trajectories and out is None:
         raise ValueError("trajectories = true: needs a folder to write them to, out=")
     job, count = _job(scene, plan)
@@ -104,7 +104,7 @@ def sweep(
     return result
 
 
-def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
+def _job(scene: Scene, plan: SweepPlan) -> tuple[Job, int]:
     """The batch of the sweep's scenarios, of which only a summary is kept."""
     check_quantities(scene.arm, plan.outputs, plan.link)
     outputs = ("q", "v", "tau") if any(quantity(x).forces for x in plan.outputs) else ("q", "v")

@@ -77,7 +77,7 @@ def _distribution(where: str, table: Any) -> Any:
 
 @dataclass(frozen=True)
 class Vary:
-    """One block of a sweep: how some parameters vary together.
+    """One block of a sweep: parameters that vary together.
 
     Args:
         kind: "grid": every combination of the values; "list": the first values of all, then the second, ...;
@@ -151,8 +151,8 @@ def _product(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """A sweep: what is varied, and what is noted of each run.
+class SweepPlan:
+    """The plan of a sweep: the parameters that vary, and the numbers noted of each run.
 
     Args:
         vary: blocks of parameters.
@@ -208,6 +208,29 @@ class Sweep:
         axes = {path: _listed(path, v) for path, v in self.vary[0].values.items()}
         return axes if all(v.ndim == 1 for v in axes.values()) else None
 
+    @classmethod
+    def load(cls, path: str | Path) -> SweepPlan:
+        """Reads a sweep file (TOML); see docs/sweeps.md. A bare name such as "ist" means a sweep shipped with flexarm.
+
+        Args:
+            path: of the sweep file.
+
+        Raises:
+            ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
+        """
+        if not isinstance(path, (str, Path)):
+            raise ValueError(f"sweep = {path!r}: must be a path")
+        p = Path(path)
+        try:
+            if not p.exists() and p.parent == Path() and (SCENES / "sweeps" / f"{p.name}.toml").exists():
+                p = SCENES / "sweeps" / f"{p.name}.toml"
+            with p.open("rb") as f, shallow("sweep"):
+                return sweep_from_dict(tomllib.load(f), p.stem)
+        except OSError as e:
+            raise ValueError(f"sweep {str(path)!r}: {e.strerror}") from None
+        except ValueError as e:
+            raise ValueError(f"sweep {str(path)!r}: {e}") from None
+
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Paths written as TOML tables (link.0.tip.mass = ...) joined by dots; what tells values is not entered."""
@@ -218,8 +241,8 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return out
 
 
-def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> Sweep:
-    """A Sweep from the structure of a sweep file."""
+def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> SweepPlan:
+    """A SweepPlan from the structure of a sweep file."""
     settings = ("title", "combine", "outputs", "link", "band", "trajectories", "every")
     known_keys("sweep", d, (*settings, "vary"))
     blocks = d.get("vary")
@@ -237,28 +260,4 @@ def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> Sweep:
     for key, kind in (("trajectories", bool), ("title", str)):
         if not isinstance(given.get(key, kind()), kind):
             raise ValueError(f"{key} = {given[key]!r}: must be {'true or false' if kind is bool else 'text'}")
-    return Sweep(found, **{"title": name, **given})
-
-
-def load_sweep(path: str | Path) -> Sweep:
-    """Reads a sweep file (TOML); see docs/sweeps.md. A bare name such as "ist" means a sweep shipped with the package.
-
-    Args:
-        path: of the sweep file.
-
-    Raises:
-        ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
-    """
-    if not isinstance(path, (str, Path)):
-        raise ValueError(f"sweep = {path!r}: must be a path")
-    p = Path(path)
-    try:
-        if not p.exists() and p.parent == Path() and (SCENES / "sweeps" / f"{p.name}.toml").exists():
-            p = SCENES / "sweeps" / f"{p.name}.toml"
-        with p.open("rb") as f, shallow("sweep"):
-            d = tomllib.load(f)
-            return sweep_from_dict(d, p.stem)
-    except OSError as e:
-        raise ValueError(f"sweep {str(path)!r}: {e.strerror}") from None
-    except ValueError as e:
-        raise ValueError(f"sweep {str(path)!r}: {e}") from None
+    return SweepPlan(found, **{"title": name, **given})

@@ -52,8 +52,10 @@ def per_joint(field: str, value: Any, count: int) -> Array:
 
 
 class FeedForward(Controller):
-    """The forces that a motion of the joints needs, M(q) q'' + h(q, q') at the reference, with elastic coordinates at
-    rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`: the forces add up.
+    """The forces that a motion of the joints needs, M(q) q'' + h(q, q') at the reference.
+
+    Elastic coordinates are at rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`:
+    the forces add up.
 
     They include joint springs and viscous friction, not dry friction or loads. They are computed once for a run, as
     piecewise polynomials, and evaluated in C++ by every integrator and in batches.
@@ -114,10 +116,12 @@ class FeedForward(Controller):
 
 
 class ComputedTorque(Controller):
-    """Computed torque (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980; inverse dynamics control), sampled,
-    in C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) + h(q, v) at the joints, of the arm with its elastic coordinates
-    at rest. A rigid arm without limits then has the characteristic polynomial s² + kv s + kp at every joint and
-    position. The law ignores vibration: keep sqrt(kp) below a third of the lowest frequency with locked joints.
+    """Computed torque, sampled: inverse dynamics makes the arm follow a motion.
+
+    (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980.) In C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) +
+    h(q, v) at the joints, of the arm with its elastic coordinates at rest. A rigid arm without limits then has the
+    characteristic polynomial s² + kv s + kp at every joint and position. The law ignores vibration: keep sqrt(kp) below
+    a third of the lowest frequency with locked joints.
 
     Args:
         kp, kv: gains (1/s², 1/s), a number, or one for each freedom of the joints; kv = None: 2 sqrt(kp), critical

@@ -183,7 +183,7 @@ class _JointLaw(Controller):
 
 
 class PD(_JointLaw):
-    """u = k_p (reference - q) + k_v (reference_rate - dq/dt) of one joint, continuous.
+    """A PD law of one joint, u = k_p (reference - q) + k_v (reference_rate - dq/dt), continuous.
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
@@ -205,8 +205,10 @@ class PD(_JointLaw):
 
 
 class StrainFeedback(_JointLaw):
-    """Eq. 97: u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K a beam's curvature at a
-    strain gauge. Without `static` or `washout` the static strain under gravity shifts the joint from its reference by
+    """A PD law of a joint with feedback of a beam's strain, continuous.
+
+    u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K the curvature at a strain gauge
+    (Eq. 97). Without `static` or `washout` the static strain under gravity shifts the joint from its reference by
     k_s K / k_p.
 
     Args:
@@ -281,7 +283,9 @@ class StrainFeedback(_JointLaw):
 
 
 class StateFeedback(Controller):
-    """u = u0 - K [q - q0; v - v0], continuous, with K from a design on `Arm.linearize` (LQR, pole placement).
+    """Feedback of all coordinates and rates, u = u0 - K [q - q0; v - v0], continuous.
+
+    K is from a design on `Arm.linearize` (`lqr`, pole placement).
 
     Args:
         K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states without locked

@@ -123,7 +123,7 @@ def _quintics(h: Array, rows: Array) -> Array:
 
 
 class Motion(Law):
-    """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
+    """Prescribed motion of a joint; its reaction becomes an output. ("Displacement driven" in Sec. 5.2.)
 
     `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six samples by one polynomial);
     with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every sample: smooth data
@@ -282,7 +282,7 @@ class Scalar(Law):
 
 
 class Torque(Scalar):
-    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
+    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable; a number."""
 
     def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
         self._read("tau", t, tau)

@@ -22,7 +22,7 @@ _PLACES: WeakKeyDictionary[_core.Arm, dict[Any, _core.Load]] = WeakKeyDictionary
 
 
 class Load(Law):
-    """A force and a moment on a slice, or spread along a beam (the external forces of the paper's Eq. 52, 53).
+    """A force and a moment on a slice, or spread along a beam. (Eq. 52, 53)
 
     Args:
         link: the link; -1 is the last.

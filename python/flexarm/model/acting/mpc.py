@@ -34,7 +34,9 @@ class MPCWarning(UserWarning):
 
 
 class MPC(Controller):
-    """Model predictive control at a rate (1 kHz and more), in C++: real-time iteration (Diehl, Bock, Schlöder 2005).
+    """Model predictive control at a rate (1 kHz and more), in C++.
+
+    It is a real-time iteration (Diehl, Bock, Schlöder 2005).
 
     At each sample the arm's motion over `horizon` is predicted by implicit steps (L-stable, of order 2) under the plan
     of the sample before, linearised with exact derivatives, and the inputs of least cost within the limits follow from

@@ -16,7 +16,7 @@ from .drive import Scalar
 
 
 class Voltage(Scalar):
-    """Voltage of a patch (V): samples (t, V), linear in between; a callable t -> V; or a number."""
+    """Voltage of a patch (V): samples (t, V), linear in between; a callable; a number."""
 
     def __init__(self, t: ArrayLike | Callable[[float], float], V: ArrayLike | None = None) -> None:
         self._read("V", t, V)

@@ -30,7 +30,7 @@ Vector = Sequence[float]
 
 @dataclass(frozen=True)
 class Beam(Part):
-    """Elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
+    """Elastic beam along x, clamped to its link's hub at X = 0. (Sec. 3)
 
     Args:
         length: m.

@@ -64,7 +64,9 @@ class Placement(Part):
 
 @dataclass(frozen=True, repr=False)
 class Joint(Part):
-    """Base of all joints. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
+    """The base class of joints: springs, dampers, stops and friction.
+
+    Each of their values is one number, or one for each freedom.
 
     Args:
         stiffness: of springs (N/m, N m/rad). A ball's spring acts on the angle of its whole turn, alike about all
@@ -262,8 +264,9 @@ class Spherical(Joint):
 
 @dataclass(frozen=True, repr=False)
 class Free(Joint):
-    """Six freedoms: q = (x, y, z, unit quaternion w x y z), position in the axes the joint sits on (m);
-    v = (its rate, angular velocity in the link's axes)."""
+    """Six freedoms: a position (m) in the axes the joint sits on, and a unit quaternion.
+
+    q = (x, y, z, w, x, y, z); v = (rate of the position, angular velocity in the link's axes)."""
 
     type: ClassVar[str] = "free"
     ball: ClassVar[bool] = True
@@ -274,7 +277,7 @@ class Free(Joint):
 
 @dataclass(frozen=True, repr=False)
 class Axes(Joint):
-    """Up to six elementary motions, one after the other (Euler-angle style; singular where two axes meet).
+    """Up to six elementary motions, one after the other, singular where two axes meet.
 
     Args:
         axes: in this order, such as ("tx", "ty", "rz"): translations (m) along and rotations (rad) about the x, y and z

@@ -15,7 +15,7 @@ from .part import Part, read_name
 
 @dataclass(frozen=True)
 class Link(Part):
-    """A joint, a rigid hub, an elastic beam and a rigid tip; each of the three bodies may be missing (Sec. 4.2).
+    """A joint and up to three bodies: a rigid hub, an elastic beam, a rigid tip. (Sec. 4.2)
 
     The joint sits at the end of the link below, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
     last section (or at `hub.end`), in its axes; the next link's joint sits at `tip.end`.

@@ -18,7 +18,9 @@ _ON = ("hub", "tip", "base")
 
 @dataclass(frozen=True)
 class Look(Part):
-    """A shape that is drawn with a link, such as a mesh of a robot's file. It has no mass and changes no motion.
+    """A shape that is drawn with a link: a mesh of a file, a box, a cylinder, a ball.
+
+    It has no mass and changes no motion.
 
     Args:
         shape: "mesh", "box", "cylinder" (about its z) or "ball".

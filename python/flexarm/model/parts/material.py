@@ -12,7 +12,7 @@ from .part import Part
 
 @dataclass(frozen=True)
 class Material(Part):
-    """Linear elastic material.
+    """Linear elastic, isotropic material of a beam.
 
     Args:
         density: kg/m^3.

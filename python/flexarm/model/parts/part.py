@@ -12,8 +12,9 @@ from .arguments import with_inherited
 
 
 class ModelWarning(UserWarning):
-    """A part is used beyond what it is good for, or an angle looks like one in degrees; the message gives the limit or
-    the remedy. What else in a model is probably a mistake, `check` finds."""
+    """A part is used beyond its theory, or an angle looks like one in degrees.
+
+    The message gives the limit or the remedy. `check` finds other probable mistakes."""
 
 
 #: first entries of tuples that name an item of a link, such as ("patch", link, patch)

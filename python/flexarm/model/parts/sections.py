@@ -207,7 +207,7 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class IBeam(Shape):
-    """I-beam with two equal flanges, without fillets: its web along y, its flanges across the ends of y.
+    """I-beam with two equal flanges, without fillets: the web along y, the flanges across its ends.
 
     Area and second moments are exact. The torsion constant is the sum over its strips, corrected for their ends and
     junctions (as El Darwish and Johnston, Proc. ASCE 91 ST1, 1965, but for webs of 0.1 to 4 flange thicknesses):

@@ -17,9 +17,11 @@ from .scene import Scene, load
 
 
 def check(of: Arm | Scene | str | Path) -> Findings:
-    """Lists probable mistakes in an arm or a scene, and possible improvements: units, impossible bodies, strains that a
-    beam lacks, too few shape functions for the payload; of a scene also angles in degrees and steps of "rk4" above its
-    limit. `print` shows one finding on a line. `Result.check` finds more, from a run.
+    """Lists probable mistakes in an arm or a scene, and possible improvements.
+
+    It looks at units, impossible bodies, strains that a beam lacks, too few shape functions for the payload; of a scene
+    also angles in degrees and steps of "rk4" above its limit. `print` shows one finding on a line. `Result.check` finds
+    more, from a run.
 
     Args:
         of: an Arm, a Scene, or the path or name of one.

@@ -74,7 +74,7 @@ def from_mjcf(
     coulomb: float | Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> Arm:
-    """An arm from an MJCF file: the chain of joints from the world to one of its bodies, as MuJoCo compiles it.
+    """An arm from an MJCF file: the chain of joints from the world to one of its bodies.
 
     As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
     inertia) and friction loss. A body with several joints gives links without mass between them. All

@@ -196,7 +196,7 @@ def _check_headers(path: str | Path, file: Path) -> None:
 
 
 def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
-    """Reads a scene file (TOML). A bare name such as "ist" means a scene shipped with the package.
+    """The scene of a TOML file, or a shipped one. A bare name such as "ist" means a scene shipped with the package.
 
     Args:
         path: of the scene file.

@@ -96,22 +96,22 @@ class LowPass(Part):
         """The state (order, k) at equilibrium with the input y (k,)."""
         return np.vstack([y, np.zeros((self.order - 1, *y.shape))])
 
-    def steps(self, h: Array, part: Array) -> Array:
-        """Matrices from the state ahead of steps h (m,) to that after a `part` of each, (m, order, order + 3): they
+    def steps(self, step: Array, part: Array) -> Array:
+        """Matrices from the state ahead of steps (m,) to that after a `part` of each, (m, order, order + 3): they
         multiply the state and the inputs at the step's beginning, middle and end, with a parabola between."""
         from scipy.linalg import expm  # slow to import
 
         (A, B), n = self.matrices(), self.order
         # x' = A x + B u; of u(s), s = 0 to 1 over the step: value, slope and second derivative are three states more
-        M = np.zeros((len(h), n + 3, n + 3))
-        M[:, :n, :n], M[:, :n, n] = h[:, None, None] * A, h[:, None] * B
+        M = np.zeros((len(step), n + 3, n + 3))
+        M[:, :n, :n], M[:, :n, n] = step[:, None, None] * A, step[:, None] * B
         M[:, n, n + 1] = M[:, n + 1, n + 2] = 1.0
         after = expm(part[:, None, None] * M)[:, :n]
         return np.concatenate([after[..., :n], after[..., n:] @ _PARABOLA], axis=-1)
 
-    def step(self, h: float, part: float = 1.0) -> Array:
+    def step(self, step: float, part: float = 1.0) -> Array:
         """`steps` for one step."""
-        return _step(self, float(f"{h:.{_DIGITS}g}"), round(part, _DIGITS))
+        return _step(self, float(f"{step:.{_DIGITS}g}"), round(part, _DIGITS))
 
 
 @lru_cache(maxsize=1024)

@@ -107,7 +107,7 @@ class PowerSpectrum:
 
 
 def psd(t: ArrayLike, y: ArrayLike, *, segment: float | None = None, window: str = "hann") -> PowerSpectrum:
-    """Power spectral density of an evenly sampled signal, without its mean, as in the paper's Fig. 7 for a gauge.
+    """Power spectral density of an evenly sampled signal, without its mean. (Fig. 7)
 
     Args:
         t: times (s), (n,), in equal steps. y: the signal, (n,) or (n, 1).

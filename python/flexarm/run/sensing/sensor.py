@@ -34,8 +34,10 @@ _FINER = 10  # a sensor may sample so many times between two output times
 
 @dataclass(frozen=True)
 class Sensor(Part):
-    """Base of all sensors. `offset`, `resolution`, `noise` and `range` are in the sensor's unit; they and `gain` are
-    each one number or one for each component. By default an instrument is ideal.
+    """The base class of sensors: filter, rate, delay, errors and noise.
+
+    `offset`, `resolution`, `noise` and `range` are in the sensor's unit; they and `gain` are each one number or one for
+    each component. By default an instrument is ideal.
 
     Attributes:
         filter: analogue low pass ahead of sampling, noise and steps: a cut-off (Hz) for one of the first order, or a
@@ -297,7 +299,7 @@ def _midway(
 
 
 class Sampler:
-    """An instrument in a control loop: stores the past for its delay, holds its last sample until the next is due.
+    """A sensor in a control loop: it keeps the past for its delay, and holds its last sample.
 
     Called at the same times, it gives the same readings as `read`, noise included. If its sample times (`rate`) or
     their delayed times (`delay`) fall between two calls, it interpolates linearly between the quantities at both; if

@@ -40,12 +40,12 @@ class Encoder(_OnFreedom):
         link, freedom: the joint's link (-1 is the last), and its freedom.
         pulses: per revolution (per metre of a prismatic joint); None: no steps.
         quadrature: four counts a pulse, from both edges of both tracks.
-        gear: turns of the encoder for one of the joint, where it sits on the motor.
+        gear_ratio: turns of the encoder for one of the joint, where it sits on the motor.
     """
 
     pulses: int | None = 2000
     quadrature: bool = False
-    gear: float = 1.0
+    gear_ratio: float = 1.0
     type: ClassVar[str] = "encoder"
 
     def __post_init__(self) -> None:
@@ -56,8 +56,8 @@ class Encoder(_OnFreedom):
             raise ValueError(f"pulses = {self.pulses}: must be at least 1, or None for no steps")
         if not isinstance(self.quadrature, bool):
             raise ValueError(f"quadrature = {self.quadrature!r}: must be true or false")
-        if not 0 < number("gear", self.gear) < np.inf:
-            raise ValueError(f"gear = {self.gear}: must be positive")
+        if not 0 < number("gear_ratio", self.gear_ratio) < np.inf:
+            raise ValueError(f"gear_ratio = {self.gear_ratio}: must be positive")
 
     def components(self, arm: Arm) -> list[Component]:
         return [("position", self._unit(arm))]
@@ -67,7 +67,7 @@ class Encoder(_OnFreedom):
         if self.pulses is None:
             return np.zeros(1)
         turn = 2 * np.pi if self._unit(arm) == "rad" else 1.0
-        return np.array([turn / (self.pulses * (4 if self.quadrature else 1) * self.gear)])
+        return np.array([turn / (self.pulses * (4 if self.quadrature else 1) * self.gear_ratio)])
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         at = arm.coordinate_of(self._rate(arm))
@@ -78,7 +78,7 @@ class Encoder(_OnFreedom):
 
 @dataclass(frozen=True)
 class Tachometer(_OnFreedom):
-    """The rate of a joint (rad/s; m/s).
+    """Tachometer: the rate of a joint (rad/s; m/s).
 
     Args:
         link, freedom: the joint's link (-1 is the last), and its freedom.
@@ -95,7 +95,7 @@ class Tachometer(_OnFreedom):
 
 @dataclass(frozen=True)
 class ForceTorque(Sensor):
-    """Six-component force/torque sensor in a joint: the wrench that it passes on to its link, as `Arm.joint_reaction`.
+    """Six-component force/torque sensor in a joint: the wrench on its link, as `Arm.joint_reaction`.
 
     Args:
         link: the joint's link; -1 is the last.

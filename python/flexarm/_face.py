@@ -1,0 +1,79 @@
+"""The public names: the map of them that `help` shows, made from the lists of imports, and the ways to renamed ones."""
+
+import inspect
+import re
+import sys
+from types import ModuleType
+from typing import Any
+
+#: Modules that list public names, beside flexarm itself.
+LISTS = ("sections", "sensors", "results", "errors")
+
+#: Headings of the map, by the room that a name lies in.
+HEADINGS = {
+    "arm": "Parts of an arm",
+    "model.parts": "Parts of an arm",
+    "robots": "Parts of an arm",
+    "model.acting": "What acts on it",
+    "run.scene": "Scenes and robots",
+    "run": "One run",
+    "view": "One run",
+    "analysis": "Analysis",
+    "loop": "Analysis",
+    "command": "Commands",
+    "data": "Data, and models from it",
+    "estimate": "Data, and models from it",
+    "identify": "Data, and models from it",
+    "many": "Many runs",
+    "choose": "Which model",
+}
+
+_RENAMED = {
+    "Plan": "results.ModelPlan",
+    "PulseWarning": "errors.StepWarning",
+    "Sweep": "SweepPlan",
+    "WatchWarning": "errors.RangeWarning",
+    "load_data": "Data.load",
+    "load_sweep": "SweepPlan.load",
+    "placement": "place_patch",
+}
+
+
+def public(module: ModuleType) -> dict[str, Any]:
+    """The public names of a module, in the order of its imports, without the package's rooms."""
+    return {name: x for name, x in vars(module).items() if name[0] != "_" and not isinstance(x, ModuleType)}
+
+
+def grouped(module: ModuleType) -> dict[str, list[str]]:
+    """The public names of a module by heading."""
+    found: dict[str, list[str]] = {heading: [] for heading in HEADINGS.values()}
+    for name, thing in public(module).items():
+        room = thing.__module__.removeprefix("flexarm.")
+        found[next(text for start, text in HEADINGS.items() if room.startswith(start + "."))].append(name)
+    return {heading: listed for heading, listed in found.items() if listed}
+
+
+def sentence(thing: object) -> str:
+    """The first one of a docstring, without its full stop; nothing under `python -OO`."""
+    found = re.match(r"(.*?)\.?(?=\.\s|\n\n|$)", inspect.cleandoc(thing.__doc__ or ""), re.DOTALL)
+    return " ".join(found[1].split()) if found else ""
+
+
+def describe(module: ModuleType) -> None:
+    """Adds the map of its names to a module's docstring, with headings in that of flexarm itself."""
+    wide = 2 + max(map(len, public(module)))
+    lines = [(module.__doc__ or "").rstrip()]
+    for heading, listed in grouped(module).items():
+        lines += ["", *([heading] if hasattr(module, "Arm") else [])]
+        lines += [f"    {name:{wide}}{sentence(getattr(module, name))}".rstrip() for name in listed]
+    module.__doc__ = "\n".join(lines)
+
+
+def missing(name: str) -> Exception:
+    """The error for a name that flexarm does not have; it tells the new one of an old name."""
+    here = sys.modules["flexarm"]
+    new = _RENAMED.get(name) or next((f"{at}.{name}" for at in LISTS if hasattr(getattr(here, at), name)), None)
+    told = f"module 'flexarm' has no attribute {name!r}" + (f"; it is fa.{new} now" if new else "")
+    # Of `from flexarm import NAME` Python would drop the text of an AttributeError.
+    imported = new and sys._getframe(2).f_code.co_name == "_handle_fromlist"
+    return ImportError(told, name="flexarm") if imported else AttributeError(told, name=name if new else None)

@@ -1,0 +1,29 @@
+"""Classes of what functions and methods return: for annotations, `isinstance` and `help`; nobody makes them."""
+
+from .analysis.damping import Decay as Decay
+from .analysis.equilibrium import Trim as Trim
+from .analysis.findings import Finding as Finding
+from .analysis.linear import Derivatives as Derivatives
+from .analysis.linear import LinearModel as LinearModel
+from .analysis.modes import Modes as Modes
+from .analysis.modes import ModeShapes as ModeShapes
+from .analysis.placement import PatchPlacement as PatchPlacement
+from .choose.chart import Chart as Chart
+from .choose.economize import ModelPlan as ModelPlan
+from .command.inversion.inversion import Inversion as Inversion
+from .command.moves.move import LimitUse as LimitUse
+from .command.moves.move import Move as Move
+from .data.compare import Comparison as Comparison
+from .estimate.estimate import Estimate as Estimate
+from .identify.fit import Fit as Fit
+from .identify.validate.validation import Validation as Validation
+from .loop.closed_loop import ClosedLoop as ClosedLoop
+from .many.batch.gradient import Gradient as Gradient
+from .many.batch.gradient import StepDerivatives as StepDerivatives
+from .many.batch.rollout import Failure as Failure
+from .many.batch.rollout import Rollout as Rollout
+from .many.sweeps.result import SweepResult as SweepResult
+from .run.sensing.reading import PowerSpectrum as PowerSpectrum
+from .run.sensing.reading import Reading as Reading
+from .run.sensitivity import Sensitivities as Sensitivities
+from .view.view import View as View
