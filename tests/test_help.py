@@ -44,7 +44,7 @@ def test_help_is_a_map_of_the_names(module: ModuleType) -> None:
     """A line for each, with the first sentence of its docstring, in the width of a terminal."""
     lines = pydoc.plain(pydoc.render_doc(module)).splitlines()
     assert max(map(len, lines)) <= 124 and len(lines) <= 170
-    told = dict(re.findall(r"^ {8}(\w+) +(\S.*)$", "\n".join(lines), re.MULTILINE))
+    told = dict(re.findall(r"^ {4,8}(\w+) +(\S.*)$", "\n".join(lines), re.MULTILINE))
     assert set(NAMES[module]) <= set(told)
     assert not [name for name in NAMES[module] if re.search(r"\b(Eq|Sec|Fig|al)$|^The result|^What", told[name])]
 
@@ -66,7 +66,7 @@ def test_an_old_name_tells_the_new_one(old: str, new: str) -> None:
         getattr(fa, old)
     with pytest.raises(ImportError, match=f"'{old}'; it is fa.{new} now$"):
         exec(f"from flexarm import {old}")
-    with pytest.raises(AttributeError, match="no attribute 'Nothing'$"):
+    with pytest.raises(AttributeError, match=r"no attribute 'Nothing'$"):
         _ = fa.Nothing
 
 

@@ -8,7 +8,7 @@ flexarm.env, .tasks (Gymnasium), .torch, .jax, .cli. `flexarm examples`; https:/
 """
 
 # The list of the public names, with those in sections, sensors, results and errors; its order is that of the map.
-# ruff: noqa: I001  (X as X: so do type checkers know what is for others)
+# `X as X` tells type checkers that it is for others.
 from . import _starting as _starting  # first, for Ctrl-C
 
 import sys as _sys
@@ -19,19 +19,9 @@ from ._core import __version__ as __version__
 from .model.acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
 from .arm.arm import Arm as Arm
 from .model.parts.link import Link as Link
-from .model.parts.joints import (
-    Joint as Joint,
-    Fixed as Fixed,
-    Revolute as Revolute,
-    Prismatic as Prismatic,
-    Cylindrical as Cylindrical,
-    Universal as Universal,
-    Planar as Planar,
-    Spherical as Spherical,
-    Free as Free,
-    Axes as Axes,
-    Placement as Placement,
-)
+from .model.parts.joints import Joint as Joint, Fixed as Fixed, Revolute as Revolute, Prismatic as Prismatic
+from .model.parts.joints import Cylindrical as Cylindrical, Universal as Universal, Planar as Planar
+from .model.parts.joints import Spherical as Spherical, Free as Free, Axes as Axes, Placement as Placement
 from .model.parts.beam import RigidBody as RigidBody, Beam as Beam
 from .model.parts.material import Material as Material
 from .model.parts.sections import Rectangle as Rectangle, Circle as Circle, Tube as Tube, SectionMatrix as SectionMatrix
@@ -42,12 +32,8 @@ from .robots.chain import Flexible as Flexible
 from .model.acting.drive import Motion as Motion, Torque as Torque
 from .model.acting.voltage import Voltage as Voltage
 from .model.acting.load import Load as Load
-from .model.acting.control import (
-    PD as PD,
-    StrainFeedback as StrainFeedback,
-    StateFeedback as StateFeedback,
-    Controller as Controller,
-)
+from .model.acting.control import PD as PD, StrainFeedback as StrainFeedback, StateFeedback as StateFeedback
+from .model.acting.control import Controller as Controller
 from .model.acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .model.acting.computed import FeedForward as FeedForward, ComputedTorque as ComputedTorque
 from .model.acting.mpc import MPC as MPC
@@ -81,6 +67,7 @@ from .many.sweeps.sweep import sweep as sweep
 from .many.sweeps.vary import SweepPlan as SweepPlan, Vary as Vary
 from .choose.chart import chart as chart
 from .choose.economize import economize as economize
+
 
 for _module in (errors, results, sections, sensors, _sys.modules[__name__]):
     _face.describe(_module)

@@ -9,23 +9,17 @@ from typing import Any
 #: Modules that list public names, beside flexarm itself.
 LISTS = ("sections", "sensors", "results", "errors")
 
-#: Headings of the map, by the room that a name lies in.
+#: Headings of the map, with the rooms whose names stand below them.
 HEADINGS = {
-    "arm": "Parts of an arm",
-    "model.parts": "Parts of an arm",
-    "robots": "Parts of an arm",
-    "model.acting": "What acts on it",
-    "run.scene": "Scenes and robots",
-    "run": "One run",
-    "view": "One run",
-    "analysis": "Analysis",
-    "loop": "Analysis",
-    "command": "Commands",
-    "data": "Data, and models from it",
-    "estimate": "Data, and models from it",
-    "identify": "Data, and models from it",
-    "many": "Many runs",
-    "choose": "Which model",
+    "Parts of an arm": ("arm.", "model.parts.", "robots."),
+    "What acts on it": ("model.acting.",),
+    "Scenes and robots": ("run.scene.",),
+    "One run": ("run.", "view."),
+    "Analysis": ("analysis.", "loop."),
+    "Commands": ("command.",),
+    "Data, and models from it": ("data.", "estimate.", "identify."),
+    "Many runs": ("many.",),
+    "Which model": ("choose.",),
 }
 
 _RENAMED = {
@@ -46,10 +40,10 @@ def public(module: ModuleType) -> dict[str, Any]:
 
 def grouped(module: ModuleType) -> dict[str, list[str]]:
     """The public names of a module by heading."""
-    found: dict[str, list[str]] = {heading: [] for heading in HEADINGS.values()}
+    found: dict[str, list[str]] = {heading: [] for heading in HEADINGS}
     for name, thing in public(module).items():
         room = thing.__module__.removeprefix("flexarm.")
-        found[next(text for start, text in HEADINGS.items() if room.startswith(start + "."))].append(name)
+        found[next(heading for heading, rooms in HEADINGS.items() if room.startswith(rooms))].append(name)
     return {heading: listed for heading, listed in found.items() if listed}
 
 

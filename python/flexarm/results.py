@@ -1,29 +1,23 @@
-"""Classes of what functions and methods return: for annotations, `isinstance` and `help`; nobody makes them."""
+"""Classes that functions and methods return: for annotations, `isinstance` and `help`. Nobody makes them."""
 
-from .analysis.damping import Decay as Decay
+from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
+from .analysis.linear import LinearModel as LinearModel, Derivatives as Derivatives
 from .analysis.equilibrium import Trim as Trim
-from .analysis.findings import Finding as Finding
-from .analysis.linear import Derivatives as Derivatives
-from .analysis.linear import LinearModel as LinearModel
-from .analysis.modes import Modes as Modes
-from .analysis.modes import ModeShapes as ModeShapes
+from .loop.closed_loop import ClosedLoop as ClosedLoop
+from .analysis.damping import Decay as Decay
 from .analysis.placement import PatchPlacement as PatchPlacement
-from .choose.chart import Chart as Chart
-from .choose.economize import ModelPlan as ModelPlan
+from .view.view import View as View
+from .analysis.findings import Finding as Finding
+from .run.sensitivity import Sensitivities as Sensitivities
+from .run.sensing.reading import Reading as Reading, PowerSpectrum as PowerSpectrum
 from .command.inversion.inversion import Inversion as Inversion
-from .command.moves.move import LimitUse as LimitUse
-from .command.moves.move import Move as Move
-from .data.compare import Comparison as Comparison
+from .command.moves.move import Move as Move, LimitUse as LimitUse
 from .estimate.estimate import Estimate as Estimate
+from .data.compare import Comparison as Comparison
 from .identify.fit import Fit as Fit
 from .identify.validate.validation import Validation as Validation
-from .loop.closed_loop import ClosedLoop as ClosedLoop
-from .many.batch.gradient import Gradient as Gradient
-from .many.batch.gradient import StepDerivatives as StepDerivatives
-from .many.batch.rollout import Failure as Failure
-from .many.batch.rollout import Rollout as Rollout
+from .many.batch.rollout import Rollout as Rollout, Failure as Failure
+from .many.batch.gradient import Gradient as Gradient, StepDerivatives as StepDerivatives
 from .many.sweeps.result import SweepResult as SweepResult
-from .run.sensing.reading import PowerSpectrum as PowerSpectrum
-from .run.sensing.reading import Reading as Reading
-from .run.sensitivity import Sensitivities as Sensitivities
-from .view.view import View as View
+from .choose.chart import Chart as Chart
+from .choose.economize import ModelPlan as ModelPlan

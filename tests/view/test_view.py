@@ -397,7 +397,7 @@ def test_show_opens_a_browser(
         (lambda a: a.show(open=False).save("/no/such/folder/arm.png", size=SIZE), "no such file or folder"),
         (lambda a: a.show(open=False).save("arm.png", t=3.0), "t = 3.0: must be from 0 to 0"),
         (lambda a: a.show(open=False).save("arm.png", size=(0.1, 2)), "size = .* inches"),
-        (lambda a: a.modes().animate(99), "k = 99: must be from -4 to 3"),
+        (lambda a: a.modes().animate(99), "mode = 99: must be from -4 to 3"),
         (lambda a: a.modes().animate(0, -1.0), "amplitude = -1.0"),
         (lambda a: swing(a, np.zeros(0)).animate(), "no rows"),
         (lambda a: fa.Result(a, np.arange(3.0), *[np.full((3, 4), np.nan)] * 4).animate(), r"q\[0, 0\] = nan"),
