@@ -1,17 +1,18 @@
-"""Writes docs/api: a page for every public name, from its docstring, in the groups and the order of reference.md."""
+"""Writes docs/api: a page for every public name, from its docstring, in the groups of the map that `help` shows."""
 
 import inspect
 import io
 import os
 import re
 from contextlib import redirect_stdout
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import flexarm as fa
+from flexarm import _face
 from flexarm.cli import main
 from flexarm.cli.main import COMMANDS
-from sphinx.util import logging
 from sphinx.util.inspect import TypeAliasForwardRef
 
 MODULES = {
@@ -21,21 +22,14 @@ MODULES = {
     "flexarm.jax": "rollouts of JAX's arrays",
 }
 COLON = "\ue000"  # of a property's docstring, hidden from napoleon
-log = logging.getLogger(__name__)
 
 
-def groups(reference: str) -> dict[str, list[str]]:
-    """Public names by the headings of reference.md, each where it stands first."""
-    found: dict[str, list[str]] = {}
-    seen: set[str] = set()
-    for section in re.split(r"^## ", reference, flags=re.MULTILINE)[1:]:
-        names = [n for n in re.findall(r"\bfa\.([A-Za-z_]\w*)", section) if n in dir(fa)]
-        names = [n for n in dict.fromkeys(names) if n not in seen]
-        seen.update(names)
-        if names:
-            found[section.splitlines()[0]] = names
-    for name in sorted(set(dir(fa)) - {"__version__"} - seen):
-        log.warning("flexarm.%s is not in docs/reference.md, and has no page", name)
+def groups() -> dict[str, list[str]]:
+    """Full names of the public names by the titles of their lists, each in one list."""
+    found = {heading: [f"flexarm.{name}" for name in names] for heading, names in _face.grouped(fa).items()}
+    for module in (getattr(fa, name) for name in _face.LISTS):
+        names = [name for name in _face.public(module) if not hasattr(fa, name)]
+        found[module.__name__] = [f"{module.__name__}.{name}" for name in names]
     return found
 
 
@@ -51,29 +45,32 @@ def _stem(title: str) -> str:
     return title.lower().replace(" ", "-")
 
 
-def _page(name: str) -> str:
+def _thing(full: str) -> Any:
+    return reduce(getattr, full.split(".")[1:], fa)
+
+
+def _page(full: str) -> str:
     """Of a public name: its file, apart from another's that differs in capitals alone."""
+    name = full.split(".")[-1]
     return name if name[0].isupper() else f"{name}_function"
 
 
-def _row(name: str) -> str:
-    """Of a group's table: a name, and the first sentence of its docstring."""
-    text = [inspect.getdoc(getattr(fa, name)) or ""]
-    plain(None, "", name, None, None, text)
-    first = re.match(r"(.*?)(?<!Sec)(?<!Eq)[.:]?(?=[.]\s|\n\n|$)", text[0], re.DOTALL)
-    assert first
-    return f"* - :py:obj:`{name}`\n     - {' '.join(first[1].split())}"
+def _row(full: str) -> str:
+    """Of a list's table: a name, and the first sentence of its docstring."""
+    text = [_face.sentence(_thing(full))]
+    plain(None, "", full, None, None, text)
+    return f"* - :py:obj:`{full.split('.')[-1]} <{full}>`\n     - {text[0]}"
 
 
-def _of_name(name: str) -> str:
-    what = getattr(fa, name)
+def _of_name(full: str) -> str:
+    what, (module, _, name) = _thing(full), full.rpartition(".")
     if not isinstance(what, type):
         directive = f".. autofunction:: {name}"
     elif issubclass(what, BaseException):
         directive = f".. autoexception:: {name}\n   :show-inheritance:"
     else:
         directive = f".. autoclass:: {name}\n   :inherited-members: object, tuple\n   :exclude-members: type"
-    return _titled(name, ".. currentmodule:: flexarm", directive)
+    return _titled(name, f".. currentmodule:: {module}", directive)
 
 
 def _help(*command: str) -> str:
@@ -97,10 +94,11 @@ def _commands() -> str:
 
 def write(app: Any) -> None:
     pages = {}
-    names = groups((Path(app.srcdir) / "reference.md").read_text(encoding="utf-8"))
+    names = groups()
     for title, group in names.items():
         table = "\n   ".join([".. list-table::", ":widths: auto", "", *map(_row, group)])
-        pages[_stem(title)] = _titled(title, ".. currentmodule:: flexarm", table, _listed([_page(n) for n in group]))
+        about = [f".. py:module:: {title}", f"{_face.sentence(_thing(title))}."] if "." in title else []
+        pages[_stem(title)] = _titled(title, *about, table, _listed([_page(n) for n in group]))
         pages |= {_page(name): _of_name(name) for name in group}
     for module, title in MODULES.items():
         pages[module] = _titled(f"{module}: {title}", f".. automodule:: {module}")

@@ -6,6 +6,7 @@ from typing import Any
 
 import flexarm as fa
 from docutils import nodes
+from flexarm import _face
 from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
@@ -17,8 +18,10 @@ except ImportError:  # Python 3.10
 
 ROOT = Path(__file__).parents[2]
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
-NAME = re.compile(r"fa\.([A-Za-z_]\w*)(?:\.([A-Za-z_]\w*))?")
-NAME_ALONE = re.compile(rf"({'|'.join(dir(fa))})(?:\.(\w+))?$")  # as docstrings say `simulate`
+OWNERS = {name: f"flexarm.{at}" for at in _face.LISTS for name in _face.public(getattr(fa, at))}
+OWNERS |= dict.fromkeys(_face.public(fa), "flexarm") | dict.fromkeys(_face.LISTS, "flexarm")
+NAME = re.compile(rf"fa\.(?:(?:{'|'.join(_face.LISTS)})\.)?([A-Za-z_]\w*)(?:\.([A-Za-z_]\w*))?")
+NAME_ALONE = re.compile(rf"({'|'.join(OWNERS)})(?:\.(\w+))?$")  # as docstrings say `simulate`
 log = logging.getLogger(__name__)
 
 
@@ -65,12 +68,11 @@ class NamesOfTheApi(SphinxTransform):
                 inside = inside.parent
             if not found or inside is not None:
                 continue
-            what = getattr(fa, found[1], None)
-            if what is None:
+            if found[1] not in OWNERS:
                 log.warning("flexarm has no name %s", found[1], location=node)
                 continue
-            target = f"flexarm.{found[1]}"
-            if found[2] and isinstance(what, type):
+            target = f"{OWNERS[found[1]]}.{found[1]}"
+            if found[2] and found[1][0].isupper():
                 target += f".{found[2]}"
             link = addnodes.pending_xref(
                 "", refdomain="py", reftype="obj", reftarget=target, refdoc=self.env.docname, refwarn=False

@@ -17,7 +17,7 @@ HEADINGS = {
     "One run": ("run.", "view."),
     "Analysis": ("analysis.", "loop."),
     "Commands": ("command.",),
-    "Data, and models from it": ("data.", "estimate.", "identify."),
+    "Data and estimation": ("data.", "estimate.", "identify."),
     "Many runs": ("many.",),
     "Which model": ("choose.",),
 }
