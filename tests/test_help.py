@@ -54,6 +54,7 @@ def test_help_is_a_map_of_the_names(module: ModuleType) -> None:
     [
         ("Encoder", "sensors.Encoder"),
         ("RangeWarning", "errors.RangeWarning"),
+        ("WatchWarning", "errors.RangeWarning"),
         ("Modes", "results.Modes"),
         ("Sweep", "SweepPlan"),
         ("load_data", "Data.load"),

@@ -253,11 +253,3 @@ def test_a_scene_is_checked_without_a_run() -> None:
     assert not fa.check(fa.Scene(made)) and not fa.check("ist")
     with pytest.raises(ValueError, match=r"of = 3: must be an Arm, a Scene"):
         fa.check(3)  # type: ignore[arg-type]
-
-
-def test_names_of_old_warnings_tell_the_new_one() -> None:
-    for old, new in (("WatchWarning", "RangeWarning"), ("PulseWarning", "StepWarning")):
-        with pytest.raises(AttributeError, match=f"'{old}'; it is {new} now"):
-            getattr(fa, old)
-    with pytest.raises(ValueError, match=r"watch: is asked for after the run, by result.check\(watch\)"):
-        fa.simulate(arm(), [0, 1], watch=True)
