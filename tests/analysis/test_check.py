@@ -253,3 +253,8 @@ def test_a_scene_is_checked_without_a_run() -> None:
     assert not fa.check(fa.Scene(made)) and not fa.check("ist")
     with pytest.raises(ValueError, match=r"of = 3: must be an Arm, a Scene"):
         fa.check(3)  # type: ignore[arg-type]
+
+
+def test_a_watch_is_asked_for_after_the_run() -> None:
+    with pytest.raises(ValueError, match=r"watch: is asked for after the run, by result.check\(watch\)"):
+        fa.simulate(arm(), [0, 1], watch=True)
