@@ -28,7 +28,7 @@ arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, beam), fa.Link(fa.Revolute("z"), hu
 limits = (60, 15)  # N m
 goal = np.array([0.8, -0.6])  # rad
 
-move = fa.plan_move(arm, [0, 0], goal, torque=limits, speed=8)
+move = fa.plan_move(arm, [0, 0], goal, limits={"torque": limits, "speed": 8})
 print(move)
 
 t = np.linspace(0, move.duration + 0.5, 1001)

@@ -67,7 +67,7 @@ MADE: dict[str, Callable[[], Any]] = {
     "margins": lambda: fa.closed_loop(arm(), [fa.PD(5.0, 1.0, 0)]).margins,
     "modes": lambda: arm().modes(),
     "mpc": mpc,
-    "move": lambda: fa.plan_move(arm(), 0.0, 0.5, torque=1.0),
+    "move": lambda: fa.plan_move(arm(), 0.0, 0.5, limits={"torque": 1.0}),
     "placement": lambda: fa.place_patch(arm(), patch=piezo(), modes=1),
     "plan": lambda: fa.economize(scene(), 1e-2),
     "result": lambda: scene().run(),

@@ -29,7 +29,7 @@ def two(shapes: int = 3, thick: float = 0.008) -> fa.Arm:
 
 def found(arm: fa.Arm, end: list[float], method: str, speed: float | None) -> str:
     begun = time.perf_counter()
-    move = fa.plan_move(arm, [0, 0], end, torque=(60, 15), speed=speed, method=method)
+    move = fa.plan_move(arm, [0, 0], end, limits={"torque": (60, 15), "speed": speed}, method=method)
     return f"{move.duration:.4f} s, found in {time.perf_counter() - begun:.0f} s"
 
 
@@ -40,7 +40,7 @@ def strays(thick: float) -> float:
     posture = arm.zero
     posture[[0, 4]] = -1, 1
     line = fa.invert(arm, tip, posture=posture, method="rigid")
-    move = fa.plan_move(arm, path=line.q[:, [0, 4]], torque=(60, 15), speed=3)
+    move = fa.plan_move(arm, path=line.q[:, [0, 4]], limits={"torque": (60, 15), "speed": 3})
     along = np.array([-0.4, 0.8]) / np.hypot(0.4, 0.8)
     places = move.simulate().frame()[0][:, :2] - [0.8, -0.3]
     return float(np.abs(places @ [-along[1], along[0]]).max())

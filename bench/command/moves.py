@@ -92,7 +92,7 @@ def rows() -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
                 arm, moves, took = make(payload), {}, {}
                 for method in ("fast", "shaped"):
                     started = time.process_time()
-                    moves[method] = fa.plan_move(arm, q_from, q_to, torque=torque, method=method)
+                    moves[method] = fa.plan_move(arm, q_from, q_to, limits={"torque": torque}, method=method)
                     took[method] = time.process_time() - started
                 move = moves["fast"]
                 bound, whole = move.rigid_duration + move.half_period, move.residual_unshaped
@@ -194,7 +194,7 @@ def two_masses() -> None:
     spring = fa.Beam(1.0, fa.Rectangle(height, 0.01), massless, {"bending_y": 1}, basis="legendre", order=1)
     arm = fa.Arm([fa.Link(fa.Prismatic("y"), fa.RigidBody(1.0), spring, fa.RigidBody(1.0))])
     for method in ("fast", "collocation", "shaped"):
-        duration = fa.plan_move(arm, 0.0, 1.0, torque=1.0, method=method).duration
+        duration = fa.plan_move(arm, 0.0, 1.0, limits={"torque": 1.0}, method=method).duration
         print(f"two masses, {method}: {duration:.3f} s, {duration / 4.218:.3f} of the least", flush=True)
 
 
@@ -204,7 +204,7 @@ def servo() -> None:
     hub, elbow = fa.RigidBody(0.3, end=(0.05, 0, 0)), fa.RigidBody(0.5, end=(0.05, 0, 0))
     links = [fa.Link(fa.Revolute("z"), hub, beam), fa.Link(fa.Revolute("z"), elbow, beam, fa.RigidBody(1.0))]
     arm = fa.Arm(links, gravity=(0, -9.81, 0))
-    move = fa.plan_move(arm, [0, 0], [1, -1], torque=(60, 15), speed=8)
+    move = fa.plan_move(arm, [0, 0], [1, -1], limits={"torque": (60, 15), "speed": 8})
     start, goal = move.simulate(after=0.0).q[[0, -1]]
     t = np.append(move.t, move.duration + np.linspace(0.002, 1, 500))
     rest, weight = arm.zero, []

@@ -59,19 +59,19 @@ def swing(arm: fa.Arm, move: fa.results.Move, drive: Any = None, end: float | No
 def test_rigid_time_is_bang_bang(angle: float) -> None:
     arm = rigid_arm()
     J = arm.mass_matrix(arm.zero)[0, 0]
-    move = fa.plan_move(arm, 0.0, angle, torque=3.0)
+    move = fa.plan_move(arm, 0.0, angle, limits={"torque": 3.0})
     assert move.rigid_duration == pytest.approx(2 * math.sqrt(J * angle / 3.0), rel=1e-9)
     assert move.duration == pytest.approx(move.rigid_duration, rel=0.02)
     assert move.half_period == 0 and move.residual == 0
-    assert fa.plan_move(arm, {0: 0.0}, {0: angle}, torque=3.0).duration == move.duration
+    assert fa.plan_move(arm, {0: 0.0}, {0: angle}, limits={"torque": 3.0}).duration == move.duration
     with pytest.raises(ValueError, match="q_to: link = 'elbow': no link and no joint"):
-        fa.plan_move(arm, {0: 0.0}, {"elbow": angle}, torque=3.0)
+        fa.plan_move(arm, {0: 0.0}, {"elbow": angle}, limits={"torque": 3.0})
 
 
 def test_rigid_time_with_a_speed_limit_is_a_trapezoid() -> None:
     arm = rigid_arm()
     a, v, angle = 3.0 / arm.mass_matrix(arm.zero)[0, 0], 1.2, 2.0
-    move = fa.plan_move(arm, 0.0, angle, torque=3.0, speed=v)
+    move = fa.plan_move(arm, 0.0, angle, limits={"torque": 3.0, "speed": v})
     assert move.rigid_duration == pytest.approx(angle / v + v / a, rel=2e-3)
     assert np.abs(move.v).max() <= v * 1.0001
     assert {x.what for x in move.reached} == {"torque", "speed"}
@@ -90,7 +90,7 @@ def test_viscous_friction_takes_its_share() -> None:
 
     t1 = brentq(way, 0.01, 10.0)
     t2 = math.log((end * (1 - math.exp(-k * t1)) + end) / end) / k
-    assert fa.plan_move(arm, 0.0, angle, torque=tau).rigid_duration == pytest.approx(t1 + t2, rel=1e-3)
+    assert fa.plan_move(arm, 0.0, angle, limits={"torque": tau}).rigid_duration == pytest.approx(t1 + t2, rel=1e-3)
 
 
 def test_joints_that_go_their_own_ways_need_no_more_than_the_slower() -> None:
@@ -98,9 +98,9 @@ def test_joints_that_go_their_own_ways_need_no_more_than_the_slower() -> None:
     former, 1/0.6 + 0.6 s."""
     sleds = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(1.0)), fa.Link(fa.Prismatic("y"), fa.RigidBody(1.0))])
     limits: dict[str, Any] = {"acceleration": 1.0, "speed": (2.0, 0.3)}
-    line = fa.plan_move(sleds, [0, 0], [1, 0.5], **limits)
+    line = fa.plan_move(sleds, [0, 0], [1, 0.5], limits=limits)
     assert line.rigid_duration == pytest.approx(1 / 0.6 + 0.6, rel=2e-3)
-    best = fa.plan_move(sleds, [0, 0], [1, 0.5], method="optimal", **limits)
+    best = fa.plan_move(sleds, [0, 0], [1, 0.5], method="optimal", limits=limits)
     assert 2.0 <= best.duration < 2.0 * 1.03
     assert np.abs(best.v).max(axis=0)[1] <= 0.3 * 1.0001 and np.abs(best.a).max() <= 1.0001
 
@@ -127,11 +127,11 @@ def fastest_of_one_mode(distance: float, a: float, w: float) -> float:
 def test_one_mode_takes_half_a_period_more_or_the_known_optimum() -> None:
     arm, angle, a = one_mode(), 0.3, 4.0
     w = arm.modes(lock=[0]).frequencies[0]
-    shaped = fa.plan_move(arm, 0.0, angle, acceleration=a, method="shaped")
+    shaped = fa.plan_move(arm, 0.0, angle, limits={"acceleration": a}, method="shaped")
     rigid = 2 * math.sqrt(angle / a)
     assert shaped.rigid_duration == pytest.approx(rigid, rel=1e-9)
     assert shaped.duration == pytest.approx(rigid + math.pi / w, rel=1e-6)
-    best = fa.plan_move(arm, 0.0, angle, acceleration=a)
+    best = fa.plan_move(arm, 0.0, angle, limits={"acceleration": a})
     known = fastest_of_one_mode(angle, a, w)
     assert known < rigid + math.pi / w
     assert known * 0.999 < best.duration < known * 1.02  # accelerations take the time between knots to change sign
@@ -156,7 +156,7 @@ def test_two_masses_and_a_spring_take_about_the_known_least_time() -> None:
     721-726)."""
     arm = two_masses()
     assert arm.modes(lock=[0]).frequencies[0] == pytest.approx(1.0, rel=1e-6)
-    move = fa.plan_move(arm, 0.0, 1.0, torque=1.0)
+    move = fa.plan_move(arm, 0.0, 1.0, limits={"torque": 1.0})
     assert 4.218 * 0.999 < move.duration < 4.218 * 1.05
     assert swing(arm, move) < 1e-3 * move.residual_unshaped
     assert move.limits[0].reached
@@ -171,7 +171,7 @@ def test_small_moves_are_shaped(links: int, size: float, method: str) -> None:
     """Strong motors would do them in less than a ms: what is sought, and how it is measured, go with the move."""
     arm = one_mode() if links == 1 else two_links(gravity=0.0, shapes=1)
     start, way = np.array([0.1, 0.2])[:links], size * np.array([1.0, -1.0])[:links]
-    move = fa.plan_move(arm, start, start + way, torque=(60.0, 15.0)[:links], method=method)
+    move = fa.plan_move(arm, start, start + way, limits={"torque": (60.0, 15.0)[:links]}, method=method)
     unshaped = swing(arm, move, move.rigid_drive, move.rigid_duration)
     assert unshaped > 0.1 * size
     assert move.residual_unshaped == pytest.approx(unshaped, rel=0.05)
@@ -195,7 +195,8 @@ def test_a_slide_and_turns_with_friction_keep_their_limits_between_the_knots() -
         fa.Link(fa.Prismatic("x", coulomb=0.1, damping=0.4), hub, beam, fa.RigidBody(0.3)),
     ], gravity=(0, -9.0, 0))  # fmt: skip
     start, torque = np.array([0.1, 0.9, -0.04]), np.array([150.0, 100.0, 60.0])
-    move = fa.plan_move(arm, start, start + np.array([-0.5, 0.6, 0.2]) * 1e-3, torque=torque, method="shaped")
+    way = np.array([-0.5, 0.6, 0.2]) * 1e-3
+    move = fa.plan_move(arm, start, start + way, limits={"torque": torque}, method="shaped")
     names = list(arm.coordinates)
     t = np.linspace(0.0, move.duration, 1234)
     still = move.simulate(after=0.0).q[0]
@@ -212,7 +213,7 @@ def test_a_slide_and_turns_with_friction_keep_their_limits_between_the_knots() -
 @QUIET
 def test_two_links_come_to_rest_within_limits() -> None:
     arm, torque = two_links(gravity=-9.81), (60.0, 15.0)
-    move = fa.plan_move(arm, [0.0, 0.0], [1.0, -1.0], torque=torque, speed=8.0)
+    move = fa.plan_move(arm, [0.0, 0.0], [1.0, -1.0], limits={"torque": torque, "speed": 8.0})
     assert move.duration < 1.03 * (move.rigid_duration + move.half_period)
     assert swing(arm, move) < 1e-3 * move.residual_unshaped
     run = move.simulate(integrator="gauss", step=5e-4, after=0.1)
@@ -225,7 +226,7 @@ def test_two_links_come_to_rest_within_limits() -> None:
 
 @QUIET
 def test_another_payload_is_told() -> None:
-    move = fa.plan_move(two_links(), [0.0, 0.0], [1.0, -1.0], torque=(60.0, 15.0), method="shaped")
+    move = fa.plan_move(two_links(), [0.0, 0.0], [1.0, -1.0], limits={"torque": (60.0, 15.0)}, method="shaped")
     off = move.residual_of(two_links(payload=1.2))
     assert off > 10 * move.residual
     assert off == pytest.approx(swing(two_links(payload=1.2), move), rel=0.05)
@@ -238,7 +239,7 @@ def test_a_path_is_kept() -> None:
     def path(s: float) -> list[float]:
         return [s, 0.5 * math.sin(math.pi * s)]
 
-    move = fa.plan_move(arm, path=path, torque=(60.0, 15.0), speed=3.0)
+    move = fa.plan_move(arm, path=path, limits={"torque": (60.0, 15.0), "speed": 3.0})
     assert np.abs(move.q[:, 1] - 0.5 * np.sin(math.pi * move.q[:, 0])).max() < 1e-4
     assert move.duration < 1.03 * (move.rigid_duration + move.half_period)
     assert swing(arm, move) < 0.05 * move.residual_unshaped
@@ -252,7 +253,7 @@ def test_a_path_of_samples_is_that_of_its_function() -> None:
         return [s, 0.5 * math.sin(math.pi * s)]
 
     samples = [path(s) for s in np.linspace(0, 1, 41)]
-    moves = [fa.plan_move(arm, path=p, torque=2.0, speed=3.0) for p in (path, samples)]
+    moves = [fa.plan_move(arm, path=p, limits={"torque": 2.0, "speed": 3.0}) for p in (path, samples)]
     assert moves[0].duration == pytest.approx(moves[1].duration, rel=1e-3)
     assert moves[0].rigid_duration == pytest.approx(moves[1].rigid_duration, rel=1e-3)
 
@@ -263,7 +264,7 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
     arm, ends = two_links(gravity=0.0, shapes=1, thick=0.03), np.array([[0.8, -0.3], [0.4, 0.5]])
     tip = {name: fa.Motion([0, 1], ends[:, k], ends="rest") for k, name in enumerate("xy")}
     line = fa.invert(arm, tip, posture=[-1, 0, 1, 0], method="rigid")
-    move = fa.plan_move(arm, path=line.q[:, [0, 2]], acceleration=15.0, speed=3.0, method="shaped")
+    move = fa.plan_move(arm, path=line.q[:, [0, 2]], limits={"acceleration": 15.0, "speed": 3.0}, method="shaped")
     places = move.simulate().frame()[0][:, :2]
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     off = np.abs((places - ends[0]) @ [-along[1], along[0]])
@@ -283,7 +284,7 @@ def test_collocation_finds_the_known_optimum_of_one_mode() -> None:
     pytest.importorskip("casadi")
     arm, angle, a = one_mode(), 0.3, 4.0
     known = fastest_of_one_mode(angle, a, arm.modes(lock=[0]).frequencies[0])
-    best = fa.plan_move(arm, 0.0, angle, acceleration=a, method="collocation")
+    best = fa.plan_move(arm, 0.0, angle, limits={"acceleration": a}, method="collocation")
     assert known * 0.999 < best.duration < known * 1.02
     assert np.abs(best.a).max() <= a * 1.0001
     assert swing(arm, best) < 1e-3 * best.residual_unshaped
@@ -294,8 +295,8 @@ def test_collocation_of_two_links_is_as_fast_as_linear_programmes() -> None:
     pytest.importorskip("casadi")
     arm, torque = two_links(gravity=0.0, shapes=1), (60.0, 15.0)
     ends = [0.0, 0.0], [0.5, -0.5]
-    best = fa.plan_move(arm, *ends, torque=torque, method="collocation")
-    assert best.duration < 1.01 * fa.plan_move(arm, *ends, torque=torque, method="optimal").duration
+    best = fa.plan_move(arm, *ends, limits={"torque": torque}, method="collocation")
+    assert best.duration < 1.01 * fa.plan_move(arm, *ends, limits={"torque": torque}, method="optimal").duration
     assert swing(arm, best) < 5e-3 * best.residual_unshaped
     run = best.simulate(integrator="gauss", step=2e-4)
     for k, most in zip((0, 2), torque, strict=True):
@@ -306,7 +307,7 @@ def test_collocation_of_two_links_is_as_fast_as_linear_programmes() -> None:
 def test_collocation_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(ImportError, match=r"pip install 'flexarm\[optimize\]'"):
-        fa.plan_move(rigid_arm(), 0.0, 1.0, torque=3.0, method="collocation")
+        fa.plan_move(rigid_arm(), 0.0, 1.0, limits={"torque": 3.0}, method="collocation")
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------
@@ -316,13 +317,13 @@ def test_collocation_without_casadi_says_what_to_install(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"torque": (60.0, 2.0)}, "torque = 2 of 'link 1 revolute': cannot hold the arm's weight"),
-        ({"torque": (60.0, -1.0)}, "torque = -1 of 'link 1 revolute': must be positive"),
-        ({"torque": (60.0, 1.0, 2.0)}, r"torque has shape \(3,\)"),
-        ({"torque": {0: 60.0}}, "'link 1 revolute' has neither"),
-        ({"torque": {7: 60.0}}, "link = 7"),
-        ({"torque": None}, "'link 0 revolute' has neither"),
-        ({"speed": float("nan")}, "must not be nan"),
+        ({"limits": {"torque": (60.0, 2.0)}}, r"limits\['torque'\] = 2 of 'link 1 .*': cannot hold the arm's weight"),
+        ({"limits": {"torque": (60.0, -1.0)}}, r"limits\['torque'\] = -1 of 'link 1 revolute': must be positive"),
+        ({"limits": {"torque": (60.0, 1.0, 2.0)}}, r"limits\['torque'\] has shape \(3,\)"),
+        ({"limits": {"torque": {0: 60.0}}}, "'link 1 revolute' has neither"),
+        ({"limits": {"torque": {7: 60.0}}}, "link = 7"),
+        ({"limits": {"torque": None}}, "'link 0 revolute' has neither"),
+        ({"limits": {"torque": (60.0, 15.0), "speed": float("nan")}}, "must not be nan"),
         ({"q_to": [0.0, 0.0]}, "is where the move starts"),
         ({"q_to": [0.0, 0.0, 1.0]}, r"q_to has shape \(3,\)"),
         ({"q_to": [0.0, float("nan")]}, "q_to"),
@@ -337,17 +338,17 @@ def test_collocation_without_casadi_says_what_to_install(monkeypatch: pytest.Mon
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
-    given = {"q_from": [0.0, 0.0], "q_to": [1.0, -1.0], "torque": (60.0, 15.0)} | change
+    given = {"q_from": [0.0, 0.0], "q_to": [1.0, -1.0], "limits": {"torque": (60.0, 15.0)}} | change
     with pytest.raises(ValueError, match=told):
         fa.plan_move(two_links(), **given)
 
 
 def test_stops_and_balls_are_named() -> None:
     with pytest.raises(ValueError, match=r"1.5 of 'link 0 revolute' is beyond its stops; must be from -1 to 1"):
-        fa.plan_move(rigid_arm(lower=-1.0, upper=1.0, limit_stiffness=1e3), 0.0, 1.5, torque=3.0)
+        fa.plan_move(rigid_arm(lower=-1.0, upper=1.0, limit_stiffness=1e3), 0.0, 1.5, limits={"torque": 3.0})
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
     with pytest.raises(ValueError, match="ball"):
-        fa.plan_move(ball, [0, 0, 0], [1, 0, 0], torque=1.0)
+        fa.plan_move(ball, [0, 0, 0], [1, 0, 0], limits={"torque": 1.0})
 
 
 def test_it_can_be_interrupted() -> None:
@@ -355,4 +356,4 @@ def test_it_can_be_interrupted() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fa.plan_move(rigid_arm(), 0.0, 1.0, torque=3.0, progress=stop)
+        fa.plan_move(rigid_arm(), 0.0, 1.0, limits={"torque": 3.0}, progress=stop)

@@ -139,7 +139,7 @@ def test_a_move_keeps_its_limits_and_leaves_little(seed: int) -> None:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            move = fa.plan_move(arm, start, start + way, **limits)
+            move = fa.plan_move(arm, start, start + way, limits=limits)
         except ValueError as e:
             assert str(e)
             assume(False)

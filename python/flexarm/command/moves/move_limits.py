@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._check import Array
+from ..._check import Array, choice
 from ...analysis.equilibrium import elastic_rates
 from ...arm.arm import Arm
 
 Indices = NDArray[np.intp]
+KINDS = ("torque", "speed", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,16 @@ class Limits:
     reach: Array
 
     @staticmethod
-    def of(arm: Arm, driven: Driven, torque: Any, speed: Any, acceleration: Any, jerk: Any) -> Limits:
-        values = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
-        read = {name: _read(arm, driven, name, value) for name, value in values.items()}
+    def of(arm: Arm, driven: Driven, limits: Any) -> Limits:
+        if limits is not None and not isinstance(limits, Mapping):
+            raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(KINDS)}")
+        given = {choice("limits", kind, KINDS): value for kind, value in (limits or {}).items()}
+        read = {kind: _read(arm, driven, f"limits[{kind!r}]", given.get(kind)) for kind in KINDS}
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
             raise ValueError(
-                f"torque, acceleration: '{name}' has neither: give one of them, or its move takes no time"
+                f"limits: '{name}' has neither torque nor acceleration: give one, or its move takes no time"
             )
         return Limits(**read, **_stops(arm))
 

@@ -53,10 +53,7 @@ def plan_move(
     q_from: ArrayLike | Mapping[Any, float] | None = None,
     q_to: ArrayLike | Mapping[Any, float] | None = None,
     *,
-    torque: Any = None,
-    speed: Any = None,
-    acceleration: Any = None,
-    jerk: Any = None,
+    limits: Mapping[str, Any] | None = None,
     path: ArrayLike | Callable[[float], Any] | None = None,
     residual: float = 0.05,
     method: str = "fast",
@@ -78,11 +75,10 @@ def plan_move(
         arm: the arm, without ball joints.
         q_from, q_to: joint positions (rad, m), (nj,), in the order of the links; or states (nq,), of which the joints'
             entries are used; or by joint, {"elbow": 0.3}, the others at 0.
-        torque: largest absolute torque or force of each joint (N m, N) on the flexible arm; it includes the weight.
-        speed: largest absolute joint rate (rad/s, m/s).
-        acceleration: rad/s², m/s². jerk: rad/s³, m/s³.
-            Each limit is one number for all joints, one for each, or a dictionary by link or (link, freedom). None, and
-            joints that a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
+        limits: of each joint on the flexible arm, by kind: "torque", the largest absolute torque or force (N m, N),
+            which includes the weight; "speed" (rad/s, m/s); "acceleration" (rad/s², m/s²); "jerk" (rad/s³, m/s³). Each
+            is one number for all joints, one for each, or a dictionary by link or (link, freedom). None, and joints
+            that a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
         path: instead of q_from and q_to: samples (n, nj) of joint positions, through which a smooth curve goes (of
             degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
         residual: vibration allowed after the move, as a part of the vibration after the time-optimal rigid move; a
@@ -116,15 +112,15 @@ def plan_move(
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:
         raise ValueError(f"residual = {residual}: must be between 0 and 1, a part of the rigid move's vibration")
-    limits = Limits.of(arm, driven, torque, speed, acceleration, jerk)
+    within = Limits.of(arm, driven, limits)
     route = Route(_points(arm, driven, q_from, q_to, path))
-    limits.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)
+    within.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)
     with progress_bar(progress, "planning", None) as tell:
         say = None if tell is None else lambda text: tell(0.0, text)
-        rigid = fastest(arm, driven, route, limits)
+        rigid = fastest(arm, driven, route, within)
         plant = Plant(arm, driven, route.start, route.end)
         independent = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if independent else 1, allowed, say)
+        plan = _Plan(plant, within, route, rigid, len(driven.rates) if independent else 1, allowed, say)
         if method == "collocation":
             found = plan.collocated()
         elif method == "shaped":

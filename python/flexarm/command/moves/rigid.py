@@ -95,7 +95,7 @@ def _check_weight(still: Array, s: Array, q: Array, driven: Driven, limits: Limi
     k, j = np.unravel_index(int(over.argmax()), over.shape)
     if over[k, j] >= 0.0:
         raise ValueError(
-            f"torque = {limits.torque[j]:.6g} of '{driven.names[j]}': cannot hold the arm's weight at "
+            f"limits['torque'] = {limits.torque[j]:.6g} of '{driven.names[j]}': cannot hold the arm's weight at "
             f"q = {np.array2string(q[k], precision=4)} (s = {s[k]:.3f}), which takes {abs(still[k, j]):.6g} (N, N m)"
         )
 
