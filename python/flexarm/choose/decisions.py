@@ -9,9 +9,10 @@ forces at an instant. For a part without such a force at rest, such as dry frict
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 from ..model.parts.beam import STRAINS
 from ..model.parts.link import Link
@@ -47,6 +48,14 @@ class Choice:
         return dict(self.__dict__)
 
 
+class Reduction(NamedTuple):
+    """A reduction of a model, its estimated error, and the function that makes it."""
+
+    name: tuple[Any, ...]
+    error: float
+    change: Callable[[Model], Model]
+
+
 class Decision:
     """A decision that is taken for each group of equal links."""
 
@@ -58,8 +67,8 @@ class Decision:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
         return {}
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        """(name, model, estimated error) of single reducing steps that save time."""
+    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+        """Reductions of this model that save time."""
         yield from ()
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
@@ -70,11 +79,15 @@ class Decision:
 class Modes(Decision):
     """The number of shape functions of each strain of a beam. Without any, the beam is rigid."""
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        for s, n in enumerate(() if found.models.pinned else model.counts(group[0])):
-            if n:
-                about = found.sizes.get((group[0], s, n), 0.0)
-                yield ("modes", group[0], s, n), model.with_count(group, s, n - 1), about
+    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+        for s, count in enumerate(() if found.models.pinned else model.counts(group[0])):
+            error = 0.0
+            for n in range(count, 0, -1):
+                name = "modes", group[0], s, n
+                if name in found.refused:
+                    break
+                error += found.sizes.get((group[0], s, n), 0.0)
+                yield Reduction(name, error, partial(Model.with_count, links=group, strain=s, n=n - 1))
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model = found.lean.model
@@ -108,26 +121,23 @@ class Order(Decision):
         beam = found.models.scene.arm.links[group[0]].beam
         return ORDERS if beam is None else ORDERS[ORDERS.index(lowest_order(beam)) :]
 
-    def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
-        """The next lower order that is cheaper, and the model with it."""
-        beam, known = model.beam(group[0]), self.known(found, group)
-        for order in reversed(() if beam.rigid else known[: known.index(beam.order)]):
-            lower = model.but(group, order=order)
-            if found.allowed(order) and found.trials.cheaper(lower, model):
-                return order, lower
-        return None
+    def cheaper(self, found: Findings, model: Model, group: list[int]) -> list[tuple[int | str, Model]]:
+        """The orders in which an evaluation takes less time, from low to high, and the model with each."""
+        beam = model.beam(group[0])
+        others = {order: model.but(group, order=order) for order in self.known(found, group) if not beam.rigid}
+        return [(k, x) for k, x in others.items() if found.allowed(k) and found.trials.cheaper(x, model)]
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        next_one = self.lower(found, model, group)
-        if next_one is not None:
-            about = found.estimates.by_order.get(next_one[0], 0.0)
-            name = "order", group[0], next_one[0]
-            yield name, next_one[1], about if about < UNLIKELY * found.tol else math.inf
+    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+        for order, _ in self.cheaper(found, model, group):
+            about = found.estimates.by_order.get(order, 0.0)
+            if about <= UNLIKELY * found.tol:
+                yield Reduction(("order", group[0], order), about, partial(Model.but, links=group, order=order))
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
-        beam, next_one = model.beam(group[0]), self.lower(found, model, group)
-        known = self.known(found, group)
+        beam, known = model.beam(group[0]), self.known(found, group)
+        lower = [x for x in self.cheaper(found, model, group) if ORDERS.index(x[0]) < ORDERS.index(beam.order)]
+        next_one = lower[-1] if lower else None
         if len(known) == 1 and not beam.rigid:
             yield Choice(where, "order", "exact", None, "curved at rest", None, True)
             return
@@ -160,10 +170,10 @@ class Switch(Decision):
         links = [k for group in self.groups(models) for k in group]
         return {self.name: self.switched(model, links, False)} if links else {}
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
         if self.inside(model, group):
             about = min(found.estimates.without.get(self.name, math.inf), found.tol)
-            yield (self.name, group[0]), self.switched(model, group, False), about
+            yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Findings:
             the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
             the reference, or, if strains jump, its beams in pieces.
         estimates: of the indicators. sizes: change of the quantity by each coordinate of the reference.
-        dormant: by link, strains that are not excited.
+        refused: reductions that were tried. dormant: by link, strains that are not excited.
         off: error of the lean run against the check. gap: between reference and check.
         settings: runs of the lean model with other integrators.
         reasons: why the plan is not certified. notes: limits of the check.
@@ -76,6 +76,7 @@ class Findings:
     check: Run | None = None
     estimates: Estimates = field(default_factory=Estimates)
     sizes: Sizes = field(default_factory=dict)
+    refused: set[tuple[Any, ...]] = field(default_factory=set)
     dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
     off: float = np.inf
     gap: float = np.inf
