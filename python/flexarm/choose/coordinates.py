@@ -1,9 +1,8 @@
-"""States and runs of one arm in the coordinates of another: coordinates of the same name keep their values."""
+"""States and runs of one model of an arm in the coordinates of another."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,34 +16,22 @@ from ..run.result import Result
 Parts: TypeAlias = Sequence[tuple[float, Beam]]
 
 
-def carried(values: Array, names: tuple[str, ...], others: tuple[str, ...], start: Array) -> Array:
-    """Values (..., n) of the coordinates `names` as values (..., m) of `others`: coordinates of the same name keep
-    their values, new ones take those of `start` (m,)."""
-    out = np.tile(start, (*values.shape[:-1], 1)) if values.ndim > 1 else np.array(start)
-    at = {name: k for k, name in enumerate(names)}
-    pairs = [(k, at[name]) for k, name in enumerate(others) if name in at]
-    out[..., [k for k, _ in pairs]] = values[..., [j for _, j in pairs]]
-    return out
+def elastic_parts(arm: Arm) -> list[tuple[int, slice, Beam]]:
+    """Of each link with elastic coordinates: its number, their rates, its beam."""
+    firsts = [(k, arm._core.first(k) + link.joint.nv, link.beam) for k, link in enumerate(arm.links)]
+    return [(k, slice(at, at + beam.ne), beam) for k, at, beam in firsts if beam is not None and beam.ne]
 
 
-def carried_q(q: Array, of: Arm, arm: Arm) -> Array:
-    """Coordinates (..., of.nq) as another arm's (..., arm.nq)."""
-    return carried(q, of.q_names, arm.q_names, arm.zero)
-
-
-def carried_v(v: Array, of: Arm, arm: Arm) -> Array:
-    """Rates or generalized forces (..., of.nv) as another arm's (..., arm.nv)."""
-    return carried(v, of.coordinates, arm.coordinates, np.zeros(arm.nv))
-
-
-def restated(x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, float]]], rates: bool = False) -> Array:
-    """Coordinates (nq,), or rates (nv,), for another model of an arm.
+def restated(
+    x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, float]]] | None = None, rates: bool = False
+) -> Array:
+    """Coordinates (..., nq), or rates (..., nv), for another model of an arm.
 
     Joint coordinates keep their values. Elastic coordinates keep them by strain and number, new ones are zero; in
     another basis, or in pieces, their strains along the beam fit the given ones by least squares.
 
     Args:
-        parts: for each link of `of`, the links of `arm` that represent it, and where (m) they begin.
+        parts: for each link of `of`, the links of `arm` that represent it, and where (m) they begin; None: one each.
     """
 
     def first(a: Arm, k: int) -> tuple[int, int]:
@@ -53,10 +40,11 @@ def restated(x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, fl
         at = a._core.first(k) if rates else a._core.first_q(k)
         return at, at + (joint.nv if rates else joint.nq)
 
-    out = np.zeros(arm.nv) if rates else arm.zero
+    out = np.tile(np.zeros(arm.nv) if rates else arm.zero, (*x.shape[:-1], 1))
+    parts = [[(k, 0.0)] for k in range(len(of.links))] if parts is None else parts
     for k, (given, pieces) in enumerate(zip(of.links, parts, strict=True)):
         (old, elastic), (new, end) = first(of, k), first(arm, pieces[0][0])
-        out[new:end] = x[old:elastic]
+        out[..., new:end] = x[..., old:elastic]
         found = [(i, start, beam) for i, start in pieces if (beam := arm.links[i].beam) is not None and beam.ne]
         if given.beam is None or not given.beam.ne or not found:
             continue
@@ -65,7 +53,7 @@ def restated(x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, fl
         else:
             P = nearest([(0.0, given.beam)], [(start, beam) for _, start, beam in found])
         at = np.concatenate([first(arm, i)[1] + np.arange(beam.ne) for i, _, beam in found])
-        out[at] = P @ x[elastic : elastic + given.beam.ne]
+        out[..., at] = x[..., elastic : elastic + given.beam.ne] @ P.T
     return out
 
 
@@ -97,21 +85,11 @@ def _strains(parts: Parts, x: float) -> Array:
     return np.hstack(rows)
 
 
-@dataclass
-class Embedded:
-    """A run of one arm in the coordinates of another."""
-
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-
-
-def embed(result: Result, arm: Arm, rows: Any = slice(None)) -> Embedded:
-    """Coordinates of the same name keep their values, others are zero."""
-    of = result.arm
-    v, a = (carried_v(x[rows], of, arm) for x in (result.v, result.a))
-    return Embedded(result.t[rows], carried_q(result.q[rows], of, arm), v, a)
+def embed(result: Result, arm: Arm, rows: Any = slice(None)) -> Result:
+    """Rows of a run in the coordinates of another model of its arm."""
+    of, t = result.arm, result.t[rows]
+    v, a, tau = (restated(x[rows], of, arm, rates=True) for x in (result.v, result.a, result.tau))
+    return Result(arm, t, restated(result.q[rows], of, arm), v, a, tau)
 
 
 def some_rows(n: int, most: int) -> Array:

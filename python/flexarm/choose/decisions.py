@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from ..model.parts.beam import STRAINS
 from ..model.parts.link import Link
-from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
+from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
 from .models import ORDERS, Model, Models, lowest_order
 
 UNLIKELY = 2.5  # times the tolerance: orders of a larger estimated error are not tried
@@ -67,11 +67,11 @@ class Decision:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
         return {}
 
-    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+    def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         """Reductions of this model that save time."""
         yield from ()
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         """Rows of the table of choices; `where` names these links."""
         yield from ()
 
@@ -79,7 +79,7 @@ class Decision:
 class Modes(Decision):
     """The number of shape functions of each strain of a beam. Without any, the beam is rigid."""
 
-    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+    def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         for s, count in enumerate(() if found.models.pinned else model.counts(group[0])):
             error = 0.0
             for n in range(count, 0, -1):
@@ -89,7 +89,7 @@ class Modes(Decision):
                 error += found.sizes.get((group[0], s, n), 0.0)
                 yield Reduction(name, error, partial(Model.with_count, links=group, strain=s, n=n - 1))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model = found.lean.model
         if model.beam(group[0]).rigid:
             lost = max(found.size(group, s, 1) for s in range(len(STRAINS)))
@@ -116,24 +116,24 @@ class Order(Decision):
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
     @staticmethod
-    def known(found: Findings, group: list[int]) -> Sequence[int | str]:
+    def known(found: Evidence, group: list[int]) -> Sequence[int | str]:
         """The orders that the beam may have."""
         beam = found.models.scene.arm.links[group[0]].beam
         return ORDERS if beam is None else ORDERS[ORDERS.index(lowest_order(beam)) :]
 
-    def cheaper(self, found: Findings, model: Model, group: list[int]) -> list[tuple[int | str, Model]]:
+    def cheaper(self, found: Evidence, model: Model, group: list[int]) -> list[tuple[int | str, Model]]:
         """The orders in which an evaluation takes less time, from low to high, and the model with each."""
         beam = model.beam(group[0])
         others = {order: model.but(group, order=order) for order in self.known(found, group) if not beam.rigid}
         return [(k, x) for k, x in others.items() if found.allowed(k) and found.trials.cheaper(x, model)]
 
-    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+    def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         for order, _ in self.cheaper(found, model, group):
             about = found.estimates.by_order.get(order, 0.0)
             if about <= UNLIKELY * found.tol:
                 yield Reduction(("order", group[0], order), about, partial(Model.but, links=group, order=order))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
         beam, known = model.beam(group[0]), self.known(found, group)
         lower = [x for x in self.cheaper(found, model, group) if ORDERS.index(x[0]) < ORDERS.index(beam.order)]
@@ -170,12 +170,12 @@ class Switch(Decision):
         links = [k for group in self.groups(models) for k in group]
         return {self.name: self.switched(model, links, False)} if links else {}
 
-    def reductions(self, found: Findings, model: Model, group: list[int]) -> Iterator[Reduction]:
+    def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         if self.inside(model, group):
             about = min(found.estimates.without.get(self.name, math.inf), found.tol)
             yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)
         inside = self.inside(model, group)
         other = self.switched(model, group, not inside)
@@ -226,7 +226,7 @@ class LinkFeature(Switch):
 class GaussPoints(Decision):
     """The number of a beam's slices. They are reduced last; see Descent.slices."""
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model, gauss = found.lean.model, found.lean.model.beam(group[0]).gauss
         if model.beam(group[0]).rigid:
             return

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+
 import numpy as np
 
 from .coordinates import embed, some_rows
 from .decisions import DECISIONS, Reduction
-from .findings import Findings, Sizes, keys
+from .evidence import Evidence, Sizes, keys
 from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap, settings_to_try
 from .models import BeamModel, Model
 from .trials import Run
@@ -25,7 +26,7 @@ class Descent:
         found: the reference, and the estimates of the indicators. tell: called with the present activity.
     """
 
-    def __init__(self, found: Findings, tell: Callable[[str], None]) -> None:
+    def __init__(self, found: Evidence, tell: Callable[[str], None]) -> None:
         self.found, self.tell = found, tell
         self.trials, self.models, self.tol = found.trials, found.models, found.tol
         found.sizes, found.refused = self.find_sizes(), set()
@@ -57,8 +58,9 @@ class Descent:
 
     def reductions(self, model: Model) -> list[Reduction]:
         """Reductions that save time and were not refused, by rising estimated error."""
-        found = [x for of in DECISIONS for group in of.groups(self.models) for x in of.reductions(self.found, model, group)]
-        hopeful = [x for x in found if x.error <= _HOPELESS * self.tol and x.name not in self.found.refused]
+        at = [(decision, group) for decision in DECISIONS for group in decision.groups(self.models)]
+        all_of = [x for decision, group in at for x in decision.reductions(self.found, model, group)]
+        hopeful = [x for x in all_of if x.error <= _HOPELESS * self.tol and x.name not in self.found.refused]
         return sorted(hopeful, key=lambda x: x.error)
 
     def reduce(self) -> Model:
@@ -113,9 +115,9 @@ class Descent:
     def integrate(self, model: Model) -> tuple[Run, list[Run]]:
         """The fastest run of the model, with an error below 0.85 of the tolerance, and all runs tried."""
         tried: list[Run] = []
-        step, dense = float(self.trials.setting.get("step", longest_gap(self.models.scene))), self.models.arm(model).nv > DENSE
+        step = float(self.trials.setting.get("step", longest_gap(self.models.scene)))
         for integrator in IN_TURN:
-            if dense and integrator in OVER_OUTPUTS:
+            if integrator in OVER_OUTPUTS and self.models.arm(model).nv > DENSE:
                 continue
             for options in settings_to_try(self.models.scene, integrator, step):
                 best = min((x.time for x in tried if self._good(x)), default=np.inf)

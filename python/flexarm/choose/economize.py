@@ -20,7 +20,7 @@ from ..run.watch import Watch
 from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
-from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
+from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
 from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene
@@ -64,7 +64,7 @@ class Plan:
     choices: list[Choice]
     watch: Watch
     _search: EconomizeSearch
-    _found: Findings
+    _found: Evidence
 
     @property
     def arm(self) -> Arm:
@@ -242,7 +242,7 @@ def _indicators(plan: Plan) -> list[str]:
 # -- error and time of each choice -----------------------------------------------------------------------------------
 
 
-def choices_of(found: Findings) -> list[Choice]:
+def choices_of(found: Evidence) -> list[Choice]:
     """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
     model = found.lean.model
     rows: list[Choice] = []
@@ -255,7 +255,7 @@ def choices_of(found: Findings) -> list[Choice]:
     return [*rows, *_planes(found, rows), method, *(_setting(found, trial) for trial in tried)]
 
 
-def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
+def _planes(found: Evidence, rows: list[Choice]) -> list[Choice]:
     """The row that tells whether beams bend in a plane or in space."""
     names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
     if not any(names):
@@ -270,7 +270,7 @@ def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
     return [Choice("arm", "beams bend in", "space", None, "its strains", None, True)]
 
 
-def _setting(found: Findings, trial: Run) -> Choice:
+def _setting(found: Evidence, trial: Run) -> Choice:
     words = setting_words(trial.options)
     if trial.values is None:
         why = {"cut": "given up: slow", "failed": "the run failed"}.get(trial.status, trial.status)
@@ -279,7 +279,7 @@ def _setting(found: Findings, trial: Run) -> Choice:
     return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
 
 
-def speed_of(found: Findings) -> dict[str, dict[str, float | int]]:
+def speed_of(found: Evidence) -> dict[str, dict[str, float | int]]:
     """Coordinates, time (s) and floating point operations of one evaluation of the dynamics: of the scene's own model,
     the lean and the rich one."""
     out: dict[str, dict[str, float | int]] = {}

@@ -19,8 +19,8 @@ from ..run.watch import first_frequency, readings
 from .coordinates import some_rows
 from .decisions import DECISIONS
 from .descent import Descent
-from .findings import Estimates, Findings, keys
-from .indicators import Indicators
+from .evidence import Estimates, Evidence, keys
+from .indicators import indicate
 from .integrators import by_tolerance
 from .measures import Measure
 from .models import ORDERS, BeamModel, Model, Models
@@ -49,9 +49,7 @@ class EconomizeSearch:
             present activity.
     """
 
-    def __init__(
-        self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]
-    ) -> None:
+    def __init__(self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]) -> None:
         self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
         self.models = Models(scene)
         # a user's own function of a Result may rely on the scene's output times
@@ -71,75 +69,59 @@ class EconomizeSearch:
             than: have more modes of every strain than this model, too, in Legendre polynomials where possible.
         """
         many = sum(beam is not None for beam in self.models.given.beams) > 4
-        bends = [field.bending for field in _core.STRAIN_FIELDS]
-        least = [2 if bend else 1 for bend in bends] if many else [4 if bend else 2 for bend in bends]
-        more = [1 if bend else 0 for bend in bends] if many else [2 if bend else 1 for bend in bends]
+        each = [1 + field.bending for field in _core.STRAIN_FIELDS]  # modes of bending come in twos
 
         def rich(k: int, beam: BeamModel) -> BeamModel:
-            numbers, most = [], self.models.most(k)
-            for s, n in enumerate(beam.counts):
+            numbers = []
+            for s, (n, limit, two) in enumerate(zip(beam.counts, self.models.most(k), each, strict=True)):
                 want = n
                 if not (self.models.pinned or self.models.own_shapes(k, s)):
-                    want = max(n + more[s], least[s]) + (1 + bends[s]) * extra
-                    want = want if than is None else max(want, than.counts(k)[s] + 1 + bends[s])
-                limit = most[s]
+                    least, more = (two, two - 1) if many else (2 * two, two)
+                    want = max(n + more, least) + two * extra
+                    want = want if than is None else max(want, than.counts(k)[s] + two)
                 want = want if limit is None else min(want, limit)
                 numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
             return BeamModel(tuple(numbers), "exact", True)
 
         model = self.models.given.each(rich)
-        return self._based(model) if than is None else self._rebased(model)
+        return model if than is None and not self.rebase else self.models.rebased(model)
 
     def richer(self, lean: Model) -> Model:
         """The enriched model, with all coordinates of the lean one."""
-        model = self._rebased(self.enriched(0)) if lean.basis else self.enriched(0)
+        model = self.models.rebased(self.enriched(0)) if lean.basis else self.enriched(0)
         return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
-
-    def _rebased(self, model: Model) -> Model:
-        """The model in Legendre polynomials, unless something reads the elastic coordinates by number."""
-        return model if self.models.pinned else self.models.rebased(model)
-
-    def _based(self, model: Model) -> Model:
-        return self._rebased(model) if self.rebase else model
 
     def find_symmetry(self) -> None:
         """Finds the strains of each link that are excited, directly or through others."""
         few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
         scene = self.models.at(few, {})
-        moves = excited(scene)
+        moves = list(zip(keys(scene.arm), excited(scene), strict=True))
         found = {}
         for k, link in enumerate(scene.arm.links):
-            if link.beam is None:
-                continue
-            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(len(STRAINS), dtype=bool)
-            for s, name in enumerate(STRAINS):
-                n = link.beam.counts.get(name, 0)
-                reached[s], at = moves[at : at + n].any(), at + n
-            found[k] = reached if not self.models.pinned else np.array(self.models.given.counts(k)) > 0
+            if link.beam is not None:
+                own = [s for (j, s, _), moving in moves if j == k and moving]
+                found[k] = np.isin(np.arange(len(STRAINS)), own)
+                if self.models.pinned:
+                    found[k] = np.array(self.models.given.counts(k)) > 0
         for group in self.models.groups:  # one choice for a group: excited in one link counts for all
             together = np.any([found[k] for k in group], axis=0)
             self.reached |= {k: together for k in group}
 
-    def own(self) -> Model:
-        """The scene's model without dormant coordinates."""
-        return self._based(self._own())
+    def find_basis(self) -> None:
+        """Finds `own`, the scene's model without dormant coordinates. Legendre polynomials replace the scene's basis,
+        at the same count, if their first frequency (an upper bound, by Ritz's method) is lower by more than the
+        tolerance allows, or patches are driven."""
 
-    def _own(self) -> Model:
         def moving(k: int, beam: BeamModel) -> BeamModel:
             return replace(beam, counts=tuple(n * bool(m) for n, m in zip(beam.counts, self.reached[k], strict=True)))
 
-        return self.models.given.each(moving)
-
-    def find_basis(self) -> None:
-        """Decides whether Legendre polynomials replace the scene's basis, at the same count: if their first frequency
-        (an upper bound, by Ritz's method) is lower by more than the tolerance allows, or patches are driven."""
-        own = self._own()
-        other = self._rebased(own)
-        if other == own:
+        self.own = self.models.given.each(moving)
+        other = self.models.rebased(self.own)
+        if other == self.own:
             return
-        driven = bool(split_drives(self.scene.drive)[1])
-        w, better = (first_frequency(self.models.arm(model)) for model in (own, other))
-        self.rebase = driven or w - better > 0.1 * self.tol * w
+        w, better = (first_frequency(self.models.arm(model)) for model in (self.own, other))
+        self.rebase = bool(split_drives(self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
+        self.own = other if self.rebase else self.own
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
@@ -147,9 +129,8 @@ class EconomizeSearch:
         """Estimates the effect of each coordinate of the rich model and of each order from a run of the base."""
         assert base.result is not None
         scene, arm = self.models.at(rich, {}), base.result.arm
-        found = Indicators(scene, base.result, self.measure, {})
-        share = dict(zip(keys(scene.arm), found.share, strict=True))
-        share.pop((-1, -1, -1), None)
+        sizes, _ = indicate(scene, base.result, self.measure, {})
+        share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
         by_order, without = self._poorer(base)
         w = first_frequency(arm)
         most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
@@ -169,7 +150,7 @@ class EconomizeSearch:
                     variants[name] = self.models.arm(model)
                 except ValueError:
                     continue  # torsion and shear need rotary inertia; order 0 may lack inertia
-        found = Indicators(self.models.at(exact, {}), base.result, self.measure, variants).variants
+        _, found = indicate(self.models.at(exact, {}), base.result, self.measure, variants)
         by_order = {order: found.pop(order) for order in ORDERS if order in found}
         return {**by_order, "exact": 0.0}, found
 
@@ -190,9 +171,7 @@ class EconomizeSearch:
 
     def start(self) -> Run:
         """A first run: of the scene's own model if it can be run, else of that with exact rotation."""
-        own = self.own()
-        exact = own.but(order="exact")
-        for model in dict.fromkeys((own, exact)):
+        for model in dict.fromkeys((self.own, self.own.but(order="exact"))):
             self.tell("the scene's own model")
             trial = settle(self.trials, model, self.tol)
             if trial is not None:
@@ -201,7 +180,7 @@ class EconomizeSearch:
         why = reasons[0] if reasons else "no setting of any integrator agrees with the next finer one"
         raise ValueError(f"scene: cannot be run to this tolerance: {why}")
 
-    def __call__(self) -> Findings:
+    def __call__(self) -> Evidence:
         """Decides. After OutOfTime the result so far is returned, not certified."""
         self.find_symmetry()
         self.find_basis()
@@ -213,7 +192,7 @@ class EconomizeSearch:
         if not self.measure.span:
             self.measure.set_span(base.values)
         self.trials.states = base.result
-        found = Findings(self.trials, self.tol, base)
+        found = Evidence(self.trials, self.tol, base)
         found.notes += [note] if (note := self.models.start.note) else []
         found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
@@ -224,11 +203,12 @@ class EconomizeSearch:
         self.find_unstable(found)
         return found
 
-    def find_unstable(self, found: Findings) -> None:
+    def find_unstable(self, found: Evidence) -> None:
         """Tests whether disturbances of motions that symmetry excludes stay small."""
-        if self.models.pinned or found.reference.result is None:
+        run = found.reference
+        if self.models.pinned or run.result is None:
             return
-        rich, lean = self.enriched(0, all_strains=True), found.reference.model
+        rich, lean = self.enriched(0, all_strains=True), run.model
 
         def few(k: int, own: BeamModel) -> BeamModel:
             numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
@@ -237,73 +217,75 @@ class EconomizeSearch:
         try:
             scene = self.models.at(lean.each(few), {})
             moves = excited(scene)
-            grown = growth(scene, found.reference.result, moves)
-            if grown > _GROWTH:
-                grown = growth(scene, found.reference.result, moves, 241)
-            if grown > _GROWTH:  # too few rows for fast vibrations show false growth
-                grown = growth(scene, self.trials.at_rows(found.reference, _MANY_ROWS), moves, _MANY_ROWS)
+            for rows in (31, 241, _MANY_ROWS):  # too few rows for fast vibrations show false growth
+                result = run.result if rows < _MANY_ROWS else self.trials.at_rows(run, rows)
+                grown = growth(scene, result, moves, rows)
+                if grown <= _GROWTH:
+                    return
         except ValueError as e:
             found.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
             return
-        if grown > _GROWTH:
-            left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
-            found.reasons.append(
-                f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
-                f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
-            )
+        left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
+        found.reasons.append(
+            f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
+            f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
+        )
 
-    def checked(self, rich: Model, found: Findings) -> Run:
+    def attempt(self, model: Model, options: dict[str, Any], whole: bool, base: Run) -> Run:
+        """A run of a model; if it fails, one with finer steps, or with variable steps.
+
+        Args:
+            whole: with all output times, where the integrator has fixed steps. base: a run whose time is usual.
+        """
+        setting, slow, most = self.trials.setting, by_tolerance(1e-6), max(10.0, 100.0 * base.time)
+        finer_steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
+        for tried in (options, *finer_steps, slow, {**slow, "max_order": 2}):
+            run = self.trials.run(model, tried, whole=whole and "step" in tried, most=most)
+            if run.values is not None:
+                break
+            most = max(5.0, 0.5 * self.trials.seconds)
+        return run
+
+    def checked(self, rich: Model, found: Evidence) -> Run:
         """A run of the enriched model with finer steps at all output times. If no integrator completes it (for example
         with switching friction and fast shear), shear and extension are left out if their estimated effect is small; a
         note tells."""
-        reference = found.reference
-        options, found.notes = finer(self.trials, reference), found.notes[: bool(self.models.start.note)]
-        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _FAST), default=0.0)
-
-        def without_more(k: int, beam: BeamModel) -> BeamModel:
-            numbers = zip(beam.counts, reference.model.counts(k), strict=True)
-            return replace(beam, counts=tuple(own if s in _FAST else n for s, (n, own) in enumerate(numbers)))
-
-        without_fast = rich.each(without_more)
-        check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
-        if check.values is None:
-            check = self.retried(rich, reference)
-        if check.values is None and without_fast != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(without_fast, options, whole="step" in options, most=self.patience())
-            check = check if check.values is not None else self.retried(without_fast, reference)
+        options, found.notes = finer(self.trials, found.reference), found.notes[: bool(self.models.start.note)]
+        check = self.attempt(rich, options, True, found.base)
+        few = self.as_in(rich, found.reference.model, _FAST)
+        lost = self.effect(found, _FAST)
+        if check.values is None and few != rich and lost <= _SMALL * self.tol:
+            check = self.attempt(few, options, True, found.base)
             found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
 
-    def worth_a_check(self, rich: Model, found: Findings) -> Model:
+    def worth_a_check(self, rich: Model, found: Evidence) -> Model:
         """The enriched model with the extension of the reference, if more has a small estimated effect: a beam that is
         stiff in extension needs very short steps."""
-        lost = max((x for (_, s, _), x in found.estimates.share.items() if s == _EXTENSION), default=0.0)
-        if lost > _SMALL * self.tol:
-            return rich
-        return rich.each(lambda k, b: b.with_count(_EXTENSION, found.reference.model.counts(k)[_EXTENSION]))
+        small = self.effect(found, (_EXTENSION,)) <= _SMALL * self.tol
+        return self.as_in(rich, found.reference.model, (_EXTENSION,)) if small else rich
 
-    def patience(self) -> float:
-        """Time limit (s) for one more attempt at a run that has failed."""
-        return max(5.0, 0.5 * self.trials.seconds)
+    @staticmethod
+    def effect(found: Evidence, strains: tuple[int, ...]) -> float:
+        """The largest estimated effect of a coordinate of these strains."""
+        return max((x for (_, s, _), x in found.estimates.share.items() if s in strains), default=0.0)
 
-    def retried(self, model: Model, other: Run) -> Run:
-        """A run of a model that fails with the present setting: with finer steps, or with variable steps."""
-        setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
-        steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
-        for options in (*steps, slow, {**slow, "max_order": 2}):
-            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
-            if trial.values is not None:
-                break
-        return trial
+    @staticmethod
+    def as_in(rich: Model, other: Model, strains: tuple[int, ...]) -> Model:
+        """The rich model with the other's numbers of shapes of these strains."""
 
-    def _decide(self, found: Findings) -> None:
+        def change(k: int, beam: BeamModel) -> BeamModel:
+            counts = enumerate(zip(beam.counts, other.counts(k), strict=True))
+            return replace(beam, counts=tuple(own if s in strains else n for s, (n, own) in counts))
+
+        return rich.each(change)
+
+    def _decide(self, found: Evidence) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
         found.estimates = self.estimate(rich, found.base)
         relevant = self.relevant(rich, found.base.model, found.estimates)
-        reference = self.trials.run(relevant, most=max(10.0, 100.0 * found.base.time))
-        if reference.values is None:
-            reference = self.retried(reference.model, reference)
+        reference = self.attempt(relevant, self.trials.setting, False, found.base)
         if reference.values is None:
             reference = found.base  # the check measures its error
         if self.models.jumps:
@@ -318,7 +300,7 @@ class EconomizeSearch:
                 return
             reference, self.trials.setting = found.check, found.check.options
 
-    def _descended(self, found: Findings, rich: Model) -> bool:
+    def _descended(self, found: Evidence, rich: Model) -> bool:
         """Makes the descent and its check; returns whether they agree."""
         found.reasons, found.check = [], None
         down = Descent(found, self.tell)
@@ -344,7 +326,7 @@ class EconomizeSearch:
         ]
         return False
 
-    def _in_pieces(self, found: Findings, reference: Run) -> None:
+    def _in_pieces(self, found: Evidence, reference: Run) -> None:
         """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
         taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
         come near these."""
@@ -355,8 +337,7 @@ class EconomizeSearch:
         found.reference = reference
         rich = replace(self.worth_a_check(self.enriched(0, reference.model), found), pieces=True)
         self.tell("beams in pieces")
-        judge = self.trials.run(rich, most=max(10.0, 100.0 * found.base.time))
-        near = False
+        judge, near = self.trials.run(rich, most=max(10.0, 100.0 * found.base.time)), False
         for k in range(_ROUNDS):
             if judge.values is None or reference.values is None:
                 break

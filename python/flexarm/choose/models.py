@@ -287,6 +287,8 @@ class Models:
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
         """The model in another basis if possible: "legendre", "clamped-free", or (last link with its tip) "loaded"."""
+        if self.pinned:
+            return model
         links = self.scene.arm.links
 
         def change(k: int, b: BeamModel) -> BeamModel:

@@ -1,4 +1,4 @@
-"""Findings of `economize` about a scene's models: estimates before runs, errors of runs, the chosen model."""
+"""Evidence of `economize` about a scene's models: estimates before runs, errors of runs, the chosen model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
+from .coordinates import elastic_parts
 from .models import Model, Models
 from .trials import OutOfTime, Run, Trials
 
@@ -23,12 +24,8 @@ Sizes: TypeAlias = dict[tuple[int, int, int], float]
 def keys(arm: Arm) -> list[tuple[int, int, int]]:
     """(link, strain, number) of each rate; (-1, -1, -1) of joints."""
     out = [(-1, -1, -1)] * arm.nv
-    for k, link in enumerate(arm.links):
-        at = arm._core.first(k) + link.joint.nv
-        for name, n in link.beam.counts.items() if link.beam is not None else ():
-            for i in range(n):
-                out[at] = k, STRAINS.index(name), i + 1
-                at += 1
+    for k, at, beam in elastic_parts(arm):
+        out[at] = [(k, STRAINS.index(name), i + 1) for name, n in beam.counts.items() for i in range(n)]
     return out
 
 
@@ -52,7 +49,7 @@ class Estimates:
 
 
 @dataclass
-class Findings:
+class Evidence:
     """Results that decisions use, and the decisions.
 
     Attributes:
