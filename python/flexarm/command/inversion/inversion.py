@@ -202,4 +202,3 @@ def _smooth_torque(t: Array, values: Array) -> Torque:
     made = Torque.__new__(Torque)
     made.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
     return made
-

@@ -17,7 +17,7 @@ from ...arm.arm import Arm
 from .inversion import Inversion
 from .limits import applied, bounds_of, exceeded, within
 from .path import Output, Path, Slower
-from .problem import Equations
+from .equations import Equations
 from .solve import Motions
 from .window import check_rest, solve
 

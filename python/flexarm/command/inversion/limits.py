@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._check import Array, array, choice
 from ...arm.arm import Arm
-from .problem import Equations
+from .equations import Equations
 from .solve import Motions
 
 LIMITS = ("torque", "speed", "range")
@@ -83,9 +83,7 @@ def applied(of: Equations, found: Motions) -> Array:
     return tau
 
 
-def exceeded(
-    of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
-) -> list[Exceeded]:
+def exceeded(of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]) -> list[Exceeded]:
     out: list[Exceeded] = []
     th, names = of.joints, [of.arm.coordinates[i] for i in of.joints]
     for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):

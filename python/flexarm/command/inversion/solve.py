@@ -9,7 +9,7 @@ import numpy as np
 from ..._check import Array
 from .path import Path, Slower
 from .periodic import Banded, Mixing, halfway, rates
-from .problem import REACHED, Equations, Poses
+from .equations import REACHED, Equations, Poses
 
 _ITERATIONS = 60
 _PATIENCE = 10  # iterations without gain
@@ -137,8 +137,8 @@ class Solver:
             if not self._matrices or renewal:
                 self._renew(grid, q, renewal)
             try:
-                solver = self._last = Banded(grid.n, grid.step, self._between(grid))
-            except np.linalg.LinAlgError:
+                solver = self._last = Banded(grid.step, *self._between(grid))
+            except RuntimeError:  # singular
                 break
             mixing, best, since = Mixing(), np.inf, 0
             for k in range(_ITERATIONS):
@@ -187,17 +187,13 @@ class Solver:
         self._at = grid.t[rows]
         self._matrices = self.of.matrices(self._at, q[rows], v[rows], a[rows])
 
-    def _between(self, grid: Grid):  # type: ignore[no-untyped-def]
-        at, kept = self._at, self._matrices
-        t = np.clip(grid.t, at[0], at[-1])
+    def _between(self, grid: Grid) -> tuple[Array, Array, Array]:
+        """M, C, K (n, k, k) at the nodes, straight between the times at which they are known."""
+        at, t = self._at, np.clip(grid.t, self._at[0], self._at[-1])
         left = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
-        share = (t - at[left]) / (at[left + 1] - at[left])
-
-        def at_node(k: int) -> tuple[Array, Array, Array]:
-            M, C, K = ((1 - share[k]) * X[left[k]] + share[k] * X[left[k] + 1] for X in kept)
-            return M, C + grid.damping[k] * self._inertia if grid.damping[k] else C, K
-
-        return at_node
+        share = ((t - at[left]) / (at[left + 1] - at[left]))[:, None, None]
+        M, C, K = ((1 - share) * X[left] + share * X[left + 1] for X in self._matrices)
+        return M, C + grid.damping[:, None, None] * self._inertia, K
 
     def _motions(self, grid: Grid, q: Array, iterations: int, residual: float) -> Motions:
         v, a = grid.motion(q)

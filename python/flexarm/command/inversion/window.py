@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._check import Array
 from .path import Path, Slower
-from .problem import Equations
+from .equations import Equations
 from .solve import DECAY, MOST, Grid, Motions, NotConverged, Solver
 
 _FIRST_COUNT = 56  # intervals over the path of the first grid

@@ -175,8 +175,9 @@ def swing(plant: Plant, run: Result, duration: float) -> float:
 def held(t: Array, q: Array, v: Array, a: Array) -> tuple[Array, ...]:
     """Samples, extended by rest after the last one."""
     zero = np.zeros_like(q[:1])
-    return np.append(t, t[-1] + _HOLD), np.vstack([q, q[-1:]]), np.vstack([v[:-1], zero, zero]), np.vstack(
-        [a[:-1], zero, zero]
+    return (
+        np.append(t, t[-1] + _HOLD),
+        np.vstack([q, q[-1:]]),
+        np.vstack([v[:-1], zero, zero]),
+        np.vstack([a[:-1], zero, zero]),
     )
-
-

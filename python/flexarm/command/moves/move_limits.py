@@ -69,9 +69,7 @@ class Limits:
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
-            raise ValueError(
-                f"torque, acceleration: '{name}' has neither: give one of them, or its move takes no time"
-            )
+            raise ValueError(f"torque, acceleration: '{name}' has neither: give one of them, or its move takes no time")
         return Limits(**read, **_stops(arm))
 
     def check_stops(self, field: str, q: Array, names: list[str]) -> None:
