@@ -17,7 +17,7 @@ from ...model.acting.drive import Motion
 from ...run.simulation import simulated
 from .move import LimitUse, Move, held, swing
 from .move_limits import Driven, Limits
-from .plant import Plant
+from .moved_arm import MovedArm
 from .profile import Profile
 from .rigid import RigidMove, fastest
 from .route import Route, path_points
@@ -115,7 +115,7 @@ def plan_move(
     with progress_bar(progress, "planning", None) as tell:
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, limits)
-        plant = Plant(arm, driven, route.start, route.end)
+        plant = MovedArm(arm, driven, route.start, route.end)
         independent = method == "optimal" and path is None and len(driven.rates) > 1
         plan = _Plan(plant, limits, route, rigid, len(driven.rates) if independent else 1, allowed, say)
         search = plan.shaped if method == "shaped" else plan.optimal if independent else plan.fast
@@ -170,7 +170,7 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """The problem of a planned move, and the searches for its solution."""
 
-    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
+    def __init__(self, plant: MovedArm, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
                  tell: Tell) -> None:  # fmt: skip
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period

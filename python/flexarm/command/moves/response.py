@@ -10,7 +10,7 @@ import numpy as np
 from ..._check import Array
 from ...run.result import Result
 from .move_limits import Indices
-from .plant import Plant
+from .moved_arm import MovedArm
 
 _FOLLOWED = 24  # modes, at most
 
@@ -32,7 +32,7 @@ class Response(NamedTuple):
     """Derivatives by the variables (nx).
 
     Attributes:
-        left: of `Plant.left`, for the modes that are steered, (2, n, nx).
+        left: of `MovedArm.left`, for the modes that are steered, (2, n, nx).
         tau, q, v, a: of the joints' torques, positions, rates and accelerations at the knots, (N + 1, nj, nx).
     """
 
@@ -51,14 +51,14 @@ class _Rows(NamedTuple):
     M: Array
 
 
-def _jacobians(plant: Plant, run: Result) -> _Rows:
+def _jacobians(plant: MovedArm, run: Result) -> _Rows:
     arm, at = plant.arm, [plant.arm.coordinate_of(i) for i in range(plant.arm.nv)]
     found = [arm.inverse_derivatives(*row) for row in zip(run.q, run.v, run.a, strict=True)]
     K, D, M = (np.array(x) for x in zip(*found, strict=True))
     return _Rows(K[:, :, at], D, M)
 
 
-def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array, Array], kept: int) -> Response:
+def respond(plant: MovedArm, run: Result, course: Course, by_z: tuple[Array, Array, Array], kept: int) -> Response:
     """
     Args:
         run: rows at the knots, (N + 1).

@@ -18,7 +18,7 @@ from ..._check import Array
 from ...run.result import Result
 from ...run.simulation import SimulationError
 from .move_limits import Limits
-from .plant import Plant
+from .moved_arm import MovedArm
 from .profile import Profile
 from .response import Response, respond
 
@@ -88,7 +88,7 @@ class Found:
 class Search:
     """A search from a first motion."""
 
-    def __init__(self, plant: Plant, aim: Aim, first: Profile, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, plant: MovedArm, aim: Aim, first: Profile, tell: Callable[[str], None] | None = None) -> None:
         self.plant, self.aim, self.tell = plant, aim, tell
         self.reference = first.duration
 
