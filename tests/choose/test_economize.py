@@ -122,7 +122,7 @@ def test_order_1_is_never_taken_near_the_first_frequency() -> None:
         plan = fa.economize(scenes.paper(20.0, 1.0, 1.4, order=1), tol)
         beam = plan.arm.links[0].beam
         assert beam.ne == 0 or beam.order != 1
-        assert plan._found.estimates.spin[0] == pytest.approx(20.0 / 20.95, rel=1e-2)
+        assert plan._found.spin[0] == pytest.approx(20.0 / 20.95, rel=1e-2)
     assert beam.ne
 
 
@@ -183,7 +183,7 @@ def test_indicators_foresee_the_orders() -> None:
         warnings.simplefilter("ignore", fa.RangeWarning)
         truth = tip("exact")
         for order in (0, 1, 2, 3):
-            assert plan._found.estimates.by_order[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
+            assert plan._found.by_order[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
 
 
 def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:

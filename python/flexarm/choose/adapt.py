@@ -16,7 +16,7 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import simulated
 from ..run.watch import Watch
-from .coordinates import embed, restated
+from .states import embed, restated
 
 
 def _simulated(scene: Scene, progress: bool) -> Result:

@@ -11,10 +11,10 @@ import numpy as np
 
 from ..run.integrators import INTEGRATORS
 from ..run.scene.scene import Scene
-from .coordinates import some_rows
 from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
 from .measures import Measure
 from .models import Model, Models
+from .states import some_rows
 from .trials import Budget, Run, Trials
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to

@@ -129,12 +129,12 @@ class Order(Decision):
 
     def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         for order, _ in self.cheaper(found, model, group):
-            about = found.estimates.by_order.get(order, 0.0)
+            about = found.by_order.get(order, 0.0)
             if about <= UNLIKELY * found.tol:
                 yield Reduction(("order", group[0], order), about, partial(Model.but, links=group, order=order))
 
     def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
-        model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
+        model, share, by_order = found.lean.model, found.trials.share, found.by_order
         beam, known = model.beam(group[0]), self.known(found, group)
         lower = [x for x in self.cheaper(found, model, group) if ORDERS.index(x[0]) < ORDERS.index(beam.order)]
         next_one = lower[-1] if lower else None
@@ -172,11 +172,11 @@ class Switch(Decision):
 
     def reductions(self, found: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         if self.inside(model, group):
-            about = min(found.estimates.without.get(self.name, math.inf), found.tol)
+            about = min(found.lacking.get(self.name, math.inf), found.tol)
             yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
 
     def rows(self, found: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
-        model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)
+        model, share, estimate = found.lean.model, found.trials.share, found.lacking.get(self.name, math.inf)
         inside = self.inside(model, group)
         other = self.switched(model, group, not inside)
         if inside:

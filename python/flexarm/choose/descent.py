@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from .coordinates import embed, some_rows
 from .decisions import DECISIONS, Reduction
 from .evidence import Evidence, Sizes, keys
 from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap, settings_to_try
 from .models import BeamModel, Model
+from .states import embed, some_rows
 from .trials import Run
 
 _GOAL = 0.7  # of the tolerance: share for the model; the rest is for the integrator and unknown errors
@@ -40,7 +40,7 @@ class Descent:
         assert reference.result is not None
         r, arm = reference.result, reference.result.arm
         run = embed(r, arm, some_rows(len(r.t), 101))
-        sense = self.trials.measure.sense(self.models.at(reference.model, {}), run.q)
+        size = self.trials.measure.sense(self.models.at(reference.model, {}), run.q)
         names, out = keys(arm), {}
         by_rate = [arm.coordinate_of(i) for i in range(arm.nv)]
         M = arm.mass_matrix(run.q[len(run.q) // 2]) if self.trials.measure.quantity == "joint" else None
@@ -53,7 +53,7 @@ class Descent:
                     if M is not None and joints:  # the joints' reaction, with momentum kept
                         push = np.linalg.solve(M[np.ix_(joints, joints)], M[joints, i])
                         x[:, joints] -= np.outer(x[:, i], push)
-                out[group[0], s, n] = sense.size(x)
+                out[group[0], s, n] = size(x)
         return out
 
     def reductions(self, model: Model) -> list[Reduction]:

@@ -226,16 +226,14 @@ def _speed(plan: Plan) -> list[str]:
 
 def _indicators(plan: Plan) -> list[str]:
     found = plan._found
-    orders = ", ".join(f"{o}: {e:.1e}" for o, e in found.estimates.by_order.items() if o != "exact")
+    orders = ", ".join(f"{o}: {e:.1e}" for o, e in found.by_order.items() if o != "exact")
     lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
-    turn = ", ".join(f"{x:.2g}" for x in found.estimates.rotation.values())
-    spin = ", ".join(f"{x:.2g}" for x in found.estimates.spin.values())
+    turn = ", ".join(f"{x:.2g}" for x in found.rotation.values())
+    spin = ", ".join(f"{x:.2g}" for x in found.spin.values())
     if turn:
         lines.append(f"  largest rotation of sections by link (rad): {turn}")
     if spin:
-        lines.append(
-            f"  speed of turning over the first frequency, {found.estimates.first_frequency:.4g} rad/s, by link: {spin}"
-        )
+        lines.append(f"  speed of turning over the first frequency, {found.first_frequency:.4g} rad/s, by link: {spin}")
     return lines
 
 

@@ -16,14 +16,14 @@ from ..model.acting.voltage import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from .coordinates import some_rows
 from .decisions import DECISIONS
 from .descent import Descent
-from .evidence import Estimates, Evidence, keys
+from .evidence import Evidence, keys
 from .indicators import indicate
 from .integrators import by_tolerance
 from .measures import Measure
 from .models import ORDERS, BeamModel, Model, Models
+from .states import some_rows
 from .steps import differs, finer, settle
 from .symmetry import excited, growth
 from .times import times_to_compare
@@ -125,17 +125,18 @@ class EconomizeSearch:
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
-    def estimate(self, rich: Model, base: Run) -> Estimates:
-        """Estimates the effect of each coordinate of the rich model and of each order from a run of the base."""
-        assert base.result is not None
-        scene, arm = self.models.at(rich, {}), base.result.arm
-        sizes, _ = indicate(scene, base.result, self.measure, {})
-        share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
-        by_order, without = self._poorer(base)
-        w = first_frequency(arm)
-        most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
-        spin, turn = ({k: x for (name, k), x in most.items() if name == kind} for kind in ("spin", "rotation"))
-        return Estimates(share, by_order, without, spin, turn, w)
+    def estimate(self, rich: Model, found: Evidence) -> None:
+        """Estimates the effect of each coordinate of the rich model and of each order from the run of the base."""
+        base = found.base.result
+        assert base is not None
+        scene = self.models.at(rich, {})
+        sizes, _ = indicate(scene, base, self.measure, {})
+        found.share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
+        found.by_order, found.lacking = self._poorer(found.base)
+        found.first_frequency = first_frequency(base.arm)
+        most = {key: float(x.max()) for key, x in readings(base.arm, base, found.first_frequency).items()}
+        found.spin, found.rotation = ({k: x for (name, k), x in most.items() if name == kind}
+                                      for kind in ("spin", "rotation"))  # fmt: skip
 
     def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
         """Estimated errors of each order, and of each decision's variants by name."""
@@ -154,9 +155,9 @@ class EconomizeSearch:
         by_order = {order: found.pop(order) for order in ORDERS if order in found}
         return {**by_order, "exact": 0.0}, found
 
-    def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
+    def relevant(self, rich: Model, found: Evidence) -> Model:
         """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
-        small, share = _SMALL * self.tol, estimates.share
+        small, share, base = _SMALL * self.tol, found.share, found.base.model
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
@@ -268,7 +269,7 @@ class EconomizeSearch:
     @staticmethod
     def effect(found: Evidence, strains: tuple[int, ...]) -> float:
         """The largest estimated effect of a coordinate of these strains."""
-        return max((x for (_, s, _), x in found.estimates.share.items() if s in strains), default=0.0)
+        return max((x for (_, s, _), x in found.share.items() if s in strains), default=0.0)
 
     @staticmethod
     def as_in(rich: Model, other: Model, strains: tuple[int, ...]) -> Model:
@@ -283,9 +284,8 @@ class EconomizeSearch:
     def _decide(self, found: Evidence) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
-        found.estimates = self.estimate(rich, found.base)
-        relevant = self.relevant(rich, found.base.model, found.estimates)
-        reference = self.attempt(relevant, self.trials.setting, False, found.base)
+        self.estimate(rich, found)
+        reference = self.attempt(self.relevant(rich, found), self.trials.setting, False, found.base)
         if reference.values is None:
             reference = found.base  # the check measures its error
         if self.models.jumps:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
-from .coordinates import elastic_parts
 from .models import Model, Models
+from .states import elastic_parts
 from .trials import OutOfTime, Run, Trials
 
 RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # the source of a number
@@ -30,25 +30,6 @@ def keys(arm: Arm) -> list[tuple[int, int, int]]:
 
 
 @dataclass
-class Estimates:
-    """Estimates of the indicators, before the models are run.
-
-    Attributes:
-        share: contribution of each coordinate of the enriched model to the quantity.
-        by_order: error by order. without: by name, the error of leaving out another part of the model.
-        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
-            sections against its base, the largest (rad). first_frequency: rad/s.
-    """
-
-    share: Sizes = field(default_factory=dict)
-    by_order: dict[int | str, float] = field(default_factory=dict)
-    without: dict[str, float] = field(default_factory=dict)
-    spin: dict[int, float] = field(default_factory=dict)
-    rotation: dict[int, float] = field(default_factory=dict)
-    first_frequency: float = np.nan
-
-
-@dataclass
 class Evidence:
     """Results that decisions use, and the decisions.
 
@@ -57,7 +38,11 @@ class Evidence:
         base: the scene's own model without coordinates that symmetry keeps at rest. reference, check: rich runs. lean:
             the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
             the reference, or, if strains jump, its beams in pieces.
-        estimates: of the indicators. sizes: change of the quantity by each coordinate of the reference.
+        share: estimated contribution of each coordinate of the enriched model to the quantity. by_order: estimated
+            error by order. lacking: by name, that of leaving out another part of the model.
+        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
+            sections against its base, the largest (rad). first_frequency: rad/s.
+        sizes: change of the quantity by each coordinate of the reference.
         refused: reductions that were tried. dormant: by link, strains that are not excited.
         off: error of the lean run against the check. gap: between reference and check.
         settings: runs of the lean model with other integrators.
@@ -71,7 +56,12 @@ class Evidence:
     judge: Run = field(init=False)
     lean: Run = field(init=False)
     check: Run | None = None
-    estimates: Estimates = field(default_factory=Estimates)
+    share: Sizes = field(default_factory=dict)
+    by_order: dict[int | str, float] = field(default_factory=dict)
+    lacking: dict[str, float] = field(default_factory=dict)
+    spin: dict[int, float] = field(default_factory=dict)
+    rotation: dict[int, float] = field(default_factory=dict)
+    first_frequency: float = np.nan
     sizes: Sizes = field(default_factory=dict)
     refused: set[tuple[Any, ...]] = field(default_factory=set)
     dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
@@ -125,8 +115,8 @@ class Evidence:
 
     def size(self, group: list[int], strain: int, n: int) -> float:
         """Change of the quantity by the n-th coordinate of a strain."""
-        share = self.estimates.share
-        return self.sizes.get((group[0], strain, n), max((share.get((k, strain, n), 0.0) for k in group), default=0.0))
+        shares = (self.share.get((k, strain, n), 0.0) for k in group)
+        return self.sizes.get((group[0], strain, n), max(shares, default=0.0))
 
     def allowed(self, order: int | str) -> bool:
-        return order != 1 or max(self.estimates.spin.values(), default=0.0) < _SPIN
+        return order != 1 or max(self.spin.values(), default=0.0) < _SPIN

@@ -21,8 +21,8 @@ from ..model.acting.load import at_time
 from ..model.acting.voltage import split_drives
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from .coordinates import elastic_parts, embed, restated, some_rows
 from .measures import Measure
+from .states import elastic_parts, embed, restated, some_rows
 
 _ROWS = 121  # rows of a run for the residuals
 
@@ -80,10 +80,10 @@ def indicate(
     known = restated(_forces(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
     missing = [full - known, *(full - _forces(rich, other, run) for other in variants.values())]
     x = _response(rich, run, -np.stack(missing, axis=2))
-    sense = measure.sense(rich, run.q)
-    share = np.array([sense.size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)])
+    size = measure.sense(rich, run.q)
+    share = np.array([size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)])
     return share, {
-        name: sense.size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
+        name: size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
         for k, (name, other) in enumerate(variants.items(), 1)
     }
 

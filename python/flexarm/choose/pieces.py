@@ -24,7 +24,7 @@ from ..model.parts.sections import SectionMatrix
 from ..model.parts.split import piece, split
 from ..model.parts.taper import Taper
 from ..run.scene.scene import Scene
-from .coordinates import elastic_parts, nearest
+from .states import elastic_parts, nearest
 
 _NEAR = 1e-9  # of a beam's length: closer places count as one
 _SIZES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")

@@ -14,7 +14,7 @@ from ..model.acting.voltage import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from .coordinates import elastic_parts, embed, some_rows
+from .states import elastic_parts, embed, some_rows
 from .times import probes
 
 

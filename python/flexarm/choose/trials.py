@@ -15,10 +15,10 @@ from ..analysis.findings import RangeWarning
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
-from .coordinates import embed, some_rows
 from .integrators import OVER_OUTPUTS
 from .measures import Measure
 from .models import Model, Models
+from .states import embed, some_rows
 from .times import between, thinned
 
 _LONG = 0.3  # s: longer runs are not repeated
