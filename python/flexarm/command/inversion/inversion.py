@@ -67,7 +67,7 @@ class Inversion:
     slowed: float
     poles: tuple[Array, Array]
     exceeded: list[Exceeded] = field(default_factory=list)
-    _path: Any = None  # a Path or a Slower
+    _path: Any = None  # a Path
     _at: tuple[int, float | None] = (-1, None)  # link and x of the slice on the path
     _held: tuple[Any, ...] = ()  # (link, freedom) of locked and of passive joints
     _passive: tuple[Any, ...] = ()

@@ -14,10 +14,10 @@ from ..._check import Array, choice, number
 from ..._console import progress_bar
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
+from .equations import Equations
 from .inversion import Inversion
 from .limits import applied, bounds_of, exceeded, within
-from .path import Output, Path, Slower
-from .equations import Equations
+from .path import Output, Path
 from .solve import Motions
 from .window import check_rest, solve
 
@@ -117,8 +117,8 @@ def invert(
     start = _start(of, path, q, posture)
     window = tuple(None if w is None else _duration(n, w) for n, w in (("pre", pre), ("post", post)))
 
-    def solved(factor: float) -> tuple[Path | Slower, Motions, float, Any]:
-        slower = path if factor == 1.0 else Slower(path, factor)
+    def solved(factor: float) -> tuple[Path, Motions, float, Any]:
+        slower = path.slowed(factor)
         return slower, *solve(of, slower, start, method, accuracy, window)
 
     with progress_bar(progress, "inverting", None) as bar:

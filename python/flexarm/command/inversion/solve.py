@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._check import Array
-from .path import Path, Slower
-from .periodic import Banded, Mixing, halfway, rates
 from .equations import REACHED, Equations, Poses
+from .path import Path
+from .periodic import Banded, Mixing, halfway, rates
 
 _ITERATIONS = 60
 _PATIENCE = 10  # iterations without gain
@@ -49,7 +49,7 @@ class Grid:
         n, keep: rows with the buffer, and without. damping: of these rows, in parts of the inertia (1/s), (n,).
     """
 
-    def __init__(self, path: Path | Slower, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
+    def __init__(self, path: Path, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
         self.path, self.step = path, (path.end - path.begin) / count
         self.keep = before + count + after + 1
         self.n = self.keep + buffer
@@ -78,7 +78,7 @@ class Grid:
 class Solver:
     """Solves on successively finer grids, each from the solution before."""
 
-    def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
+    def __init__(self, of: Equations, path: Path, poses: Poses) -> None:
         self.of, self.path, self.poses = of, path, poses
         self._last: Banded | None = None  # the factor last used
         self._at, self._matrices = poses.t, tuple[Array, ...]()  # M, C and K along the path, and their times
