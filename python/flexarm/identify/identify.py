@@ -93,7 +93,7 @@ def identify(
         if whole(name, value) < 1:
             raise ValueError(f"{name} = {value}: must be at least 1")
     of = task.residuals
-    search = Search(of, task.told, max_iterations)
+    search = Search(of, task.noise, max_iterations)
     count = sum(run.measured.size for run in of.runs) + len(of.priors(np.zeros(len(of.sought)))[0])
     if count < len(of.sought):
         raise ValueError(f"parameters: {len(of.sought)} numbers are sought, and there are {count} readings")

@@ -48,21 +48,21 @@ class Search:
     """A search for the unknowns of residuals, and the display of its progress.
 
     Args:
-        of: the residuals. told: noise of columns, where it is given. most: iterations of one least squares.
+        residuals: of the runs. noise: of columns, where it is given. most: iterations of one least squares.
 
     Attributes:
         first: the first weight of each column. best: the best point so far, or None.
     """
 
-    def __init__(self, of: Residuals, told: Mapping[str, float], most: int) -> None:
-        self.of, self.told, self.most, self.first = of, told, most, scales(of.runs, told)
+    def __init__(self, residuals: Residuals, noise: Mapping[str, float], most: int) -> None:
+        self.residuals, self.noise, self.most, self.first = residuals, noise, most, scales(residuals.runs, noise)
         self.best: Array | None = None
         self._show: Callable[[int, str], None] | None = None
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, 0, time.monotonic()
 
     def showing(self, show: Callable[[int, str], None]) -> None:
         """Shows progress from now on: `show` is called with the number of runs, and a text."""
-        self._show, self.of.look = show, self._tell
+        self._show, self.residuals.look = show, self._tell
 
     def __call__(self, starts: Array, keep: int, alone: bool) -> Found:
         """The best point from several starts (k, n), of which the best `keep` are fitted. `alone`: from the first only,
@@ -94,13 +94,13 @@ class Search:
         """Shows the progress of the search, and its approximate end for a usual number of iterations."""
         if self._show is None:
             return
-        text = f"{self.of.count} runs, iteration {self._iterations + 1}"
+        text = f"{self.residuals.count} runs, iteration {self._iterations + 1}"
         if np.isfinite(self._cost):
             text += f", rms {np.sqrt(self._cost):.4g}"
         if 0 < self._iterations < self._usual:
             whole = (time.monotonic() - self._began) / self._iterations * self._usual
             text += f"; about {seconds(whole)} in all if it takes {self._usual} iterations, which is usual"
-        self._show(self.of.count, text)
+        self._show(self.residuals.count, text)
 
     # -- stages --------------------------------------------------------------------------------------------------------
 
@@ -108,9 +108,9 @@ class Search:
         """The best point from these starts, with the first weights; then with weights from the residual noise."""
         tried = [np.inf] * len(starts)
         if len(starts) > 1:
-            for i, residuals in enumerate(self.of.many(starts)):
-                if residuals is not None:
-                    tried[i] = _rms(self.of.weighted(starts[i], self.first, residuals))
+            for i, rows in enumerate(self.residuals.many(starts)):
+                if rows is not None:
+                    tried[i] = _rms(self.residuals.weighted(starts[i], self.first, rows))
                     self._seen(starts[i], tried[i] ** 2)
         order = sorted(range(len(starts)), key=lambda i: tried[i])[: max(1, keep)]
         self._usual = self._iterations + _USUAL * (len(order) + _WEIGHTED)
@@ -119,7 +119,7 @@ class Search:
         for i in order:
             try:
                 inner, _ = self._fitted(starts[i], self.first)
-                ends[i] = _rms(self.of.weighted(inner, self.first)), inner
+                ends[i] = _rms(self.residuals.weighted(inner, self.first)), inner
             except RunStopped as e:
                 failed = e
         if not ends:
@@ -139,28 +139,28 @@ class Search:
         """
         from scipy.optimize import least_squares  # slow to import
 
-        of = self.of
-        low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in of.sought])
-        high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in of.sought])
+        residuals = self.residuals
+        low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
+        high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
 
-        def residuals(u: Array) -> Array:
-            r = of.weighted(u, sigma)
+        def weighted(u: Array) -> Array:
+            r = residuals.weighted(u, sigma)
             if np.isfinite(r).all():  # otherwise the step is shortened
                 self._seen(u, float(np.mean(r**2)))
             return r
 
-        if not np.isfinite(residuals(inner)).all():
-            raise RunStopped(of.why, np.nan)
-        norms = np.linalg.norm(of.jacobian(inner, sigma), axis=0)
+        if not np.isfinite(weighted(inner)).all():
+            raise RunStopped(residuals.why, np.nan)
+        norms = np.linalg.norm(residuals.jacobian(inner, sigma), axis=0)
         hold = np.diag(np.maximum(_HOLD * norms, _HOLD_PRIOR))
 
         def slopes(u: Array) -> Array:
-            J = of.jacobian(u, sigma)
+            J = residuals.jacobian(u, sigma)
             self._iterations += 1
             return np.vstack([J, hold])
 
         done = least_squares(
-            lambda u: np.append(residuals(u), hold @ (u - inner)), inner, slopes,
+            lambda u: np.append(weighted(u), hold @ (u - inner)), inner, slopes,
             bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
         )  # fmt: skip
         std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
@@ -185,30 +185,30 @@ class Search:
     def estimated(self, inner: Array, first: Mapping[str, float]) -> dict[str, float]:
         """The noise of each column: as given, or the standard deviation of the residuals, with the fit's degrees of
         freedom; `first` are the weights so far."""
-        found = self.of.residuals(inner)
+        found = self.residuals.residuals(inner)
         assert found is not None
         total = sum(y.size for y in found)
         free = max(1, total - len(inner)) / total
         out = dict(first)
-        for name in first.keys() - self.told.keys():
-            having = [(run, y) for run, y in zip(self.of.runs, found, strict=True) if name in run.outputs]
+        for name in first.keys() - self.noise.keys():
+            having = [(run, y) for run, y in zip(self.residuals.runs, found, strict=True) if name in run.outputs]
             r = np.concatenate([y[list(run.outputs).index(name)] for run, y in having])
             out[name] = max(float(np.sqrt(np.mean(r**2) / free)), _LEAST * first[name])
         return out
 
     def _explains(self, inner: Array) -> bool:
         """Whether the residuals of all columns are below a tenth of their deviation."""
-        found = self.of.residuals(inner)
+        found = self.residuals.residuals(inner)
         assert found is not None
         rows = [np.sqrt((y**2).mean(axis=1)) < _LEFT * run.measured.std(axis=1)
-                for run, y in zip(self.of.runs, found, strict=True)]  # fmt: skip
+                for run, y in zip(self.residuals.runs, found, strict=True)]  # fmt: skip
         return bool(np.concatenate(rows).all())
 
     def _minus_log_likelihood(self, found: Found) -> float:
         """Twice the negative log-likelihood, up to a constant."""
-        r = self.of.weighted(found.inner, found.sigma)
-        count = {name: sum(len(run.data) for run in self.of.runs if name in run.outputs) for name in found.sigma}
-        return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in self.told))
+        r = self.residuals.weighted(found.inner, found.sigma)
+        count = {name: sum(len(run.data) for run in self.residuals.runs if name in run.outputs) for name in found.sigma}
+        return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in self.noise))
 
 
 def _rms(r: Array) -> float:

@@ -40,7 +40,7 @@ class Task:
 
     scene: Scene
     residuals: Residuals
-    told: dict[str, float]
+    noise: dict[str, float]
     inputs: Any
     outputs: Any
     auto: bool  #: whether the step is automatic
@@ -57,8 +57,8 @@ class Task:
         runs = _runs(scene, data, inputs, outputs, paths)
         names = dict.fromkeys(name for run in runs for name in run.outputs)
         known_keys("noise", noise or {}, names)
-        told = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
-        for name, x in told.items():
+        noise = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
+        for name, x in noise.items():
             if not 0 < x < np.inf:
                 raise ValueError(f"noise['{name}'] = {x}: must be positive and finite")
         unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
@@ -66,7 +66,7 @@ class Task:
         options, auto = _options(scene, runs, integrator, step)
         residuals = Residuals(runs, unknown, options, default_workers(workers))
         _finer(residuals)
-        return Task(scene, residuals, told, inputs, outputs, auto)
+        return Task(scene, residuals, noise, inputs, outputs, auto)
 
     def sign_hints(self, inner: Array) -> dict[str, str]:
         """Hints, by name, for columns with the opposite sign of the output at a point."""
@@ -146,7 +146,7 @@ class Task:
         C = covariance(J, blocks)
         std = np.sqrt(np.diag(C))
         free = max(1, row - len(inner))
-        reach = float(student.ppf(0.975, free)) if len(self.told) < len(found.sigma) else 1.959964
+        reach = float(student.ppf(0.975, free)) if len(self.noise) < len(found.sigma) else 1.959964
         values, slopes = p.values(inner), p.slopes_of_values(inner)
         sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
         names = [x.name for x in p.sought]
@@ -170,7 +170,7 @@ class Task:
             correlation=correlation,
             start={x.name: float(x.of.start or 0.0) for x in p.sought},
             noise=dict(found.sigma),
-            noise_told=frozenset(self.told),
+            noise_told=frozenset(self.noise),
             comparisons=runs,
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
@@ -213,7 +213,7 @@ class Task:
             warnings.simplefilter("ignore")
             if own:
                 try:
-                    point = Search(one, self.told, 50)(point[None], 1, False).inner
+                    point = Search(one, self.noise, 50)(point[None], 1, False).inner
                 except RunStopped as e:
                     raise FitError(f"the run fails: {e}", {}) from None
             setup, _, _, result = one.finished(point, 0)

@@ -69,23 +69,25 @@ def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, 
         raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
 
 
-def applied(of: Equations, found: Motions) -> Array:
+def applied(equations: Equations, found: Motions) -> Array:
     """The motors' torques, with the dry friction that they overcome."""
     tau = np.zeros_like(found.tau)
-    tau[:, of.joints] = found.tau[:, of.joints]
-    first = of.arm._core.first
-    for n, link in enumerate(of.arm.links):
+    tau[:, equations.joints] = found.tau[:, equations.joints]
+    first = equations.arm._core.first
+    for n, link in enumerate(equations.arm.links):
         for k, dry in enumerate(link.joint._per_freedom("coulomb", link.joint.nv)):
             i = first(n) + k
-            if dry and i in of.joints:
+            if dry and i in equations.joints:
                 v = found.v[:, i]
                 tau[:, i] += dry * np.sign(v) * (np.abs(v) > 1e-6 * np.abs(v).max())
     return tau
 
 
-def exceeded(of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]) -> list[Exceeded]:
+def exceeded(
+    equations: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
+) -> list[Exceeded]:
     out: list[Exceeded] = []
-    th, names = of.joints, [of.arm.coordinates[i] for i in of.joints]
+    th, names = equations.joints, [equations.arm.coordinates[i] for i in equations.joints]
     for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):
         if kind not in bounds:
             continue
@@ -102,14 +104,14 @@ def exceeded(of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Arr
     return out
 
 
-def within(solved: Any, of: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
+def within(solved: Any, equations: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
     """A solution within the limits, and the factor by which the path is slowed for it."""
     found = solved(1.0)
     if not stretch:
         return found, 1.0
 
     def respected(motions: Motions) -> bool:
-        over = exceeded(of, motions, applied(of, motions), bounds, list(range(len(of.joints))))
+        over = exceeded(equations, motions, applied(equations, motions), bounds, list(range(len(equations.joints))))
         if any(x.kind == "range" for x in over):
             first = next(x for x in over if x.kind == "range")
             raise ValueError(f"limits: {first}, and no slowing helps; take another posture")
