@@ -26,17 +26,17 @@ class Descent:
         found: the reference, and the estimates of the indicators. tell: called with the present activity.
     """
 
-    def __init__(self, found: Evidence, tell: Callable[[str], None]) -> None:
-        self.found, self.tell = found, tell
-        self.trials, self.models, self.tol = found.trials, found.models, found.tol
-        found.sizes, found.refused = self.find_sizes(), set()
+    def __init__(self, evidence: Evidence, tell: Callable[[str], None]) -> None:
+        self.evidence, self.tell = evidence, tell
+        self.trials, self.models, self.tol = evidence.trials, evidence.models, evidence.tol
+        evidence.sizes, evidence.refused = self.find_sizes(), set()
 
     def good(self, model: Model) -> bool:
-        return self.found.error(model) <= _GOAL * self.tol
+        return self.evidence.error(model) <= _GOAL * self.tol
 
     def find_sizes(self) -> Sizes:
         """By (first link of the group, strain, number), the change of the quantity by that coordinate alone."""
-        reference = self.found.reference
+        reference = self.evidence.reference
         assert reference.result is not None
         r, arm = reference.result, reference.result.arm
         run = embed(r, arm, some_rows(len(r.t), 101))
@@ -59,8 +59,8 @@ class Descent:
     def reductions(self, model: Model) -> list[Reduction]:
         """Reductions that save time and were not refused, by rising estimated error."""
         at = [(decision, group) for decision in DECISIONS for group in decision.groups(self.models)]
-        all_of = [x for decision, group in at for x in decision.reductions(self.found, model, group)]
-        hopeful = [x for x in all_of if x.error <= _HOPELESS * self.tol and x.name not in self.found.refused]
+        all_of = [x for decision, group in at for x in decision.reductions(self.evidence, model, group)]
+        hopeful = [x for x in all_of if x.error <= _HOPELESS * self.tol and x.name not in self.evidence.refused]
         return sorted(hopeful, key=lambda x: x.error)
 
     def reduce(self) -> Model:
@@ -70,7 +70,7 @@ class Descent:
         allows. The next one is refused, and the others are tried again from there.
         """
         self.tell("fewer coordinates")
-        model = self.found.reference.model
+        model = self.evidence.reference.model
         while row := self.reductions(model):
             chain = [model]
             for x in row:
@@ -85,7 +85,7 @@ class Descent:
                     high = at - 1
                 guess = (low + high + 1) // 2
             model = chain[low]
-            self.found.refused |= {x.name for x in row[low : low + 1]}
+            self.evidence.refused |= {x.name for x in row[low : low + 1]}
         return self.slices(model)
 
     def sliced(self, model: Model, share: float) -> Model:
@@ -144,4 +144,4 @@ class Descent:
         return min(good, key=lambda x: x.time), tried
 
     def _good(self, trial: Run) -> bool:
-        return self.trials.distance(trial, self.found.judge) <= _RUN_SHARE * self.tol
+        return self.trials.distance(trial, self.evidence.judge) <= _RUN_SHARE * self.tol

@@ -96,15 +96,15 @@ class EconomizeSearch:
         few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
         scene = self.models.at(few, {})
         moves = list(zip(keys(scene.arm), excited(scene), strict=True))
-        found = {}
+        excites = {}
         for k, link in enumerate(scene.arm.links):
             if link.beam is not None:
                 own = [s for (j, s, _), moving in moves if j == k and moving]
-                found[k] = np.isin(np.arange(len(STRAINS)), own)
+                excites[k] = np.isin(np.arange(len(STRAINS)), own)
                 if self.models.pinned:
-                    found[k] = np.array(self.models.given.counts(k)) > 0
+                    excites[k] = np.array(self.models.given.counts(k)) > 0
         for group in self.models.groups:  # one choice for a group: excited in one link counts for all
-            together = np.any([found[k] for k in group], axis=0)
+            together = np.any([excites[k] for k in group], axis=0)
             self.reached |= {k: together for k in group}
 
     def find_basis(self) -> None:
@@ -125,17 +125,17 @@ class EconomizeSearch:
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
-    def estimate(self, rich: Model, found: Evidence) -> None:
+    def estimate(self, rich: Model, evidence: Evidence) -> None:
         """Estimates the effect of each coordinate of the rich model and of each order from the run of the base."""
-        base = found.base.result
+        base = evidence.base.result
         assert base is not None
         scene = self.models.at(rich, {})
         sizes, _ = indicate(scene, base, self.measure, {})
-        found.share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
-        found.by_order, found.lacking = self._poorer(found.base)
-        found.first_frequency = first_frequency(base.arm)
-        most = {key: float(x.max()) for key, x in readings(base.arm, base, found.first_frequency).items()}
-        found.spin, found.rotation = ({k: x for (name, k), x in most.items() if name == kind}
+        evidence.share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
+        evidence.by_order, evidence.lacking = self._poorer(evidence.base)
+        evidence.first_frequency = first_frequency(base.arm)
+        most = {key: float(x.max()) for key, x in readings(base.arm, base, evidence.first_frequency).items()}
+        evidence.spin, evidence.rotation = ({k: x for (name, k), x in most.items() if name == kind}
                                       for kind in ("spin", "rotation"))  # fmt: skip
 
     def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
@@ -151,13 +151,13 @@ class EconomizeSearch:
                     variants[name] = self.models.arm(model)
                 except ValueError:
                     continue  # torsion and shear need rotary inertia; order 0 may lack inertia
-        _, found = indicate(self.models.at(exact, {}), base.result, self.measure, variants)
-        by_order = {order: found.pop(order) for order in ORDERS if order in found}
-        return {**by_order, "exact": 0.0}, found
+        _, errors = indicate(self.models.at(exact, {}), base.result, self.measure, variants)
+        by_order = {order: errors.pop(order) for order in ORDERS if order in errors}
+        return {**by_order, "exact": 0.0}, errors
 
-    def relevant(self, rich: Model, found: Evidence) -> Model:
+    def relevant(self, rich: Model, evidence: Evidence) -> Model:
         """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
-        small, share, base = _SMALL * self.tol, found.share, found.base.model
+        small, share, base = _SMALL * self.tol, evidence.share, evidence.base.model
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
@@ -193,20 +193,20 @@ class EconomizeSearch:
         if not self.measure.span:
             self.measure.set_span(base.values)
         self.trials.states = base.result
-        found = Evidence(self.trials, self.tol, base)
-        found.notes += [note] if (note := self.models.start.note) else []
-        found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
+        evidence = Evidence(self.trials, self.tol, base)
+        evidence.notes += [note] if (note := self.models.start.note) else []
+        evidence.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
         try:
-            self._decide(found)
+            self._decide(evidence)
         except OutOfTime:
-            found.reasons.append("the time for deciding was used up")
-        self.find_unstable(found)
-        return found
+            evidence.reasons.append("the time for deciding was used up")
+        self.find_unstable(evidence)
+        return evidence
 
-    def find_unstable(self, found: Evidence) -> None:
+    def find_unstable(self, evidence: Evidence) -> None:
         """Tests whether disturbances of motions that symmetry excludes stay small."""
-        run = found.reference
+        run = evidence.reference
         if self.models.pinned or run.result is None:
             return
         rich, lean = self.enriched(0, all_strains=True), run.model
@@ -224,10 +224,10 @@ class EconomizeSearch:
                 if grown <= _GROWTH:
                     return
         except ValueError as e:
-            found.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
+            evidence.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
             return
         left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
-        found.reasons.append(
+        evidence.reasons.append(
             f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
             f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
         )
@@ -247,29 +247,29 @@ class EconomizeSearch:
             most = max(5.0, 0.5 * self.trials.seconds)
         return run
 
-    def checked(self, rich: Model, found: Evidence) -> Run:
+    def checked(self, rich: Model, evidence: Evidence) -> Run:
         """A run of the enriched model with finer steps at all output times. If no integrator completes it (for example
         with switching friction and fast shear), shear and extension are left out if their estimated effect is small; a
         note tells."""
-        options, found.notes = finer(self.trials, found.reference), found.notes[: bool(self.models.start.note)]
-        check = self.attempt(rich, options, True, found.base)
-        few = self.as_in(rich, found.reference.model, _FAST)
-        lost = self.effect(found, _FAST)
+        options, evidence.notes = finer(self.trials, evidence.reference), evidence.notes[: bool(self.models.start.note)]
+        check = self.attempt(rich, options, True, evidence.base)
+        few = self.as_in(rich, evidence.reference.model, _FAST)
+        lost = self.effect(evidence, _FAST)
         if check.values is None and few != rich and lost <= _SMALL * self.tol:
-            check = self.attempt(few, options, True, found.base)
-            found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
+            check = self.attempt(few, options, True, evidence.base)
+            evidence.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
 
-    def worth_a_check(self, rich: Model, found: Evidence) -> Model:
+    def worth_a_check(self, rich: Model, evidence: Evidence) -> Model:
         """The enriched model with the extension of the reference, if more has a small estimated effect: a beam that is
         stiff in extension needs very short steps."""
-        small = self.effect(found, (_EXTENSION,)) <= _SMALL * self.tol
-        return self.as_in(rich, found.reference.model, (_EXTENSION,)) if small else rich
+        small = self.effect(evidence, (_EXTENSION,)) <= _SMALL * self.tol
+        return self.as_in(rich, evidence.reference.model, (_EXTENSION,)) if small else rich
 
     @staticmethod
-    def effect(found: Evidence, strains: tuple[int, ...]) -> float:
+    def effect(evidence: Evidence, strains: tuple[int, ...]) -> float:
         """The largest estimated effect of a coordinate of these strains."""
-        return max((x for (_, s, _), x in found.share.items() if s in strains), default=0.0)
+        return max((x for (_, s, _), x in evidence.share.items() if s in strains), default=0.0)
 
     @staticmethod
     def as_in(rich: Model, other: Model, strains: tuple[int, ...]) -> Model:
@@ -281,77 +281,77 @@ class EconomizeSearch:
 
         return rich.each(change)
 
-    def _decide(self, found: Evidence) -> None:
+    def _decide(self, evidence: Evidence) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
-        self.estimate(rich, found)
-        reference = self.attempt(self.relevant(rich, found), self.trials.setting, False, found.base)
+        self.estimate(rich, evidence)
+        reference = self.attempt(self.relevant(rich, evidence), self.trials.setting, False, evidence.base)
         if reference.values is None:
-            reference = found.base  # the check measures its error
+            reference = evidence.base  # the check measures its error
         if self.models.jumps:
-            self._in_pieces(found, reference)
+            self._in_pieces(evidence, reference)
             return
         for k in range(_ROUNDS):
             assert reference.values is not None
             self.measure.set_span(reference.values)
-            found.reference = found.judge = reference
-            rich = self.worth_a_check(self.enriched(k, reference.model), found)
-            if self._descended(found, rich) or found.check is None or found.check.values is None:
+            evidence.reference = evidence.judge = reference
+            rich = self.worth_a_check(self.enriched(k, reference.model), evidence)
+            if self._descended(evidence, rich) or evidence.check is None or evidence.check.values is None:
                 return
-            reference, self.trials.setting = found.check, found.check.options
+            reference, self.trials.setting = evidence.check, evidence.check.options
 
-    def _descended(self, found: Evidence, rich: Model) -> bool:
+    def _descended(self, evidence: Evidence, rich: Model) -> bool:
         """Makes the descent and its check; returns whether they agree."""
-        found.reasons, found.check = [], None
-        down = Descent(found, self.tell)
+        evidence.reasons, evidence.check = [], None
+        down = Descent(evidence, self.tell)
         model = down.reduce()
         self.tell("integrators")
-        found.lean, found.settings = down.integrate(model)
+        evidence.lean, evidence.settings = down.integrate(model)
         self.tell("check")
-        check = found.check = self.checked(rich, found)
+        check = evidence.check = self.checked(rich, evidence)
         if check.values is None:
-            found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+            evidence.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
             return False
-        if not (differs(check, found.judge) and differs(check, found.lean)):
-            found.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
-            found.check = None
+        if not (differs(check, evidence.judge) and differs(check, evidence.lean)):
+            evidence.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
+            evidence.check = None
             return False
-        found.off = self.trials.distance(found.lean, check)
-        found.gap = self.trials.distance(found.judge, check)
-        if found.off + _REMAINDER * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+        evidence.off = self.trials.distance(evidence.lean, check)
+        evidence.gap = self.trials.distance(evidence.judge, check)
+        if evidence.off + _REMAINDER * evidence.gap <= self.tol and evidence.gap <= _AGREE * self.tol:
             return True
-        found.reasons = [
-            f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
-            f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
+        evidence.reasons = [
+            f"against the check it is off by {evidence.off:.2g}, and the reference, against which choices were "
+            f"made, by {evidence.gap:.2g}; tolerance {self.tol:.2g}"
         ]
         return False
 
-    def _in_pieces(self, found: Evidence, reference: Run) -> None:
+    def _in_pieces(self, evidence: Evidence, reference: Run) -> None:
         """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
         taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
         come near these."""
         if self.models.pinned or callable(self.measure.quantity):
             why = self.models.pinned or "the quantity is a function, which may count on the links"
-            found.reasons.append(f"{self.advice}; the check cannot, as {why}")
+            evidence.reasons.append(f"{self.advice}; the check cannot, as {why}")
             return
-        found.reference = reference
-        rich = replace(self.worth_a_check(self.enriched(0, reference.model), found), pieces=True)
+        evidence.reference = reference
+        rich = replace(self.worth_a_check(self.enriched(0, reference.model), evidence), pieces=True)
         self.tell("beams in pieces")
-        judge, near = self.trials.run(rich, most=max(10.0, 100.0 * found.base.time)), False
+        judge, near = self.trials.run(rich, most=max(10.0, 100.0 * evidence.base.time)), False
         for k in range(_ROUNDS):
             if judge.values is None or reference.values is None:
                 break
             self.measure.set_span(judge.values)
-            found.reference = reference
+            evidence.reference = reference
             near = self.trials.distance(reference, judge) <= _NEAR * self.tol
             if near:
                 break
-            reference = self.trials.run(self.enriched(2 * k + 1, found.reference.model))
-        found.judge = judge if near else found.reference  # too far from the pieces: the check reports it
+            reference = self.trials.run(self.enriched(2 * k + 1, evidence.reference.model))
+        evidence.judge = judge if near else evidence.reference  # too far from the pieces: the check reports it
         many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
         more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
-        if not self._descended(found, more) and found.check is not None:
-            found.reasons[0] += f"; {self.advice}"
+        if not self._descended(evidence, more) and evidence.check is not None:
+            evidence.reasons[0] += f"; {self.advice}"
 
     @property
     def advice(self) -> str:
