@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._check import Array, array, choice
+from ..._check import Array, choice
 from ...arm.arm import Arm
+from ..joint_limits import joint_limits, joint_ranges
 from .equations import Equations
 from .solve import Motions
 
@@ -33,40 +34,14 @@ class Exceeded(NamedTuple):
 
 def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
     """Limits by kind: (m,), of the range (2, m)."""
-    m, out = len(keys), {}
     if limits is not None and not isinstance(limits, Mapping):
         raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
+    rates = [arm.joint_rate(key) for key in keys]
+    out = {"range": joint_ranges(arm, "limits['range']", (limits or {}).get("range"), rates)}
     for name, value in (limits or {}).items():
-        choice("limits", name, LIMITS)
-        bounds = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
-        if name != "range" and not (bounds > 0).all():
-            raise ValueError(f"limits[{name!r}] = {value}: must be positive")
-        if name == "range" and not (bounds[:, 0] < bounds[:, 1]).all():
-            raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
-        out[name] = bounds.T
-    if "range" not in out:
-        stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),
-                                                                                 joint._per_freedom("upper", joint.nv))]
-                          for key in keys for n in [key[0] if isinstance(key, tuple) else key]
-                          for joint in [arm.links[n].joint]])  # fmt: skip
-        out["range"] = stops.reshape(m, 2).T
+        if choice("limits", name, LIMITS) != "range":
+            out[name] = joint_limits(arm, f"limits[{name!r}]", value, rates)
     return out
-
-
-def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, ...]) -> Array:
-    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` if there is none."""
-    shape = (len(keys), 2) if len(none) == 2 else (len(keys),)
-    if isinstance(value, Mapping):
-        own, rates = arm.by_rate(field, value), [arm.joint_rate(key) for key in keys]
-        for i in set(own) - set(rates):
-            raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
-        read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
-        return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
-    limits = array(field, value)
-    try:
-        return np.broadcast_to(limits, shape)
-    except ValueError:
-        raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
 
 
 def applied(equations: Equations, found: Motions) -> Array:
