@@ -41,11 +41,6 @@ def _one(name: str, unit: str) -> Callable[[Arm, int], list[tuple[str, str]]]:
     return lambda arm, link: [(name, unit)]
 
 
-def _sizes(result: Result, link: int) -> Array:
-    """|deflection| of the beam's tip, (nt,)."""
-    return np.asarray(np.linalg.norm(result.tip_deflection(link), axis=1))
-
-
 def _residual(result: Result, link: int, band: float) -> Array:
     late = result.t >= result.t[-1] - 0.1 * (result.t[-1] - result.t[0])
     tip = result.tip_deflection(link)[late]
@@ -112,7 +107,7 @@ def _state_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
 QUANTITIES: dict[str, Quantity] = {
     "tip_deflection": Quantity(
         _one("tip deflection", "m"),
-        lambda r, link, band: np.array([_sizes(r, link).max()]),
+        lambda r, link, band: np.array([np.linalg.norm(r.tip_deflection(link), axis=1).max()]),
         "greatest displacement of the beam's tip from rest, in its hub's axes",
     ),
     "residual": Quantity(

@@ -17,6 +17,7 @@ from ...data.draw.style import DPI
 from ...data.draw.sweep import MISSING, plot_sweep
 from ...data.store.files import named, readable, write_whole
 from ...data.store.scenarios import read_scenarios
+from ..batch.rollout import BatchInterrupted
 from .vary import Sweep
 
 if TYPE_CHECKING:
@@ -124,22 +125,15 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit not in ("", "1") else name
 
 
-class SweepInterrupted(KeyboardInterrupt):
+class SweepInterrupted(BatchInterrupted):
     """Ctrl-C during a sweep. `.result` is the SweepResult so far."""
-
-    def __init__(self, message: str, result: SweepResult) -> None:
-        super().__init__(message)
-        self.result = result
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.result)
 
 
 def _write_table(path: Path, result: SweepResult) -> None:
     """One line for each scenario that was run."""
     names, numbers = _parameter_columns(result.parameters)
     reasons = {i: reason for i, _, reason in result.failures}
-    header = ["scenario", *names, *(_headed(n, result.units[n]) for n in result.columns), "failure"]
+    header = ["scenario", *names, *(f"{n} ({u})" if (u := result.units[n]) else n for n in result.columns), "failure"]
     columns = [*numbers, *result.columns.values()]
     with io.StringIO(newline="") as text:
         out = csv.writer(text, lineterminator="\n")
@@ -147,10 +141,6 @@ def _write_table(path: Path, result: SweepResult) -> None:
         for i in np.flatnonzero(result.done):
             out.writerow([int(i), *(repr(float(c[i])) for c in columns), reasons.get(int(i), "")])
         write_whole(path, lambda f: f.write(text.getvalue().encode()), "output file")
-
-
-def _headed(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
 
 
 def _parameter_columns(parameters: Mapping[str, Array]) -> tuple[list[str], list[Array]]:
