@@ -23,7 +23,7 @@ class Descent:
     """The descent from one reference model.
 
     Args:
-        found: the reference, and the estimates of the indicators. tell: called with the present activity.
+        evidence: the reference, and the estimates of the indicators. tell: called with the present activity.
     """
 
     def __init__(self, evidence: Evidence, tell: Callable[[str], None]) -> None:
@@ -58,10 +58,10 @@ class Descent:
 
     def reductions(self, model: Model) -> list[Reduction]:
         """Reductions that save time and were not refused, by rising estimated error."""
-        at = [(decision, group) for decision in DECISIONS for group in decision.groups(self.models)]
-        all_of = [x for decision, group in at for x in decision.reductions(self.evidence, model, group)]
-        hopeful = [x for x in all_of if x.error <= _HOPELESS * self.tol and x.name not in self.evidence.refused]
-        return sorted(hopeful, key=lambda x: x.error)
+        places = [(decision, group) for decision in DECISIONS for group in decision.groups(self.models)]
+        known = [x for decision, group in places for x in decision.reductions(self.evidence, model, group)]
+        left = [x for x in known if x.error <= _HOPELESS * self.tol and x.name not in self.evidence.refused]
+        return sorted(left, key=lambda x: x.error)
 
     def reduce(self) -> Model:
         """The reference with all reductions that the goal allows.
