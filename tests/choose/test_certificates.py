@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from choose.economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
 from flexarm.choose.economize_search import EconomizeSearch
-from flexarm.choose.findings import Findings
+from flexarm.choose.evidence import Evidence
 from flexarm.choose.measures import Measure
 from flexarm.choose.models import Models
 from flexarm.choose.symmetry import excited
@@ -190,8 +190,9 @@ def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> 
     scene = resonant()
     search = EconomizeSearch(scene, Measure(scene, "tip"), 0.05, Budget(), lambda doing: None)
     search.find_symmetry()
-    base = search.trials.run(search.own(), {"integrator": "gauss", "step": 0.005})
-    found = Findings(search.trials, search.tol, base)
+    search.find_basis()
+    base = search.trials.run(search.own, {"integrator": "gauss", "step": 0.005})
+    found = Evidence(search.trials, search.tol, base)
     search.find_unstable(found)
     assert not found.reasons
     strains = {"bending_y": 2, "bending_z": 1, "torsion": 1}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import Any
 
 import flexarm as fa
@@ -274,40 +273,6 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
     still[:, [0, 2]] = move.q
     unbent = arm.frame(still)[0][:, :2]
     assert np.abs((unbent - ends[0]) @ [-along[1], along[0]]).max() < 1e-8
-
-
-# -- collocation -----------------------------------------------------------------------------------------------------
-
-
-@QUIET
-def test_collocation_finds_the_known_optimum_of_one_mode() -> None:
-    pytest.importorskip("casadi")
-    arm, angle, a = one_mode(), 0.3, 4.0
-    known = fastest_of_one_mode(angle, a, arm.modes(lock=[0]).frequencies[0])
-    best = fa.plan_move(arm, 0.0, angle, limits={"acceleration": a}, method="collocation")
-    assert known * 0.999 < best.duration < known * 1.02
-    assert np.abs(best.a).max() <= a * 1.0001
-    assert swing(arm, best) < 1e-3 * best.residual_unshaped
-
-
-@QUIET
-def test_collocation_of_two_links_is_as_fast_as_linear_programmes() -> None:
-    pytest.importorskip("casadi")
-    arm, torque = two_links(gravity=0.0, shapes=1), (60.0, 15.0)
-    ends = [0.0, 0.0], [0.5, -0.5]
-    best = fa.plan_move(arm, *ends, limits={"torque": torque}, method="collocation")
-    assert best.duration < 1.01 * fa.plan_move(arm, *ends, limits={"torque": torque}, method="optimal").duration
-    assert swing(arm, best) < 5e-3 * best.residual_unshaped
-    run = best.simulate(integrator="gauss", step=2e-4)
-    for k, most in zip((0, 2), torque, strict=True):
-        assert np.abs(run.tau[:, k]).max() <= most * 1.001
-    assert best.q[[0, -1]] == pytest.approx(np.array(ends), abs=1e-9)
-
-
-def test_collocation_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(ImportError, match=r"pip install 'flexarm\[optimize\]'"):
-        fa.plan_move(rigid_arm(), 0.0, 1.0, limits={"torque": 3.0}, method="collocation")
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

@@ -293,7 +293,7 @@ def test_dask_cluster_with_a_killed_worker(truth, tmp_path):
 
 MPI = """
 import os, signal, sys
-import batch.test_executor as t
+import many.test_executor as t
 
 def main():
     from mpi4py import MPI

@@ -16,7 +16,7 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import simulated
 from ..run.watch import Watch
-from .coordinates import carried_q, carried_v, embed
+from .states import embed, restated
 
 
 def _simulated(scene: Scene, progress: bool) -> Result:
@@ -46,8 +46,8 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     left = watch.left(first)
     if not left:
         return _told(first)
-    q0 = None if lean.q0 is None else carried_q(lean.q0, lean.arm, arm)
-    v0 = None if lean.v0 is None else carried_v(lean.v0, lean.arm, arm)
+    q0 = None if lean.q0 is None else restated(lean.q0, lean.arm, arm)
+    v0 = None if lean.v0 is None else restated(lean.v0, lean.arm, arm, rates=True)
     rich = replace(lean, arm=arm, options=options, q0=q0, v0=v0)
     cut = max(0, int(np.searchsorted(first.t, left[0].time)) - 1)
     if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
@@ -55,12 +55,11 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     begin = embed(first, rich.arm, slice(cut, cut + 1))
     rest = _simulated(replace(rich, t=lean.t[cut:], q0=begin.q[0], v0=begin.v[0]), progress)
     before = embed(first, rich.arm, slice(0, cut))
-    tau = np.vstack([carried_v(first.tau[:cut], first.arm, rich.arm), rest.tau])
     stats = {k: first.stats.get(k, 0) + v if isinstance(v, (int, float)) else v for k, v in rest.stats.items()}
-    rows: dict[str, Any] = {name: np.vstack([getattr(before, name), getattr(rest, name)]) for name in ("q", "v", "a")}
-    t = np.concatenate([first.t[:cut], rest.t])
-    joined = Result(rich.arm, t, **rows, tau=tau, stats=stats, loads=rest.loads, status=rest.status)
-    ranges = [x for x in first._wrong if isinstance(x, RangeWarning) and x.time < t[cut]]
+    names = ("t", "q", "v", "a", "tau")
+    rows: dict[str, Any] = {name: np.concatenate([getattr(before, name), getattr(rest, name)]) for name in names}
+    joined = Result(rich.arm, **rows, stats=stats, loads=rest.loads, status=rest.status)
+    ranges = [x for x in first._wrong if isinstance(x, RangeWarning) and x.time < rest.t[0]]
     others = [x for x in first._wrong if not isinstance(x, (RangeWarning, *map(type, rest._wrong)))]
     joined._wrong = [*ranges, *others, *rest._wrong]
     return _told(joined)

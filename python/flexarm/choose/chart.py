@@ -202,10 +202,6 @@ class Chart:
 # -- the table ---------------------------------------------------------------------------------------------------------
 
 
-def _absolute(span: dict[str, float], tol: float) -> str:
-    return ", ".join(f"{tol * s:.2g} {u}" for u, s in span.items())
-
-
 def _truth(truth: Truth) -> list[str]:
     row = truth.row
     lines = [f"Truth: {row.label}. Over the span, it is"]
@@ -234,7 +230,8 @@ def _advice(chart: Chart, truth: Truth) -> list[str]:
         row = chart.recommend(tol)
         flag = "*" if tol < truth.uncertainty else ""
         unsure = unsure or bool(flag)
-        head = [f"{tol:.0e}".replace("e-0", "e-"), _absolute(truth.span, tol)]
+        absolute = ", ".join(f"{tol * s:.2g} {u}" for u, s in truth.span.items())
+        head = [f"{tol:.0e}".replace("e-0", "e-"), absolute]
         if row is None or row.error is None:
             rows.append([*head, "none of those tried", "", "", flag])
         else:

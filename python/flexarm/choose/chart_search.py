@@ -11,10 +11,10 @@ import numpy as np
 
 from ..run.integrators import INTEGRATORS
 from ..run.scene.scene import Scene
-from .coordinates import some_rows
 from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
 from .measures import Measure
 from .models import Model, Models
+from .states import some_rows
 from .trials import Budget, Run, Trials
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to
@@ -93,8 +93,8 @@ class ChartSearch:
     Attributes:
         rows: all runs so far.
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
-        poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), in the scene's basis
-            ("basis"), and of beams in pieces ("pieces"), which is richer.
+        near: by the difference from the truth, a run: one mode less per strain ("modes"), the next order ("order"), the
+            scene's basis ("basis"), beams in pieces ("pieces").
         bases: the bases of the chart; "": the scene's.
     """
 
@@ -106,7 +106,7 @@ class ChartSearch:
         self.truth: Run | None = None
         self.looser: Run | None = None
         self.tolerance = np.inf
-        self.poorer: dict[str, Run] = {}
+        self.near: dict[str, Run] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
         given = self.models.uniform(self.orders[-1], 0)
         others = ("legendre", "loaded", "clamped-free")
@@ -134,20 +134,14 @@ class ChartSearch:
         """The truth with its convergence; None if there is none."""
         if self.truth is None:
             return None
-        poorer = {name: row.model.label for name, row in self.poorer.items() if row.error is not None}
+        possible = {"modes": len(self.shifts) > 1 or bool(self.truth.model.basis), "order": len(self.orders) > 1,
+                    "basis": "legendre" in self.bases, "pieces": bool(self.models.jumps)}  # fmt: skip
+        errors = {k: (row.error, row.model.label) for k, row in self.near.items() if row.error is not None}
+        distances = {k: errors[k][0] if k in errors else math.inf if may else None for k, may in possible.items()}
+        poorer = {k: label for k, (_, label) in errors.items()}
         if self.looser is not None:
             poorer["tolerance"] = f"{self.looser.setting} {self.looser.value:.3g}"
-        fewer = len(self.shifts) > 1 or bool(self.truth.model.basis)
-        modes, order = (
-            None if not some else self.poorer[name].error if name in poorer else math.inf
-            for name, some in (("modes", fewer), ("order", len(self.orders) > 1))
-        )
-        other = self.poorer.get("basis")
-        basis = None if other is None and "legendre" not in self.bases else math.inf
-        basis = other.error if other is not None and other.error is not None else basis
-        cut = self.poorer.get("pieces")
-        pieces = None if not self.models.jumps else math.inf if cut is None or cut.error is None else cut.error
-        return Truth(self.truth, self.measure.span, modes, order, self.tolerance, basis, pieces, poorer)
+        return Truth(self.truth, self.measure.span, tolerance=self.tolerance, poorer=poorer, **distances)
 
     # -- one run -----------------------------------------------------------------------------------------------------
 
@@ -271,24 +265,23 @@ class ChartSearch:
         orders = self.orders[: self.orders.index(rich.order) + 1]
         spare = _EXTRA_MODES * bool(rich.basis)
         shifts = self.shifts[: self.shifts.index(rich.shift - spare) + 1]
-        if len(orders) > 1:
-            self.poorer["order"] = self.run(rich.but(order=orders[-2]), choice, value, _FIRST)
+        near = {"order": rich.but(order=orders[-2])} if len(orders) > 1 else {}
         if rich.basis:
-            self.poorer["modes"] = self.run(self.model(rich.order, rich.shift - 1, rich.basis), choice, value, _FIRST)
+            near["basis"] = self.model(rich.order, shifts[-1], "")
+        if rich.basis or len(shifts) > 1:
+            near["modes"] = self.model(rich.order, rich.shift - 1, rich.basis)
         if self.models.jumps and not self.models.pinned:
-            self.poorer["pieces"] = self.run(replace(rich, pieces=True), choice, value, _FIRST)
+            near["pieces"] = replace(rich, pieces=True)
+        for name, model in near.items():
+            self.near[name] = self.run(model, choice, value, _FIRST)
         rows = [self.truth]
         for basis in self.bases if rich.basis else ("",):
             at_order = [self.run(self.model(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)]
-            if rich.basis and not basis:
-                self.poorer["basis"] = at_order[0]
             rows += at_order
             for row in best(r for r in at_order if r.status == "ok"):
                 for shift in reversed(shifts[:-1]):
                     fewer = self.run(self.model(row.model.order, shift, basis), choice, value, _FIRST)
                     rows.append(fewer)
-                    if row.model == rich and shift == shifts[-2]:
-                        self.poorer["modes"] = fewer
                     if fewer.error is not None and fewer.error > _WORST:
                         break
         own = self.own_model()

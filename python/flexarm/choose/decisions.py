@@ -9,13 +9,14 @@ forces at an instant. For a part without such a force at rest, such as dry frict
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 from ..model.parts.beam import STRAINS
 from ..model.parts.link import Link
-from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
+from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
 from .models import ORDERS, Model, Models, lowest_order
 
 UNLIKELY = 2.5  # times the tolerance: orders of a larger estimated error are not tried
@@ -47,6 +48,14 @@ class Choice:
         return dict(self.__dict__)
 
 
+class Reduction(NamedTuple):
+    """A reduction of a model, its estimated error, and the function that makes it."""
+
+    name: tuple[Any, ...]
+    error: float
+    change: Callable[[Model], Model]
+
+
 class Decision:
     """A decision that is taken for each group of equal links."""
 
@@ -58,11 +67,11 @@ class Decision:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
         return {}
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        """(name, model, estimated error) of single reducing steps that save time."""
+    def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
+        """Reductions of this model that save time."""
         yield from ()
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+    def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         """Rows of the table of choices; `where` names these links."""
         yield from ()
 
@@ -70,30 +79,34 @@ class Decision:
 class Modes(Decision):
     """The number of shape functions of each strain of a beam. Without any, the beam is rigid."""
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        for s, n in enumerate(() if found.models.pinned else model.counts(group[0])):
-            if n:
-                about = found.sizes.get((group[0], s, n), 0.0)
-                yield ("modes", group[0], s, n), model.with_count(group, s, n - 1), about
+    def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
+        for s, count in enumerate(() if evidence.models.pinned else model.counts(group[0])):
+            error = 0.0
+            for n in range(count, 0, -1):
+                name = "modes", group[0], s, n
+                if name in evidence.refused:
+                    break
+                error += evidence.sizes.get((group[0], s, n), 0.0)
+                yield Reduction(name, error, partial(Model.with_count, links=group, strain=s, n=n - 1))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
-        model = found.lean.model
+    def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
+        model = evidence.lean.model
         if model.beam(group[0]).rigid:
-            lost = max(found.size(group, s, 1) for s in range(len(STRAINS)))
+            lost = max(evidence.size(group, s, 1) for s in range(len(STRAINS)))
             yield Choice(where, "beam", "rigid", lost, ESTIMATE, None, False)
         for s, n in enumerate(model.counts(group[0])):
             if n:
                 lower = model.with_count(group, s, n - 1)
-                error, how = found.without(lower, found.size(group, s, n))
-                yield Choice(where, STRAINS[s], str(n), error, how, found.trials.share(model, lower), True)
-            elif found.models.most(group[0])[s] == 0:
+                error, how = evidence.without(lower, evidence.size(group, s, n))
+                yield Choice(where, STRAINS[s], str(n), error, how, evidence.trials.share(model, lower), True)
+            elif evidence.models.most(group[0])[s] == 0:
                 yield Choice(where, STRAINS[s], "none", None, "no shear modulus", None, False)
             else:
                 more = model.with_count(group, s, 1).but(group, rotary=True)
                 more = more.but(group, order=2) if model.beam(group[0]).rigid else more
-                dormant = STRAINS[s] in found.dormant.get(group[0], ())
-                error, how = (0.0, SYMMETRY) if dormant else (found.size(group, s, 1), ESTIMATE)
-                yield Choice(where, STRAINS[s], "none", error, how, found.trials.share(more, model), False)
+                dormant = STRAINS[s] in evidence.dormant.get(group[0], ())
+                error, how = (0.0, SYMMETRY) if dormant else (evidence.size(group, s, 1), ESTIMATE)
+                yield Choice(where, STRAINS[s], "none", error, how, evidence.trials.share(more, model), False)
 
 
 class Order(Decision):
@@ -103,36 +116,33 @@ class Order(Decision):
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
     @staticmethod
-    def known(found: Findings, group: list[int]) -> Sequence[int | str]:
+    def known(evidence: Evidence, group: list[int]) -> Sequence[int | str]:
         """The orders that the beam may have."""
-        beam = found.models.scene.arm.links[group[0]].beam
+        beam = evidence.models.scene.arm.links[group[0]].beam
         return ORDERS if beam is None else ORDERS[ORDERS.index(lowest_order(beam)) :]
 
-    def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
-        """The next lower order that is cheaper, and the model with it."""
-        beam, known = model.beam(group[0]), self.known(found, group)
-        for order in reversed(() if beam.rigid else known[: known.index(beam.order)]):
-            lower = model.but(group, order=order)
-            if found.allowed(order) and found.trials.cheaper(lower, model):
-                return order, lower
-        return None
+    def cheaper(self, evidence: Evidence, model: Model, group: list[int]) -> list[tuple[int | str, Model]]:
+        """The orders in which an evaluation takes less time, from low to high, and the model with each."""
+        beam = model.beam(group[0])
+        others = {order: model.but(group, order=order) for order in self.known(evidence, group) if not beam.rigid}
+        return [(k, x) for k, x in others.items() if evidence.allowed(k) and evidence.trials.cheaper(x, model)]
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        next_one = self.lower(found, model, group)
-        if next_one is not None:
-            about = found.estimates.by_order.get(next_one[0], 0.0)
-            name = "order", group[0], next_one[0]
-            yield name, next_one[1], about if about < UNLIKELY * found.tol else math.inf
+    def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
+        for order, _ in self.cheaper(evidence, model, group):
+            about = evidence.by_order.get(order, 0.0)
+            if about <= UNLIKELY * evidence.tol:
+                yield Reduction(("order", group[0], order), about, partial(Model.but, links=group, order=order))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
-        model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
-        beam, next_one = model.beam(group[0]), self.lower(found, model, group)
-        known = self.known(found, group)
+    def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, by_order = evidence.lean.model, evidence.trials.share, evidence.by_order
+        beam, known = model.beam(group[0]), self.known(evidence, group)
+        lower = [x for x in self.cheaper(evidence, model, group) if ORDERS.index(x[0]) < ORDERS.index(beam.order)]
+        next_one = lower[-1] if lower else None
         if len(known) == 1 and not beam.rigid:
             yield Choice(where, "order", "exact", None, "curved at rest", None, True)
             return
         if next_one is not None:
-            error, how = found.without(next_one[1], by_order.get(next_one[0], math.inf))
+            error, how = evidence.without(next_one[1], by_order.get(next_one[0], math.inf))
             yield Choice(where, "order", str(beam.order), error, how, share(model, next_one[1]), True)
         elif not beam.rigid:
             richer = 2 if 2 in known else known[-1]
@@ -160,22 +170,22 @@ class Switch(Decision):
         links = [k for group in self.groups(models) for k in group]
         return {self.name: self.switched(model, links, False)} if links else {}
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+    def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
         if self.inside(model, group):
-            about = min(found.estimates.without.get(self.name, math.inf), found.tol)
-            yield (self.name, group[0]), self.switched(model, group, False), about
+            about = min(evidence.lacking.get(self.name, math.inf), evidence.tol)
+            yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
-        model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)
+    def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, estimate = evidence.lean.model, evidence.trials.share, evidence.lacking.get(self.name, math.inf)
         inside = self.inside(model, group)
         other = self.switched(model, group, not inside)
         if inside:
-            error, how = found.without(other, estimate)
+            error, how = evidence.without(other, estimate)
             yield Choice(where, self.name, "yes", error, how, share(model, other), True)
         elif math.isfinite(estimate):
             yield Choice(where, self.name, "no", estimate, ESTIMATE, share(other, model), False)
         else:  # another part needs it
-            now, then = found.known(model), found.known(other)
+            now, then = evidence.known(model), evidence.known(other)
             lost = None if now is None or then is None else abs(now - then)
             yield Choice(where, self.name, "no", lost, ALONE if lost is None else RUN, share(other, model), False)
 
@@ -216,20 +226,20 @@ class LinkFeature(Switch):
 class GaussPoints(Decision):
     """The number of a beam's slices. They are reduced last; see Descent.slices."""
 
-    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
-        model, gauss = found.lean.model, found.lean.model.beam(group[0]).gauss
+    def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
+        model, gauss = evidence.lean.model, evidence.lean.model.beam(group[0]).gauss
         if model.beam(group[0]).rigid:
             return
         full = model.but(group, gauss=None)
-        beam = found.models.arm(full).links[group[0]].beam
+        beam = evidence.models.arm(full).links[group[0]].beam
         assert beam is not None
         most = beam._core.gauss_points
         if gauss is None:
             yield Choice(where, "Gauss points", str(most), None, "of the basis", 0.0, True)
             return
-        now, then = (found.known(m, any_gauss=False) for m in (model, model.but(gauss=None)))
+        now, then = (evidence.known(m, any_gauss=False) for m in (model, model.but(gauss=None)))
         cost = None if now is None or then is None else abs(now - then)
-        time = found.trials.share(full, model)
+        time = evidence.trials.share(full, model)
         how = ALONE if cost is None else RUN
         yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, how, time, False)
 

@@ -20,7 +20,7 @@ from ..run.watch import Watch
 from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
-from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
+from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
 from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene
@@ -65,7 +65,7 @@ class ModelPlan:
     choices: list[Choice]
     watch: Watch
     _search: EconomizeSearch
-    _found: Findings
+    _found: Evidence
 
     @property
     def arm(self) -> Arm:
@@ -97,19 +97,19 @@ class ModelPlan:
 
     def plot(self) -> Figure:
         """Error against wall time of all runs made, of the scene as given (run now), and of the chosen model."""
-        found, trials = self._found, self._search.trials
+        evidence, trials = self._found, self._search.trials
         given = self._given_run()
 
         def point(run: Run) -> Point:
-            return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tolerance)
+            return run.time, max(trials.distance(run, evidence.rich), 1e-4 * self.tol)
 
-        ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
+        ran = [r for r in trials.runs.values() if r.values is not None and r is not evidence.rich]
         models = [Trial(*point(r), _order(r.model)) for r in ran if not r.whole]
-        settings = [point(r) for r in found.settings if r in ran]
+        settings = [point(r) for r in evidence.settings if r in ran]
         spans = ", ".join(f"{s:.3g} {u}".rstrip() for u, s in self.span.items())
         unit = " ".join(self.span) if self.absolute else f"share of its span, {spans}"
         return plot_trials(
-            models, settings, None if given is None else point(given), point(found.lean), self.tolerance, self.absolute,
+            models, settings, None if given is None else point(given), point(evidence.lean), self.tol, self.absolute,
             ylabel=f"Largest error of the {self.quantity} ({unit})",
             title=self.given.name,
             under=f"chosen: {self.model}",
@@ -225,17 +225,17 @@ def _speed(plan: ModelPlan) -> list[str]:
     return aligned(rows, {1, 2, 3})
 
 
-def _indicators(plan: ModelPlan) -> list[str]:
-    found = plan._found
-    orders = ", ".join(f"{o}: {e:.1e}" for o, e in found.estimates.by_order.items() if o != "exact")
+def _indicators(plan: Plan) -> list[str]:
+    evidence = plan._found
+    orders = ", ".join(f"{o}: {e:.1e}" for o, e in evidence.by_order.items() if o != "exact")
     lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
-    turn = ", ".join(f"{x:.2g}" for x in found.estimates.rotation.values())
-    spin = ", ".join(f"{x:.2g}" for x in found.estimates.spin.values())
+    turn = ", ".join(f"{x:.2g}" for x in evidence.rotation.values())
+    spin = ", ".join(f"{x:.2g}" for x in evidence.spin.values())
     if turn:
         lines.append(f"  largest rotation of sections by link (rad): {turn}")
     if spin:
         lines.append(
-            f"  speed of turning over the first frequency, {found.estimates.first_frequency:.4g} rad/s, by link: {spin}"
+            f"  speed of turning over the first frequency, {evidence.first_frequency:.4g} rad/s, by link: {spin}"
         )
     return lines
 
@@ -243,22 +243,22 @@ def _indicators(plan: ModelPlan) -> list[str]:
 # -- error and time of each choice -----------------------------------------------------------------------------------
 
 
-def choices_of(found: Findings) -> list[Choice]:
+def choices_of(evidence: Evidence) -> list[Choice]:
     """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
-    model = found.lean.model
+    model = evidence.lean.model
     rows: list[Choice] = []
-    about = [(group, decision) for decision in DECISIONS for group in decision.groups(found.models)]
+    about = [(group, decision) for decision in DECISIONS for group in decision.groups(evidence.models)]
     for group, decision in sorted(about, key=lambda pair: pair[0][0]):
-        where = found.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
-        rows += decision.rows(found, where, group)
-    method = Choice("arm", "method", "ab", None, "the same motion", found.trials.share(model, model, "ci"), True)
-    tried = sorted(found.settings, key=lambda run: (run.values is None, run.time))
-    return [*rows, *_planes(found, rows), method, *(_setting(found, trial) for trial in tried)]
+        where = evidence.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
+        rows += decision.rows(evidence, where, group)
+    method = Choice("arm", "method", "ab", None, "the same motion", evidence.trials.share(model, model, "ci"), True)
+    tried = sorted(evidence.settings, key=lambda run: (run.values is None, run.time))
+    return [*rows, *_planes(evidence, rows), method, *(_setting(evidence, trial) for trial in tried)]
 
 
-def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
+def _planes(evidence: Evidence, rows: list[Choice]) -> list[Choice]:
     """The row that tells whether beams bend in a plane or in space."""
-    names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
+    names = [set(link.beam.counts) for link in evidence.models.arm(evidence.lean.model).links if link.beam is not None]
     if not any(names):
         return []
     in_y = all(n <= {"bending_y", "shear_y", "extension"} for n in names)
@@ -271,22 +271,22 @@ def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
     return [Choice("arm", "beams bend in", "space", None, "its strains", None, True)]
 
 
-def _setting(found: Findings, trial: Run) -> Choice:
+def _setting(evidence: Evidence, trial: Run) -> Choice:
     words = setting_words(trial.options)
     if trial.values is None:
         why = {"cut": "given up: slow", "failed": "the run failed"}.get(trial.status, trial.status)
         return Choice("arm", "integrator", words, None, why, None, False)
-    error, time = found.trials.distance(trial, found.judge), trial.time / found.lean.time - 1.0
-    return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
+    error, time = evidence.trials.distance(trial, evidence.judge), trial.time / evidence.lean.time - 1.0
+    return Choice("arm", "integrator", words, error, RUN, time, trial is evidence.lean)
 
 
-def speed_of(found: Findings) -> dict[str, dict[str, float | int]]:
+def speed_of(evidence: Evidence) -> dict[str, dict[str, float | int]]:
     """Coordinates, time (s) and floating point operations of one evaluation of the dynamics: of the scene's own model,
     the lean and the rich one."""
     out: dict[str, dict[str, float | int]] = {}
-    for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
-        arm = found.models.arm(model)
-        out[name] = {"coordinates": arm.nv, "time": found.trials.cost(model), "operations": arm.operation_count()}
+    for name, model in (("given", evidence.models.given), ("lean", evidence.lean.model), ("rich", evidence.rich.model)):
+        arm = evidence.models.arm(model)
+        out[name] = {"coordinates": arm.nv, "time": evidence.trials.cost(model), "operations": arm.operation_count()}
     return out
 
 
@@ -345,21 +345,21 @@ def economize(
     allowed = Budget(math.inf if budget is None else budget)
     with progress_bar(progress, "deciding", None) as bar:
         tell = (lambda doing: bar(0, doing)) if bar else _quiet
-        search = EconomizeSearch(scene, measure, limit, allowed, tell)
-        found = search()
-        choices = choices_of(found)
+        search = EconomizeSearch(scene, measure, limit, budget, tell)
+        evidence = search()
+        choices = choices_of(evidence)
         search.tell = _quiet  # the plan keeps the search, and its bar is gone
-    lean, rich, trials = found.lean, found.rich, search.trials
+    lean, rich, trials = evidence.lean, evidence.rich, search.trials
     assert lean.result is not None
-    certified = found.check is not None and not found.reasons
-    error = found.off if found.check is not None else math.inf
+    certified = evidence.check is not None and not evidence.reasons
+    error = evidence.off if evidence.check is not None else math.inf
     mine, theirs = (search.models.at(run.model, run.options) for run in (lean, rich))
     if isinstance(scene.q0, str):
         mine, theirs = (replace(x, q0=scene.q0) for x in (mine, theirs))
     return ModelPlan(
         scene, mine, theirs,
-        measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
-        lean.time, allowed.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
+        measure.name, limit, atol is not None, measure.ranges, certified, evidence.reasons, error,
+        lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, evidence,
     )  # fmt: skip
 
 

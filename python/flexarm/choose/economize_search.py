@@ -16,14 +16,14 @@ from ..model.acting.voltage import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from .coordinates import some_rows
 from .decisions import DECISIONS
 from .descent import Descent
-from .findings import Estimates, Findings, keys
-from .indicators import Indicators
+from .evidence import Evidence, keys
+from .indicators import indicate
 from .integrators import by_tolerance
 from .measures import Measure
 from .models import ORDERS, BeamModel, Model, Models
+from .states import some_rows
 from .steps import differs, finer, settle
 from .symmetry import excited, growth
 from .times import times_to_compare
@@ -49,9 +49,7 @@ class EconomizeSearch:
             present activity.
     """
 
-    def __init__(
-        self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]
-    ) -> None:
+    def __init__(self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]) -> None:
         self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
         self.models = Models(scene)
         # a user's own function of a Result may rely on the scene's output times
@@ -71,90 +69,74 @@ class EconomizeSearch:
             than: have more modes of every strain than this model, too, in Legendre polynomials where possible.
         """
         many = sum(beam is not None for beam in self.models.given.beams) > 4
-        bends = [field.bending for field in _core.STRAIN_FIELDS]
-        least = [2 if bend else 1 for bend in bends] if many else [4 if bend else 2 for bend in bends]
-        more = [1 if bend else 0 for bend in bends] if many else [2 if bend else 1 for bend in bends]
+        each = [1 + field.bending for field in _core.STRAIN_FIELDS]  # modes of bending come in twos
 
         def rich(k: int, beam: BeamModel) -> BeamModel:
-            numbers, most = [], self.models.most(k)
-            for s, n in enumerate(beam.counts):
+            numbers = []
+            for s, (n, limit, two) in enumerate(zip(beam.counts, self.models.most(k), each, strict=True)):
                 want = n
                 if not (self.models.pinned or self.models.own_shapes(k, s)):
-                    want = max(n + more[s], least[s]) + (1 + bends[s]) * extra
-                    want = want if than is None else max(want, than.counts(k)[s] + 1 + bends[s])
-                limit = most[s]
+                    least, more = (two, two - 1) if many else (2 * two, two)
+                    want = max(n + more, least) + two * extra
+                    want = want if than is None else max(want, than.counts(k)[s] + two)
                 want = want if limit is None else min(want, limit)
                 numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
             return BeamModel(tuple(numbers), "exact", True)
 
         model = self.models.given.each(rich)
-        return self._based(model) if than is None else self._rebased(model)
+        return model if than is None and not self.rebase else self.models.rebased(model)
 
     def richer(self, lean: Model) -> Model:
         """The enriched model, with all coordinates of the lean one."""
-        model = self._rebased(self.enriched(0)) if lean.basis else self.enriched(0)
+        model = self.models.rebased(self.enriched(0)) if lean.basis else self.enriched(0)
         return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
-
-    def _rebased(self, model: Model) -> Model:
-        """The model in Legendre polynomials, unless something reads the elastic coordinates by number."""
-        return model if self.models.pinned else self.models.rebased(model)
-
-    def _based(self, model: Model) -> Model:
-        return self._rebased(model) if self.rebase else model
 
     def find_symmetry(self) -> None:
         """Finds the strains of each link that are excited, directly or through others."""
         few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
         scene = self.models.at(few, {})
-        moves = excited(scene)
-        found = {}
+        moves = list(zip(keys(scene.arm), excited(scene), strict=True))
+        excites = {}
         for k, link in enumerate(scene.arm.links):
-            if link.beam is None:
-                continue
-            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(len(STRAINS), dtype=bool)
-            for s, name in enumerate(STRAINS):
-                n = link.beam.counts.get(name, 0)
-                reached[s], at = moves[at : at + n].any(), at + n
-            found[k] = reached if not self.models.pinned else np.array(self.models.given.counts(k)) > 0
+            if link.beam is not None:
+                own = [s for (j, s, _), moving in moves if j == k and moving]
+                excites[k] = np.isin(np.arange(len(STRAINS)), own)
+                if self.models.pinned:
+                    excites[k] = np.array(self.models.given.counts(k)) > 0
         for group in self.models.groups:  # one choice for a group: excited in one link counts for all
-            together = np.any([found[k] for k in group], axis=0)
+            together = np.any([excites[k] for k in group], axis=0)
             self.reached |= {k: together for k in group}
 
-    def own(self) -> Model:
-        """The scene's model without dormant coordinates."""
-        return self._based(self._own())
+    def find_basis(self) -> None:
+        """Finds `own`, the scene's model without dormant coordinates. Legendre polynomials replace the scene's basis,
+        at the same count, if their first frequency (an upper bound, by Ritz's method) is lower by more than the
+        tolerance allows, or patches are driven."""
 
-    def _own(self) -> Model:
         def moving(k: int, beam: BeamModel) -> BeamModel:
             return replace(beam, counts=tuple(n * bool(m) for n, m in zip(beam.counts, self.reached[k], strict=True)))
 
-        return self.models.given.each(moving)
-
-    def find_basis(self) -> None:
-        """Decides whether Legendre polynomials replace the scene's basis, at the same count: if their first frequency
-        (an upper bound, by Ritz's method) is lower by more than the tolerance allows, or patches are driven."""
-        own = self._own()
-        other = self._rebased(own)
-        if other == own:
+        self.own = self.models.given.each(moving)
+        other = self.models.rebased(self.own)
+        if other == self.own:
             return
-        driven = bool(split_drives(self.scene.drive)[1])
-        w, better = (first_frequency(self.models.arm(model)) for model in (own, other))
-        self.rebase = driven or w - better > 0.1 * self.tol * w
+        w, better = (first_frequency(self.models.arm(model)) for model in (self.own, other))
+        self.rebase = bool(split_drives(self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
+        self.own = other if self.rebase else self.own
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
-    def estimate(self, rich: Model, base: Run) -> Estimates:
-        """Estimates the effect of each coordinate of the rich model and of each order from a run of the base."""
-        assert base.result is not None
-        scene, arm = self.models.at(rich, {}), base.result.arm
-        found = Indicators(scene, base.result, self.measure, {})
-        share = dict(zip(keys(scene.arm), found.share, strict=True))
-        share.pop((-1, -1, -1), None)
-        by_order, without = self._poorer(base)
-        w = first_frequency(arm)
-        most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
-        spin, turn = ({k: x for (name, k), x in most.items() if name == kind} for kind in ("spin", "rotation"))
-        return Estimates(share, by_order, without, spin, turn, w)
+    def estimate(self, rich: Model, evidence: Evidence) -> None:
+        """Estimates the effect of each coordinate of the rich model and of each order from the run of the base."""
+        base = evidence.base.result
+        assert base is not None
+        scene = self.models.at(rich, {})
+        sizes, _ = indicate(scene, base, self.measure, {})
+        evidence.share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
+        evidence.by_order, evidence.lacking = self._poorer(evidence.base)
+        evidence.first_frequency = first_frequency(base.arm)
+        most = {key: float(x.max()) for key, x in readings(base.arm, base, evidence.first_frequency).items()}
+        evidence.spin, evidence.rotation = ({k: x for (name, k), x in most.items() if name == kind}
+                                      for kind in ("spin", "rotation"))  # fmt: skip
 
     def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
         """Estimated errors of each order, and of each decision's variants by name."""
@@ -169,13 +151,13 @@ class EconomizeSearch:
                     variants[name] = self.models.arm(model)
                 except ValueError:
                     continue  # torsion and shear need rotary inertia; order 0 may lack inertia
-        found = Indicators(self.models.at(exact, {}), base.result, self.measure, variants).variants
-        by_order = {order: found.pop(order) for order in ORDERS if order in found}
-        return {**by_order, "exact": 0.0}, found
+        _, errors = indicate(self.models.at(exact, {}), base.result, self.measure, variants)
+        by_order = {order: errors.pop(order) for order in ORDERS if order in errors}
+        return {**by_order, "exact": 0.0}, errors
 
-    def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
+    def relevant(self, rich: Model, evidence: Evidence) -> Model:
         """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
-        small, share = _SMALL * self.tol, estimates.share
+        small, share, base = _SMALL * self.tol, evidence.share, evidence.base.model
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
@@ -190,9 +172,7 @@ class EconomizeSearch:
 
     def start(self) -> Run:
         """A first run: of the scene's own model if it can be run, else of that with exact rotation."""
-        own = self.own()
-        exact = own.but(order="exact")
-        for model in dict.fromkeys((own, exact)):
+        for model in dict.fromkeys((self.own, self.own.but(order="exact"))):
             self.tell("the scene's own model")
             trial = settle(self.trials, model, self.tol)
             if trial is not None:
@@ -201,7 +181,7 @@ class EconomizeSearch:
         why = reasons[0] if reasons else "no setting of any integrator agrees with the next finer one"
         raise ValueError(f"scene: cannot be run to this tolerance: {why}")
 
-    def __call__(self) -> Findings:
+    def __call__(self) -> Evidence:
         """Decides. After OutOfTime the result so far is returned, not certified."""
         self.find_symmetry()
         self.find_basis()
@@ -213,22 +193,23 @@ class EconomizeSearch:
         if not self.measure.span:
             self.measure.set_span(base.values)
         self.trials.states = base.result
-        found = Findings(self.trials, self.tol, base)
-        found.notes += [note] if (note := self.models.start.note) else []
-        found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
+        evidence = Evidence(self.trials, self.tol, base)
+        evidence.notes += [note] if (note := self.models.start.note) else []
+        evidence.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
         try:
-            self._decide(found)
+            self._decide(evidence)
         except OutOfTime:
-            found.reasons.append("the time for deciding was used up")
-        self.find_unstable(found)
-        return found
+            evidence.reasons.append("the time for deciding was used up")
+        self.find_unstable(evidence)
+        return evidence
 
-    def find_unstable(self, found: Findings) -> None:
+    def find_unstable(self, evidence: Evidence) -> None:
         """Tests whether disturbances of motions that symmetry excludes stay small."""
-        if self.models.pinned or found.reference.result is None:
+        run = evidence.reference
+        if self.models.pinned or run.result is None:
             return
-        rich, lean = self.enriched(0, all_strains=True), found.reference.model
+        rich, lean = self.enriched(0, all_strains=True), run.model
 
         def few(k: int, own: BeamModel) -> BeamModel:
             numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
@@ -237,140 +218,140 @@ class EconomizeSearch:
         try:
             scene = self.models.at(lean.each(few), {})
             moves = excited(scene)
-            grown = growth(scene, found.reference.result, moves)
-            if grown > _GROWTH:
-                grown = growth(scene, found.reference.result, moves, 241)
-            if grown > _GROWTH:  # too few rows for fast vibrations show false growth
-                grown = growth(scene, self.trials.at_rows(found.reference, _MANY_ROWS), moves, _MANY_ROWS)
+            for rows in (31, 241, _MANY_ROWS):  # too few rows for fast vibrations show false growth
+                result = run.result if rows < _MANY_ROWS else self.trials.at_rows(run, rows)
+                grown = growth(scene, result, moves, rows)
+                if grown <= _GROWTH:
+                    return
         except ValueError as e:
-            found.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
+            evidence.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
             return
-        if grown > _GROWTH:
-            left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
-            found.reasons.append(
-                f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
-                f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
-            )
+        left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
+        evidence.reasons.append(
+            f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
+            f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
+        )
 
-    def checked(self, rich: Model, found: Findings) -> Run:
+    def attempt(self, model: Model, options: dict[str, Any], whole: bool, base: Run) -> Run:
+        """A run of a model; if it fails, one with finer steps, or with variable steps.
+
+        Args:
+            whole: with all output times, where the integrator has fixed steps. base: a run whose time is usual.
+        """
+        setting, slow, most = self.trials.setting, by_tolerance(1e-6), max(10.0, 100.0 * base.time)
+        finer_steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
+        for tried in (options, *finer_steps, slow, {**slow, "max_order": 2}):
+            run = self.trials.run(model, tried, whole=whole and "step" in tried, most=most)
+            if run.values is not None:
+                break
+            most = max(5.0, 0.5 * self.trials.seconds)
+        return run
+
+    def checked(self, rich: Model, evidence: Evidence) -> Run:
         """A run of the enriched model with finer steps at all output times. If no integrator completes it (for example
         with switching friction and fast shear), shear and extension are left out if their estimated effect is small; a
         note tells."""
-        reference = found.reference
-        options, found.notes = finer(self.trials, reference), found.notes[: bool(self.models.start.note)]
-        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _FAST), default=0.0)
-
-        def without_more(k: int, beam: BeamModel) -> BeamModel:
-            numbers = zip(beam.counts, reference.model.counts(k), strict=True)
-            return replace(beam, counts=tuple(own if s in _FAST else n for s, (n, own) in enumerate(numbers)))
-
-        without_fast = rich.each(without_more)
-        check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
-        if check.values is None:
-            check = self.retried(rich, reference)
-        if check.values is None and without_fast != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(without_fast, options, whole="step" in options, most=self.patience())
-            check = check if check.values is not None else self.retried(without_fast, reference)
-            found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
+        options, evidence.notes = finer(self.trials, evidence.reference), evidence.notes[: bool(self.models.start.note)]
+        check = self.attempt(rich, options, True, evidence.base)
+        few = self.as_in(rich, evidence.reference.model, _FAST)
+        lost = self.effect(evidence, _FAST)
+        if check.values is None and few != rich and lost <= _SMALL * self.tol:
+            check = self.attempt(few, options, True, evidence.base)
+            evidence.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
 
-    def worth_a_check(self, rich: Model, found: Findings) -> Model:
+    def worth_a_check(self, rich: Model, evidence: Evidence) -> Model:
         """The enriched model with the extension of the reference, if more has a small estimated effect: a beam that is
         stiff in extension needs very short steps."""
-        lost = max((x for (_, s, _), x in found.estimates.share.items() if s == _EXTENSION), default=0.0)
-        if lost > _SMALL * self.tol:
-            return rich
-        return rich.each(lambda k, b: b.with_count(_EXTENSION, found.reference.model.counts(k)[_EXTENSION]))
+        small = self.effect(evidence, (_EXTENSION,)) <= _SMALL * self.tol
+        return self.as_in(rich, evidence.reference.model, (_EXTENSION,)) if small else rich
 
-    def patience(self) -> float:
-        """Time limit (s) for one more attempt at a run that has failed."""
-        return max(5.0, 0.5 * self.trials.seconds)
+    @staticmethod
+    def effect(evidence: Evidence, strains: tuple[int, ...]) -> float:
+        """The largest estimated effect of a coordinate of these strains."""
+        return max((x for (_, s, _), x in evidence.share.items() if s in strains), default=0.0)
 
-    def retried(self, model: Model, other: Run) -> Run:
-        """A run of a model that fails with the present setting: with finer steps, or with variable steps."""
-        setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
-        steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
-        for options in (*steps, slow, {**slow, "max_order": 2}):
-            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
-            if trial.values is not None:
-                break
-        return trial
+    @staticmethod
+    def as_in(rich: Model, other: Model, strains: tuple[int, ...]) -> Model:
+        """The rich model with the other's numbers of shapes of these strains."""
 
-    def _decide(self, found: Findings) -> None:
+        def change(k: int, beam: BeamModel) -> BeamModel:
+            counts = enumerate(zip(beam.counts, other.counts(k), strict=True))
+            return replace(beam, counts=tuple(own if s in strains else n for s, (n, own) in counts))
+
+        return rich.each(change)
+
+    def _decide(self, evidence: Evidence) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
-        found.estimates = self.estimate(rich, found.base)
-        relevant = self.relevant(rich, found.base.model, found.estimates)
-        reference = self.trials.run(relevant, most=max(10.0, 100.0 * found.base.time))
+        self.estimate(rich, evidence)
+        reference = self.attempt(self.relevant(rich, evidence), self.trials.setting, False, evidence.base)
         if reference.values is None:
-            reference = self.retried(reference.model, reference)
-        if reference.values is None:
-            reference = found.base  # the check measures its error
+            reference = evidence.base  # the check measures its error
         if self.models.jumps:
-            self._in_pieces(found, reference)
+            self._in_pieces(evidence, reference)
             return
         for k in range(_ROUNDS):
             assert reference.values is not None
             self.measure.set_span(reference.values)
-            found.reference = found.judge = reference
-            rich = self.worth_a_check(self.enriched(k, reference.model), found)
-            if self._descended(found, rich) or found.check is None or found.check.values is None:
+            evidence.reference = evidence.judge = reference
+            rich = self.worth_a_check(self.enriched(k, reference.model), evidence)
+            if self._descended(evidence, rich) or evidence.check is None or evidence.check.values is None:
                 return
-            reference, self.trials.setting = found.check, found.check.options
+            reference, self.trials.setting = evidence.check, evidence.check.options
 
-    def _descended(self, found: Findings, rich: Model) -> bool:
+    def _descended(self, evidence: Evidence, rich: Model) -> bool:
         """Makes the descent and its check; returns whether they agree."""
-        found.reasons, found.check = [], None
-        down = Descent(found, self.tell)
+        evidence.reasons, evidence.check = [], None
+        down = Descent(evidence, self.tell)
         model = down.reduce()
         self.tell("integrators")
-        found.lean, found.settings = down.integrate(model)
+        evidence.lean, evidence.settings = down.integrate(model)
         self.tell("check")
-        check = found.check = self.checked(rich, found)
+        check = evidence.check = self.checked(rich, evidence)
         if check.values is None:
-            found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+            evidence.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
             return False
-        if not (differs(check, found.judge) and differs(check, found.lean)):
-            found.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
-            found.check = None
+        if not (differs(check, evidence.judge) and differs(check, evidence.lean)):
+            evidence.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
+            evidence.check = None
             return False
-        found.off = self.trials.distance(found.lean, check)
-        found.gap = self.trials.distance(found.judge, check)
-        if found.off + _REMAINDER * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+        evidence.off = self.trials.distance(evidence.lean, check)
+        evidence.gap = self.trials.distance(evidence.judge, check)
+        if evidence.off + _REMAINDER * evidence.gap <= self.tol and evidence.gap <= _AGREE * self.tol:
             return True
-        found.reasons = [
-            f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
-            f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
+        evidence.reasons = [
+            f"against the check it is off by {evidence.off:.2g}, and the reference, against which choices were "
+            f"made, by {evidence.gap:.2g}; tolerance {self.tol:.2g}"
         ]
         return False
 
-    def _in_pieces(self, found: Findings, reference: Run) -> None:
+    def _in_pieces(self, evidence: Evidence, reference: Run) -> None:
         """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
         taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
         come near these."""
         if self.models.pinned or callable(self.measure.quantity):
             why = self.models.pinned or "the quantity is a function, which may count on the links"
-            found.reasons.append(f"{self.advice}; the check cannot, as {why}")
+            evidence.reasons.append(f"{self.advice}; the check cannot, as {why}")
             return
-        found.reference = reference
-        rich = replace(self.worth_a_check(self.enriched(0, reference.model), found), pieces=True)
+        evidence.reference = reference
+        rich = replace(self.worth_a_check(self.enriched(0, reference.model), evidence), pieces=True)
         self.tell("beams in pieces")
-        judge = self.trials.run(rich, most=max(10.0, 100.0 * found.base.time))
-        near = False
+        judge, near = self.trials.run(rich, most=max(10.0, 100.0 * evidence.base.time)), False
         for k in range(_ROUNDS):
             if judge.values is None or reference.values is None:
                 break
             self.measure.set_span(judge.values)
-            found.reference = reference
+            evidence.reference = reference
             near = self.trials.distance(reference, judge) <= _NEAR * self.tol
             if near:
                 break
-            reference = self.trials.run(self.enriched(2 * k + 1, found.reference.model))
-        found.judge = judge if near else found.reference  # too far from the pieces: the check reports it
+            reference = self.trials.run(self.enriched(2 * k + 1, evidence.reference.model))
+        evidence.judge = judge if near else evidence.reference  # too far from the pieces: the check reports it
         many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
         more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
-        if not self._descended(found, more) and found.check is not None:
-            found.reasons[0] += f"; {self.advice}"
+        if not self._descended(evidence, more) and evidence.check is not None:
+            evidence.reasons[0] += f"; {self.advice}"
 
     @property
     def advice(self) -> str:

@@ -8,6 +8,7 @@ integration of small matrices: less than a run.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,10 @@ from ..model.acting.load import at_time
 from ..model.acting.voltage import split_drives
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from .coordinates import Embedded, carried_v, embed, some_rows
 from .measures import Measure
+from .states import elastic_parts, embed, restated, some_rows
 
 _ROWS = 121  # rows of a run for the residuals
-
-
-def prescribed_rates(scene: Scene) -> list[int]:
-    """Indices of rates with prescribed motion."""
-    laws = scene.arm.by_rate("drive", split_drives(scene.drive)[0])
-    return [i for i, law in laws.items() if isinstance(law, Motion)]
 
 
 def _voltages(scene: Scene, t: float) -> Array:
@@ -39,13 +34,7 @@ def _voltages(scene: Scene, t: float) -> Array:
     return V
 
 
-def _feedback(scene: Scene) -> list[Any]:
-    if not scene.control:
-        return []
-    return list(control_laws(scene.arm, scene.control, scene.t, scene.loads)[0])
-
-
-def _forces(scene: Scene, arm: Arm, run: Embedded) -> Array:
+def _forces(scene: Scene, arm: Arm, run: Result) -> Array:
     """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
     patched = bool(split_drives(scene.drive)[1])
     if not scene.loads and not patched:
@@ -75,58 +64,46 @@ def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
     return out
 
 
-class Indicators:
-    """Estimated changes of a run by a richer arm.
+def indicate(
+    rich: Scene, result: Result, measure: Measure, variants: Mapping[Any, Arm]
+) -> tuple[Array, dict[Any, float]]:
+    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,); and by name, the
+    estimated difference of each variant from the richer arm.
 
     Args:
         rich: the scene with the richer arm. result: a run of a poorer one. measure: the quantity, with its span.
         variants: arms with the richer one's coordinates, poorer in another property (order, rotary inertia).
-
-    Attributes:
-        share: contribution of each coordinate of the richer arm to the quantity, over its span, (nv,).
-        variants: by name, the estimated difference of each variant from the richer arm.
     """
+    arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
+    run = embed(result, arm, rows)
+    full = _forces(rich, arm, run)
+    known = restated(_forces(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
+    missing = [full - known, *(full - _forces(rich, other, run) for other in variants.values())]
+    x = _response(rich, run, -np.stack(missing, axis=2))
+    size = measure.sense(rich, run.q)
+    share = np.array([size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)])
+    return share, {
+        name: size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
+        for k, (name, other) in enumerate(variants.items(), 1)
+    }
 
-    def __init__(self, rich: Scene, result: Result, measure: Measure, variants: dict[Any, Arm]) -> None:
-        arm = rich.arm
-        rows = some_rows(len(result.t), _ROWS)
-        run = embed(result, arm, rows)
-        self.run = run
-        full = _forces(rich, arm, run)
-        poor = Embedded(result.t[rows], result.q[rows], result.v[rows], result.a[rows])
-        known = carried_v(_forces(rich, result.arm, poor), result.arm, arm)
-        columns = [full - known]
-        columns += [full - _forces(rich, other, run) for other in variants.values()]
-        x = self._response(rich, run, -np.stack(columns, axis=2))
-        sense = measure.sense(rich, run.q)
-        own = [sense.size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)]
-        self.share = np.array(own)
-        self.total = sense.size(x[:, :, 0])
-        self.variants: dict[Any, float] = {
-            name: sense.size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
-            for k, (name, other) in enumerate(variants.items(), 1)
-        }
 
-    @staticmethod
-    def _response(scene: Scene, run: Embedded, forces: Array) -> Array:
-        arm, mid = scene.arm, len(run.t) // 2
-        M = arm._core.mass_matrix(run.q[mid])
-        K, D = np.zeros((arm.nv, arm.nv)), np.zeros((arm.nv, arm.nv))
-        for k, link in enumerate(arm.links):
-            if link.beam is not None and link.beam.ne:
-                at = slice(arm._core.first(k) + link.joint.nv, arm._core.first(k) + link.joint.nv + link.beam.ne)
-                K[at, at], D[at, at] = link.beam._core.stiffness, link.beam._core.damping
-        rates = [arm.coordinate_of(i) for i in range(arm.nv)]
-        for f in _feedback(scene):
-            column, by_q, by_v = f.column, f.by_q, f.by_v
-            c, by_rate = column[: arm.nv], np.array([by_q[j] if j >= 0 else 0.0 for j in rates])
-            K, D = K + np.outer(c, by_rate), D + np.outer(c, by_v[: arm.nv])
-        free = np.ones(arm.nv, dtype=bool)
-        free[prescribed_rates(scene)] = False
-        x = np.zeros(forces.shape)
-        if free.any() and len(run.t) > 1:
-            at2 = np.ix_(free, free)
-            dt = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
-            with np.errstate(all="ignore"):
-                x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
-        return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)
+def _response(scene: Scene, run: Result, forces: Array) -> Array:
+    """Motions (nt, nv, m) of the linearised arm under forces (nt, nv, m), from rest."""
+    arm, n = scene.arm, scene.arm.nv
+    M, K, D = arm._core.mass_matrix(run.q[len(run.t) // 2]), np.zeros((n, n)), np.zeros((n, n))
+    for _, at, beam in elastic_parts(arm):
+        K[at, at], D[at, at] = beam._core.stiffness, beam._core.damping
+    rates = [arm.coordinate_of(i) for i in range(n)]
+    for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
+        by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])
+        K, D = K + np.outer(f.column[:n], by_rate), D + np.outer(f.column[:n], f.by_v[:n])
+    laws = arm.by_rate("drive", split_drives(scene.drive)[0])
+    free = np.array([not isinstance(laws.get(i), Motion) for i in range(n)])
+    x = np.zeros(forces.shape)
+    if free.any() and len(run.t) > 1:
+        at2 = np.ix_(free, free)
+        dt = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
+        with np.errstate(all="ignore"):
+            x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
+    return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,19 +16,6 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 
 MEASURES = ("tip", "joint", "strain")
-
-
-@dataclass
-class Sense:
-    """Linear maps from the rates to the quantity: by unit, (nt or 1, places, components, nv), over the span."""
-
-    maps: list[Array]
-
-    def size(self, x: Array) -> float:
-        """The largest change of the quantity, over its span, by small motions x (nt, nv)."""
-        norms = [np.linalg.norm(np.einsum("tpcn,tn->tpc", np.broadcast_to(m, (len(x), *m.shape[1:])), x), axis=-1)
-                 for m in self.maps]  # fmt: skip
-        return float(max((n.max(initial=0.0) for n in norms), default=0.0))
 
 
 class Measure:
@@ -127,24 +113,34 @@ class Measure:
         """Largest distance over all times, places and units, over the span."""
         return max(d / self.span[u] for u, d in self.by_unit(a, b).items())
 
-    def sense(self, scene: Scene, q: Array) -> Sense:
-        """Sensitivity of the quantity to small motions about q (nt, nq); for a callable, that of the tip."""
+    def sense(self, scene: Scene, q: Array) -> Callable[[Array], float]:
+        """The largest change of the quantity, over its span, as a function of small motions (nt, nv) about q (nt, nq);
+        for a callable, that of the tip."""
+        maps = self._slopes(scene, q)
+
+        def size(x: Array) -> float:
+            moved = [np.einsum("tpcn,tn->tpc", np.broadcast_to(m, (len(x), *m.shape[1:])), x) for m in maps]
+            return max((float(np.linalg.norm(y, axis=-1).max(initial=0.0)) for y in moved), default=0.0)
+
+        return size
+
+    def _slopes(self, scene: Scene, q: Array) -> list[Array]:
+        """Derivatives of the quantity by the rates, by unit, (nt or 1, places, components, nv), over the span."""
         arm = scene.arm
         if self.quantity == "joint":
             unit = np.eye(arm.nv)
-            maps = [np.array([unit[i] if i >= 0 else 0 * unit[0] for _, i in at])[None, :, None, :] / self.span[u]
+            return [np.array([unit[i] if i >= 0 else 0 * unit[0] for _, i in at])[None, :, None, :] / self.span[u]
                     for u, at in self._joints(arm).items() if u in self.span]  # fmt: skip
-            return Sense(maps)
         if self.quantity == "strain":
             E = np.asarray(arm._core.rates(arm.zero, np.zeros(arm.nv))[2])
             beams = [k for k in self._beams() if arm.links[k].beam.ne]  # type: ignore[union-attr]
             S = np.array([arm.strain(E.T, k, 0.0) for k in beams]).transpose(0, 2, 1)  # strains are linear in q
-            return Sense([S[None, :, rows] / self.span[u] for u, rows in self._strains().items() if u in self.span])
+            return [S[None, :, rows] / self.span[u] for u, rows in self._strains().items() if u in self.span]
         J = arm.jacobian(q)[:, None, :3, :]
         if self.quantity == "tip":
-            return Sense([J / self.span["m"]])
+            return [J / self.span["m"]]
         moved = float(np.ptp(arm.frame(q)[0], axis=0).max()) or 1.0
-        return Sense([J / moved * self.ranges[""] / self.span[""]])
+        return [J / moved * self.ranges[""] / self.span[""]]
 
     def kinematic(self, scene: Scene, other: Arm, q: Array) -> float:
         """Difference of the quantity between this arm and another with the same coordinates, at the same q."""

@@ -17,9 +17,8 @@ from ..model.parts.link import Link
 from ..model.parts.sections import SectionMatrix
 from ..model.parts.taper import Taper
 from ..run.scene.scene import Scene, load
-from .coordinates import nearest
 from .pieces import Pieces, jumps
-from .starts import Start
+from .states import Start, nearest
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 _MANY = 4  # with more beams than this, equal ones get equal models
@@ -287,6 +286,8 @@ class Models:
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
         """The model in another basis if possible: "legendre", "clamped-free", or (last link with its tip) "loaded"."""
+        if self.pinned:
+            return model
         links = self.scene.arm.links
 
         def change(k: int, b: BeamModel) -> BeamModel:

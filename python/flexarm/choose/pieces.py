@@ -24,7 +24,7 @@ from ..model.parts.sections import SectionMatrix
 from ..model.parts.split import piece, split
 from ..model.parts.taper import Taper
 from ..run.scene.scene import Scene
-from .coordinates import nearest
+from .states import elastic_parts, nearest
 
 _NEAR = 1e-9  # of a beam's length: closer places count as one
 _SIZES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")
@@ -201,14 +201,13 @@ class Pieces:
     def _damping(self) -> Array:
         """Damping matrix for beams whose damping no single piece can have: a damping ratio of modes, or a matrix of
         elastic coordinates."""
-        D = np.zeros((self.arm.nv, self.arm.nv))
+        D, elastic = np.zeros((self.arm.nv, self.arm.nv)), elastic_parts(self.arm)
         for k, link in enumerate(self.whole.links):
             beam, cut = link.beam, self._pieces(k)
             if beam is None or len(cut) == 1:
                 continue
-            parts = [part for n in cut if (part := self.arm.links[n].beam) is not None]
-            at = np.concatenate([self.arm._core.first(n) + self.arm.links[n].joint.nv + np.arange(part.ne)
-                                 for n, part in zip(cut, parts, strict=True)])  # fmt: skip
+            parts = [part for n, _, part in elastic if n in cut]
+            at = np.concatenate([np.arange(rates.start, rates.stop) for n, rates, _ in elastic if n in cut])
             own = np.zeros((len(at), len(at)))
             if beam.damping_ratio:
                 own += _modal(parts, beam.damping_ratio)

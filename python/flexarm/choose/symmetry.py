@@ -14,7 +14,7 @@ from ..model.acting.voltage import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from .coordinates import embed, some_rows
+from .states import elastic_parts, embed, some_rows
 from .times import probes
 
 
@@ -73,7 +73,7 @@ def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
     return active
 
 
-def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: int = 31) -> float:
+def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: int) -> float:
     """Growth factor within a run of small motions of the rates that `excited` leaves out, in the norm of kinetic and
     elastic energy: 1 if they only vibrate, a few if they drift, large if the run is unstable against small
     disturbances, like a strut above its buckling load.
@@ -87,10 +87,8 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
     run = embed(result, arm, some_rows(len(result.t), most_rows))
     n, span = len(out), float(run.t[-1] - run.t[0])
     stiff = np.zeros((arm.nv, arm.nv))
-    for k, link in enumerate(arm.links):
-        if link.beam is not None and link.beam.ne:
-            at = slice(arm._core.first(k) + link.joint.nv, arm._core.first(k) + link.joint.nv + link.beam.ne)
-            stiff[at, at] = link.beam._core.stiffness
+    for _, at, beam in elastic_parts(arm):
+        stiff[at, at] = beam._core.stiffness
     elastic, eye = stiff[np.ix_(out, out)], np.eye(2 * n)
     mean: Array
     ahead, behind = np.minimum(np.arange(len(run.t)) + 1, len(run.t) - 1), np.maximum(np.arange(len(run.t)) - 1, 0)
@@ -119,9 +117,7 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
     return max(most, float(np.exp(min(fast, 30.0))))
 
 
-def _tangent(
-    scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array
-) -> tuple[Array, Array, Array]:
+def _tangent(scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """Stiffness, mass, and A in d/dt [x; y] = A [x; y] for small motions x of the coordinates `out` and their rates y.
     No force acts on them along the run. By differences of the inverse dynamics, which are odd in x and y."""
     arm, n, eps = scene.arm, len(out), 1e-5

@@ -15,10 +15,10 @@ from ..analysis.findings import RangeWarning
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
-from .coordinates import carried_q, carried_v, some_rows
 from .integrators import OVER_OUTPUTS
 from .measures import Measure
 from .models import Model, Models
+from .states import embed, some_rows
 from .times import between, thinned
 
 _LONG = 0.3  # s: longer runs are not repeated
@@ -266,17 +266,16 @@ class Trials:
         """The time of `cost`, measured now."""
         arm, r = self.models.arm(model), self.states
         assert r is not None
-        rows = some_rows(len(r.t), 16)
-        q, v = carried_q(r.q[rows], r.arm, arm), carried_v(r.v[rows], r.arm, arm)
-        tau, least = np.zeros(v.shape), np.inf
+        states = embed(r, arm, some_rows(len(r.t), 16))
+        tau, least = np.zeros(states.v.shape), np.inf
         for _ in range(_ROUNDS):
             started = time.perf_counter()
             try:
-                arm._core.forward_dynamics(q, v, tau, method)
+                arm._core.forward_dynamics(states.q, states.v, tau, method)
             except ValueError:
                 pass
             least = min(least, time.perf_counter() - started)
-        return least / len(q)
+        return least / len(tau)
 
     def share(self, more: Model, less: Model, method: str = "ab") -> float | None:
         """Relative extra time of an evaluation of `more` above `less` (by "ab"); None if one of them is impossible."""

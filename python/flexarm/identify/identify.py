@@ -16,8 +16,7 @@ from ..data.data import Data
 from ..run.scene.scene import Scene
 from ..run.sensitivity import RunStopped
 from .fit import Fit, FitError, FitInterrupted, FitWarning
-from .runs import scales
-from .search import Best, search
+from .search import Found, Search
 from .task import Task
 from .unknown import Parameters, drawn
 
@@ -92,30 +91,31 @@ def identify(
     for name, value in counts.items():
         if whole(name, value) < 1:
             raise ValueError(f"{name} = {value}: must be at least 1")
-    problem, told = task.problem, task.told
-    first = scales(problem.runs, told)
-    count = sum(run.measured.size for run in problem.runs) + len(problem._priors(np.zeros(len(problem.sought)))[0])
-    if count < len(problem.sought):
-        raise ValueError(f"parameters: {len(problem.sought)} numbers are sought, and there are {count} readings")
-    points = drawn(problem.sought, starts or _STARTS, whole("seed", seed))
-    alone = starts is None
+    of = task.residuals
+    search = Search(of, task.noise, max_iterations)
+    count = sum(run.measured.size for run in of.runs) + len(of.priors(np.zeros(len(of.sought)))[0])
+    if count < len(of.sought):
+        raise ValueError(f"parameters: {len(of.sought)} numbers are sought, and there are {count} readings")
+    points = drawn(of.sought, starts or _STARTS, whole("seed", seed))
     with progress_bar(progress, "identifying", None) as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warnings of intermediate runs
-        show = None if bar is None else bar if not callable(progress) else lambda done, _: progress(done)
-        best = Best(problem, show)
+        if bar is not None:
+            search.showing(bar if not callable(progress) else lambda done, _: progress(done))
         try:
-            found = search(problem, alone, points, keep, first, told, max_iterations, best)
-            missed = task.refined(found, max_iterations, best)
+            found = search(points, keep, alone=starts is None)
+            missed = task.refined(found, search)
         except RunStopped as e:
-            if problem.refused:
-                raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
-            values = {x.name: float(x.of.start or 0.0) for x in problem.sought}
+            if of.refused:
+                raise ValueError(of.why.removeprefix("parameters of scenario 0: ")) from None
+            values = {x.name: float(x.of.start or 0.0) for x in of.sought}
             said = ", ".join(f"{k} = {x:g}" for k, x in values.items())
             which = "the start" if len(points) == 1 else f"all {len(points)} starts"
             raise FitError(f"the run fails at {which} ({said}): {e}", values) from None
         except KeyboardInterrupt:
-            fit = None if best.inner is None else task.interrupted(best.inner, first, points[:1], began)
-            raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
+            fit, best = None, search.best
+            if best is not None:
+                fit = task.fit(Found(best, search.estimated(best, search.first), "interrupted"), points[:1], began)
+            raise FitInterrupted(f"interrupted after {of.count} runs; .fit is the best so far", fit) from None
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began)

@@ -21,10 +21,9 @@ from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
 from .fit import Fit, FitError
-from .problem import Problem
-from .runs import Run, measured_run, scales
-from .search import Best, Found, estimated, search, weighed
-from .simulated import scenarios
+from .residuals import Residuals, scenarios
+from .runs import Run, measured_run
+from .search import Found, Search
 from .statistics import coloured, covariance, loose, untold, whiteness
 from .unknown import Sought, drawn, sought
 
@@ -40,8 +39,8 @@ class Task:
     """A checked request for a fit."""
 
     scene: Scene
-    problem: Problem
-    told: dict[str, float]
+    residuals: Residuals
+    noise: dict[str, float]
     inputs: Any
     outputs: Any
     auto: bool  #: whether the step is automatic
@@ -58,21 +57,21 @@ class Task:
         runs = _runs(scene, data, inputs, outputs, paths)
         names = dict.fromkeys(name for run in runs for name in run.outputs)
         known_keys("noise", noise or {}, names)
-        told = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
-        for name, x in told.items():
+        noise = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
+        for name, x in noise.items():
             if not 0 < x < np.inf:
                 raise ValueError(f"noise['{name}'] = {x}: must be positive and finite")
         unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
         _check_states(runs, unknown)
         options, auto = _options(scene, runs, integrator, step)
-        problem = Problem(runs, unknown, options, default_workers(workers))
-        _finer(problem)
-        return Task(scene, problem, told, inputs, outputs, auto)
+        residuals = Residuals(runs, unknown, options, default_workers(workers))
+        _finer(residuals)
+        return Task(scene, residuals, noise, inputs, outputs, auto)
 
     def sign_hints(self, inner: Array) -> dict[str, str]:
         """Hints, by name, for columns with the opposite sign of the output at a point."""
-        found, hints = self.problem.residuals(inner), {}
-        for run, y in zip(self.problem.runs, found or [], strict=False):
+        found, hints = self.residuals.residuals(inner), {}
+        for run, y in zip(self.residuals.runs, found or [], strict=False):
             for name, r in zip(run.outputs, y, strict=True):
                 with np.errstate(invalid="ignore"):
                     agreed = np.corrcoef(r + run.data[name], run.data[name])[0, 1]
@@ -80,9 +79,9 @@ class Task:
                     hints[name] = f"and at the start it goes the other way (correlation {agreed:.2f}): look at its sign"
         return hints
 
-    def refined(self, found: Found, most: int, best: Best) -> list[str]:
+    def refined(self, found: Found, search: Search) -> list[str]:
         """Shortens the step until its effect is negligible. Returns messages about the last step."""
-        p = self.problem
+        p = self.residuals
         if p.options.get("step") is None:
             return []
         left = _HALVINGS if self.auto else 0
@@ -97,7 +96,7 @@ class Task:
             p.options["step"] /= 2**times
             p.clear()
             _finer(p)
-            weighed(p, found, self.told, most, best)
+            search.weighed(found)
         if moved < 1:
             return []
         return [
@@ -107,9 +106,9 @@ class Task:
 
     def _step_effect(self, found: Found) -> tuple[float, str]:
         """The largest change of a value by half the step, in standard deviations, and the name of that value."""
-        p = self.problem
+        p = self.residuals
         J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
-        halved = Problem(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
+        halved = Residuals(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
         finer = halved.weighted(found.inner, found.sigma)
         p.count += halved.count
         if not np.isfinite(finer).all():
@@ -128,7 +127,7 @@ class Task:
         """The fit with the uncertainty of its values."""
         from scipy.stats import t as student  # slow to import
 
-        p, inner = self.problem, found.inner
+        p, inner = self.residuals, found.inner
         residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
         assert residuals is not None
         try:
@@ -147,7 +146,7 @@ class Task:
         C = covariance(J, blocks)
         std = np.sqrt(np.diag(C))
         free = max(1, row - len(inner))
-        reach = float(student.ppf(0.975, free)) if len(self.told) < len(found.sigma) else 1.959964
+        reach = float(student.ppf(0.975, free)) if len(self.noise) < len(found.sigma) else 1.959964
         values, slopes = p.values(inner), p.slopes_of_values(inner)
         sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
         names = [x.name for x in p.sought]
@@ -161,7 +160,7 @@ class Task:
         for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
             assert not isinstance(result, RunStopped)
             runs.append(run.compared(result, setup))
-        again = replace(self, problem=Problem([], p.sought, p.options, p.workers))  # without stored points
+        again = replace(self, residuals=Residuals([], p.sought, p.options, p.workers))  # without stored points
         return Fit(
             scene=self._scene(inner, *done[0][1:3]),
             values=dict(zip(names, values.tolist(), strict=True)),
@@ -171,7 +170,7 @@ class Task:
             correlation=correlation,
             start={x.name: float(x.of.start or 0.0) for x in p.sought},
             noise=dict(found.sigma),
-            noise_told=frozenset(self.told),
+            noise_told=frozenset(self.noise),
             comparisons=runs,
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
@@ -184,16 +183,11 @@ class Task:
             _comparison_with=partial(again._validated, inner),
         )  # fmt: skip
 
-    def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:
-        """The fit at the best point of a search that Ctrl-C has ended."""
-        sigma = estimated(self.problem, inner, first, self.told)
-        return self.fit(Found(inner, sigma, "interrupted"), points, began)
-
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
         """The scene with the fitted values of its first run."""
-        p, run = self.problem, self.problem.runs[0]
-        sensors = _instruments(self.scene, run)
-        setup = p.setup(inner, sensors)
+        p, run = self.residuals, self.residuals.runs[0]
+        # the scene's sensors, followed by those that only outputs name
+        setup = p.setup(inner, (*self.scene.sensors, *run.setup.sensors[len(self.scene.sensors) :]))
         given = any(x.path.startswith(("q0", "v0")) for x in p.sought)
         state = {"q0": q0, "v0": v0} if given else {}
         options = {k: v for k, v in p.options.items() if v is not None}
@@ -204,26 +198,25 @@ class Task:
         )  # fmt: skip
 
     def _validated(self, inner: Array, data: Any, inputs: Any) -> Comparison:
-        p = self.problem
+        p = self.residuals
         if inputs is None:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
         run = measured_run(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
-        run.setup, run.q0, run.v0 = scenarios(run.setup, fixed, run.t, run.first, run.v0)[0]
+        run.setup, run.q0, run.v0 = scenarios(run, fixed)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
         own = list({x.path: x for x in own}.values())
-        problem = Problem([run], own, p.options, p.workers)
-        _finer(problem)
+        one = Residuals([run], own, p.options, p.workers)
+        _finer(one)
         point = drawn(own, 1, 0)[0] if own else np.empty(0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if own:
                 try:
-                    sigma = {**scales([run], self.told)}
-                    point = search(problem, False, point[None], 1, sigma, self.told, 50, Best(problem, None)).inner
+                    point = Search(one, self.noise, 50)(point[None], 1, False).inner
                 except RunStopped as e:
                     raise FitError(f"the run fails: {e}", {}) from None
-            setup, _, _, result = problem.finished(point, 0)
+            setup, _, _, result = one.finished(point, 0)
         if isinstance(result, RunStopped):
             raise FitError(f"the run fails: {result}", {})
         return run.compared(result, setup)
@@ -278,19 +271,14 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
     return options, auto
 
 
-def _finer(problem: Problem) -> None:
+def _finer(residuals: Residuals) -> None:
     """Adds rows between those of the data if a filter or a delay of a sensor needs them."""
-    step = problem.options.get("step")
-    for run in problem.runs:
+    step = residuals.options.get("step")
+    for run in residuals.runs:
         looks = [s for s in run.setup.sensors if isinstance(s, Sensor) and (s.filter is not None or s.delay)]
-        sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in problem.sought)
+        sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in residuals.sought)
         fine = bool(step) and (bool(looks) or sought_too)
         run.every = int(np.clip(round(run.data.step / step), 1, _ROWS)) if fine and step else 1
-
-
-def _instruments(scene: Scene, run: Run) -> tuple[Any, ...]:
-    """The scene's sensors, followed by those that only outputs name."""
-    return (*scene.sensors, *run.setup.sensors[len(scene.sensors) :])
 
 
 def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:
@@ -301,4 +289,3 @@ def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:
 def _at_bound(x: Sought, value: float) -> bool:
     near = 1e-6 * max(abs(value), x.scale if not x.log else 0.0)
     return value - x.of.low <= near or x.of.high - value <= near
-

@@ -67,7 +67,7 @@ class Inversion:
     slowed: float
     poles: tuple[Array, Array]
     exceeded: list[Exceeded] = field(default_factory=list)
-    _path: Any = None  # a Path or a Slower
+    _path: Any = None  # a Path
     _at: tuple[int, float | None] = (-1, None)  # link and x of the slice on the path
     _held: tuple[Any, ...] = ()  # (link, freedom) of locked and of passive joints
     _passive: tuple[Any, ...] = ()
@@ -202,4 +202,3 @@ def _smooth_torque(t: Array, values: Array) -> Torque:
     made = Torque.__new__(Torque)
     made.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
     return made
-

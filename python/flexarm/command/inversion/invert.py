@@ -14,10 +14,10 @@ from ..._check import Array, choice, number
 from ..._console import progress_bar
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
+from .equations import Equations
 from .inversion import Inversion
 from .limits import applied, bounds_of, exceeded, within
-from .path import Output, Path, Slower
-from .problem import Equations
+from .path import Output, Path
 from .solve import Motions
 from .window import check_rest, solve
 
@@ -112,28 +112,28 @@ def invert(
     path = Path(tip, t)
     way = float(np.ptp(path(np.linspace(path.begin, path.end, 101)), axis=0).max())
     accuracy = tolerance or min(_TOLERANCE, max(_SHARE * way, _LEAST))
-    of, keys = _equations(arm, Output(arm, link, x, path.names), passive, lock, method)
+    equations, keys = _equations(arm, Output(arm, link, x, path.names), passive, lock, method)
     bounds = bounds_of(arm, limits, keys)
-    start = _start(of, path, q, posture)
+    start = _start(equations, path, q, posture)
     window = tuple(None if w is None else _duration(n, w) for n, w in (("pre", pre), ("post", post)))
 
-    def solved(factor: float) -> tuple[Path | Slower, Motions, float, Any]:
-        slower = path if factor == 1.0 else Slower(path, factor)
-        return slower, *solve(of, slower, start, method, accuracy, window)
+    def solved(factor: float) -> tuple[Path, Motions, float, Any]:
+        slower = path.slowed(factor)
+        return slower, *solve(equations, slower, start, method, accuracy, window)
 
     with progress_bar(progress, "inverting", None) as bar:
         if bar is not None:
-            of.tell = lambda doing: bar(0.0, doing)
-        found, factor = within(solved, of, bounds, stretch)
+            equations.tell = lambda doing: bar(0.0, doing)
+        found, factor = within(solved, equations, bounds, stretch)
     slower, motions, poles = found[0], found[1], found[3]
-    tau = applied(of, motions)
+    tau = applied(equations, motions)
     out = Inversion(
         arm, method, motions.t, motions.q, motions.v, motions.a, tau, slower(motions.t), path.names, keys,
         pre=float(slower.begin - motions.t[0]), post=float(motions.t[-1] - slower.end), error=motions.error,
         edge=max(motions.edges), iterations=int(found[2]), seconds=time.perf_counter() - begun, slowed=factor,
         poles=poles,
-        exceeded=exceeded(of, motions, tau, bounds, keys), _path=slower, _at=(of.output.link, of.output.x),
-        _held=of.locked, _passive=of.passive,
+        exceeded=exceeded(equations, motions, tau, bounds, keys), _path=slower,
+        _at=(equations.output.link, equations.output.x), _held=equations.locked, _passive=equations.passive,
     )  # fmt: skip
     if rings := check_rest(slower, motions, poles, accuracy):
         warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
@@ -199,37 +199,37 @@ def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -
         )
     if method == "rigid" and free:
         raise ValueError('passive: method="rigid" has none')
-    of = Equations(arm, output, joints, inner, np.zeros(len(joints)))
-    of.elastic = method != "rigid"
-    of.locked, of.passive = tuple(locked), tuple(free)
-    return of, keys
+    equations = Equations(arm, output, joints, inner, np.zeros(len(joints)))
+    equations.elastic = method != "rigid"
+    equations.locked, equations.passive = tuple(locked), tuple(free)
+    return equations, keys
 
 
-def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
+def _start(equations: Equations, path: Path, q: Any, posture: Any) -> Array:
     """The pose at rest at the beginning of the path; sets the posture."""
     if q is not None and posture is not None:
         raise ValueError("posture: q is the posture already; give one of them")
-    arm = of.arm
+    arm = equations.arm
     name, value = ("q", q) if q is not None else ("posture", posture)
     pose = arm._place(name, value)
     wanted = path(np.array([path.begin]))[0]
-    of.posture = pose[of.joints]
-    if not of.elastic:
+    equations.posture = pose[equations.joints]
+    if not equations.elastic:
         pose = pose.copy()
-        pose[of.inner] = 0.0
-    if of.elastic:
+        pose[equations.inner] = 0.0
+    if equations.elastic:
         joints = [(n, k) for n, link in enumerate(arm.links) for k in range(link.joint.nv)]
-        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in of.passive])
+        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in equations.passive])
     if q is not None:
-        off = of.output.error(pose[None], wanted[None])[0]
-        if np.linalg.norm(off) > 1e-6 * max(1.0, of.length):
+        off = equations.output.error(pose[None], wanted[None])[0]
+        if np.linalg.norm(off) > 1e-6 * max(1.0, equations.length):
             says = ", ".join(f"{n} by {x:.4g}" for n, x in zip(path.names, off, strict=True))
             raise ValueError(
                 f"q: the path does not begin at the tip of this pose in balance: it is away in {says} (m, rad); begin "
                 "it at arm.frame(arm.equilibrium(q, lock=...)), or give posture= instead, and a pose is found"
             )
-    of.check_singular(pose, f"{name}: is a singular pose")
-    pose, _ = of.balance(pose, wanted, path.begin)
+    equations.check_singular(pose, f"{name}: is a singular pose")
+    pose, _ = equations.balance(pose, wanted, path.begin)
     if posture is None:
-        of.posture = pose[of.joints]
+        equations.posture = pose[equations.joints]
     return pose

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._check import Array, array, choice
+from ..._check import Array, choice
 from ...arm.arm import Arm
-from .problem import Equations
+from ..joint_limits import joint_limits, joint_ranges
+from .equations import Equations
 from .solve import Motions
 
 LIMITS = ("torque", "speed", "range")
@@ -33,61 +34,35 @@ class Exceeded(NamedTuple):
 
 def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
     """Limits by kind: (m,), of the range (2, m)."""
-    m, out = len(keys), {}
     if limits is not None and not isinstance(limits, Mapping):
         raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
+    rates = [arm.joint_rate(key) for key in keys]
+    out = {"range": joint_ranges(arm, "limits['range']", (limits or {}).get("range"), rates)}
     for name, value in (limits or {}).items():
-        choice("limits", name, LIMITS)
-        bounds = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
-        if name != "range" and not (bounds > 0).all():
-            raise ValueError(f"limits[{name!r}] = {value}: must be positive")
-        if name == "range" and not (bounds[:, 0] < bounds[:, 1]).all():
-            raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
-        out[name] = bounds.T
-    if "range" not in out:
-        stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),
-                                                                                 joint._per_freedom("upper", joint.nv))]
-                          for key in keys for n in [key[0] if isinstance(key, tuple) else key]
-                          for joint in [arm.links[n].joint]])  # fmt: skip
-        out["range"] = stops.reshape(m, 2).T
+        if choice("limits", name, LIMITS) != "range":
+            out[name] = joint_limits(arm, f"limits[{name!r}]", value, rates)
     return out
 
 
-def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, ...]) -> Array:
-    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` if there is none."""
-    shape = (len(keys), 2) if len(none) == 2 else (len(keys),)
-    if isinstance(value, Mapping):
-        own, rates = arm.by_rate(field, value), [arm.joint_rate(key) for key in keys]
-        for i in set(own) - set(rates):
-            raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
-        read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
-        return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
-    limits = array(field, value)
-    try:
-        return np.broadcast_to(limits, shape)
-    except ValueError:
-        raise ValueError(f"{field} has shape {limits.shape}: must fit {shape}, the driven joints") from None
-
-
-def applied(of: Equations, found: Motions) -> Array:
+def applied(equations: Equations, found: Motions) -> Array:
     """The motors' torques, with the dry friction that they overcome."""
     tau = np.zeros_like(found.tau)
-    tau[:, of.joints] = found.tau[:, of.joints]
-    first = of.arm._core.first
-    for n, link in enumerate(of.arm.links):
+    tau[:, equations.joints] = found.tau[:, equations.joints]
+    first = equations.arm._core.first
+    for n, link in enumerate(equations.arm.links):
         for k, dry in enumerate(link.joint._per_freedom("coulomb", link.joint.nv)):
             i = first(n) + k
-            if dry and i in of.joints:
+            if dry and i in equations.joints:
                 v = found.v[:, i]
                 tau[:, i] += dry * np.sign(v) * (np.abs(v) > 1e-6 * np.abs(v).max())
     return tau
 
 
 def exceeded(
-    of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
+    equations: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
 ) -> list[Exceeded]:
     out: list[Exceeded] = []
-    th, names = of.joints, [of.arm.coordinates[i] for i in of.joints]
+    th, names = equations.joints, [equations.arm.coordinates[i] for i in equations.joints]
     for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):
         if kind not in bounds:
             continue
@@ -104,14 +79,14 @@ def exceeded(
     return out
 
 
-def within(solved: Any, of: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
+def within(solved: Any, equations: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
     """A solution within the limits, and the factor by which the path is slowed for it."""
     found = solved(1.0)
     if not stretch:
         return found, 1.0
 
     def respected(motions: Motions) -> bool:
-        over = exceeded(of, motions, applied(of, motions), bounds, list(range(len(of.joints))))
+        over = exceeded(equations, motions, applied(equations, motions), bounds, list(range(len(equations.joints))))
         if any(x.kind == "range" for x in over):
             first = next(x for x in over if x.kind == "range")
             raise ValueError(f"limits: {first}, and no slowing helps; take another posture")

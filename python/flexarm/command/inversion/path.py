@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,26 +46,23 @@ class Path:
             raise ValueError("t: is for motions that are callables, and each of the tip's has its own times")
         self._spans = [_span(name, law, t) for name, law in moving]
         self.begin, self.end = min(s[0] for s in self._spans), max(s[1] for s in self._spans)
+        self._factor = 1.0
         for (name, law), span in zip(moving, self._spans, strict=True):
             _check(f"tip[{name!r}]", law, span)
 
+    def slowed(self, factor: float) -> Path:
+        """The path slowed by a factor, from the same beginning."""
+        out = copy.copy(self)
+        out._factor, out.end = factor, self.begin + factor * (self.end - self.begin)
+        return out
+
     def __call__(self, t: Array) -> Array:
         """The components at times t (nt,), at rest before and after: (nt, p)."""
+        t = self.begin + (t - self.begin) / self._factor
         out, spans = np.empty((len(t), len(self.names))), iter(self._spans)
         for k, law in enumerate(self._laws):
             out[:, k] = [law(x)[0] for x in np.clip(t, *next(spans))] if isinstance(law, Motion) else law
         return out
-
-
-class Slower:
-    """A path slowed by `factor`, from the same beginning."""
-
-    def __init__(self, path: Path, factor: float) -> None:
-        self._path, self._factor, self.names, self.begin = path, factor, path.names, path.begin
-        self.end = path.begin + factor * (path.end - path.begin)
-
-    def __call__(self, t: Array) -> Array:
-        return self._path(self.begin + (t - self.begin) / self._factor)
 
 
 def _listed() -> str:

@@ -6,7 +6,6 @@ that is long enough for both to die out: the unstable part backwards in time (Ba
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,48 +41,25 @@ def halfway(d: Array) -> Array:
 class Banded:
     """Solves M d'' + C d' + K d = r by compact differences (Numerov's): block tridiagonal, periodic.
 
-    M, C, K: functions of the node that give matrices (k, k)."""
+    M, C, K: (n, k, k), at the nodes. h: step between them."""
 
-    def __init__(self, n: int, h: float, matrices: Callable[[int], tuple[Array, Array, Array]]) -> None:
-        self._n, self._below, self._inverse, self._above, self._last = n, [], [], [], []  # type: ignore[var-annotated]
-        parts = []
-        for k in range(n):
-            M, C, K = matrices(k)
-            M, C = M / h**2, C / (2 * h)
-            # the node's blocks in the rows of its right neighbour, its own, and its left neighbour
-            parts.append((M - C + _SHARE * K, (1 - 2 * _SHARE) * K - 2 * M, M + C + _SHARE * K))
-        for k in range(n):
-            below, centre, above = parts[k - 1][0], parts[k][1], parts[(k + 1) % n][2]
-            self._below.append(below)
-            if k == n - 1:
-                break
-            last = below if k == 0 else -below @ self._last[-1]
-            if k > 0:
-                centre = centre - below @ self._above[-1]
-            if k == n - 2:
-                last = last + above
-            inverse = np.linalg.inv(centre)
-            self._inverse.append(inverse)
-            self._above.append(inverse @ above)
-            self._last.append(inverse @ last)
-        for k in range(n - 3, -1, -1):
-            self._last[k] = self._last[k] - self._above[k] @ self._last[k + 1]
-        self._closing = above
-        self._corner = np.linalg.inv(centre - below @ self._last[n - 2] - above @ self._last[0])
-        self._stacked = np.array(self._last)
+    def __init__(self, h: float, M: Array, C: Array, K: Array) -> None:
+        from scipy.sparse import coo_array  # slow to import
+        from scipy.sparse.linalg import splu
+
+        M, C, (n, size, _) = M / h**2, C / (2 * h), M.shape
+        # each node's blocks in the rows of its right neighbour, its own, and its left neighbour
+        blocks = np.stack([M - C + _SHARE * K, (1 - 2 * _SHARE) * K - 2 * M, M + C + _SHARE * K])
+        node, inside = np.arange(n), np.arange(size)
+        rows = size * ((node + np.array([[1], [0], [-1]])) % n)[..., None, None] + inside[:, None]
+        columns = size * node[:, None, None] + inside
+        places = np.broadcast_to(rows, blocks.shape).ravel(), np.broadcast_to(columns, blocks.shape).ravel()
+        self._factors = splu(coo_array((blocks.ravel(), places), shape=(n * size, n * size)).tocsc())
 
     def solve(self, r: Array) -> Array:
         """d (n, k) of r (n, k)."""
-        n, x = self._n, np.empty_like(r)
         r = _SHARE * (np.roll(r, 1, 0) + np.roll(r, -1, 0)) + (1 - 2 * _SHARE) * r
-        x[0] = self._inverse[0] @ r[0]
-        for k in range(1, n - 1):
-            x[k] = self._inverse[k] @ (r[k] - self._below[k] @ x[k - 1])
-        for k in range(n - 3, -1, -1):
-            x[k] -= self._above[k] @ x[k + 1]
-        x[n - 1] = self._corner @ (r[n - 1] - self._below[n - 1] @ x[n - 2] - self._closing @ x[0])
-        x[: n - 1] -= self._stacked @ x[n - 1]
-        return x
+        return np.asarray(self._factors.solve(r.ravel())).reshape(r.shape)
 
 
 class Mixing:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._check import Array
-from .path import Path, Slower
+from .equations import REACHED, Equations, Poses
+from .path import Path
 from .periodic import Banded, Mixing, halfway, rates
-from .problem import REACHED, Equations, Poses
 
 _ITERATIONS = 60
 _PATIENCE = 10  # iterations without gain
@@ -49,7 +49,7 @@ class Grid:
         n, keep: rows with the buffer, and without. damping: of these rows, in parts of the inertia (1/s), (n,).
     """
 
-    def __init__(self, path: Path | Slower, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
+    def __init__(self, path: Path, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
         self.path, self.step = path, (path.end - path.begin) / count
         self.keep = before + count + after + 1
         self.n = self.keep + buffer
@@ -78,19 +78,19 @@ class Grid:
 class Solver:
     """Solves on successively finer grids, each from the solution before."""
 
-    def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
-        self.of, self.path, self.poses = of, path, poses
+    def __init__(self, equations: Equations, path: Path, poses: Poses) -> None:
+        self.equations, self.path, self.poses = equations, path, poses
         self._last: Banded | None = None  # the factor last used
         self._at, self._matrices = poses.t, tuple[Array, ...]()  # M, C and K along the path, and their times
-        ends, still = poses.q[[0, -1]], np.zeros((2, of.arm.nv))
+        ends, still = poses.q[[0, -1]], np.zeros((2, equations.arm.nv))
         #: M, C, K at rest, at the start and at the end
-        self.ends = of.matrices(poses.t[[0, -1]], ends, still, still)
+        self.ends = equations.matrices(poses.t[[0, -1]], ends, still, still)
         self._inertia = self.ends[0][1]
 
     def first_guess(self, grid: Grid) -> Array:
         from scipy.interpolate import make_interp_spline  # slow to import
 
-        rest = [(1, np.zeros(self.of.arm.nq)), (2, np.zeros(self.of.arm.nq))]
+        rest = [(1, np.zeros(self.equations.arm.nq)), (2, np.zeros(self.equations.arm.nq))]
         spline = make_interp_spline(self.poses.t, self.poses.q, k=5, bc_type=(rest, rest))
         return np.asarray(spline(np.clip(grid.t, self.path.begin, self.path.end)))
 
@@ -102,20 +102,20 @@ class Solver:
 
     def still(self, grid: Grid, q: Array) -> Motions:
         """Equilibrium with gravity at each time of the grid, from a guess q."""
-        near = self.first_guess(grid)[:, self.of.joints]
-        q, off = self.of.on_path(q, grid.wanted, near)
+        near = self.first_guess(grid)[:, self.equations.joints]
+        q, off = self.equations.on_path(q, grid.wanted, near)
         self._check_path(grid, off)
-        if not len(self.of.inner):
+        if not len(self.equations.inner):
             return self._motions(grid, q, 0, 0.0)
-        zero, inner = np.zeros_like(q), self.of.inner
-        K = np.array([self.of.stiffness(x) for x in self.poses.q])
+        zero, inner = np.zeros_like(q), self.equations.inner
+        K = np.array([self.equations.stiffness(x) for x in self.poses.q])
         pose = np.abs(grid.t[:, None] - self.poses.t).argmin(axis=1)
         iteration, step = 0, np.full(1, np.inf)
         while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and iteration < _ITERATIONS:
-            r = self.of.arm._core.inverse_dynamics(q, zero, zero)[:, inner]
+            r = self.equations.arm._core.inverse_dynamics(q, zero, zero)[:, inner]
             step = -np.linalg.solve(K[pose], r[..., None])[..., 0]
             q[:, inner] += step
-            q, off = self.of.on_path(q, grid.wanted, near)
+            q, off = self.equations.on_path(q, grid.wanted, near)
             iteration += 1
         self._check_path(grid, off)
         if iteration == _ITERATIONS:
@@ -127,30 +127,30 @@ class Solver:
 
         Raises:
             NotConverged: (a ValueError)"""
-        near = self.first_guess(grid)[:, self.of.joints]
-        q, off = self.of.on_path(q, grid.wanted, near)
+        near = self.first_guess(grid)[:, self.equations.joints]
+        q, off = self.equations.on_path(q, grid.wanted, near)
         self._check_path(grid, off)
-        if not self.of.elastic or not len(self.of.inner):
+        if not self.equations.elastic or not len(self.equations.inner):
             return self._motions(grid, q, 0, 0.0)
-        inner, done, last, best_q = self.of.inner, 0, np.inf, q
+        inner, done, last, best_q = self.equations.inner, 0, np.inf, q
         for renewal in range(_RENEWALS + 1):
             if not self._matrices or renewal:
                 self._renew(grid, q, renewal)
             try:
-                solver = self._last = Banded(grid.n, grid.step, self._between(grid))
-            except np.linalg.LinAlgError:
+                solver = self._last = Banded(grid.step, *self._between(grid))
+            except RuntimeError:  # singular
                 break
             mixing, best, since = Mixing(), np.inf, 0
             for k in range(_ITERATIONS):
                 done += 1
-                self.of.tell(f"{grid.n} rows, iteration {done}")
+                self.equations.tell(f"{grid.n} rows, iteration {done}")
                 v, a = grid.motion(q)
-                r = self.of.arm._core.inverse_dynamics(q, v, a)[:, inner]
+                r = self.equations.arm._core.inverse_dynamics(q, v, a)[:, inner]
                 r[grid.keep :] += grid.damping[grid.keep :, None] * (v[grid.keep :][:, inner] @ self._inertia.T)
                 if not np.isfinite(r).all():
                     break
                 f = -solver.solve(r)
-                T, direct = self.of.follow(q)
+                T, direct = self.equations.follow(q)
                 last = _size(direct, f)
                 if last <= 0.05 * tolerance:
                     return self._motions(grid, q, done, last)
@@ -162,9 +162,9 @@ class Solver:
                 moved = mixing(q[:, inner], f) - q[:, inner]
                 q = q.copy()
                 q[:, inner] += moved
-                q[:, self.of.joints] += np.einsum("nmk,nk->nm", T, moved)
-                q, off = self.of.on_path(q, grid.wanted, near)
-                if not off.max() <= REACHED * max(1.0, self.of.length):
+                q[:, self.equations.joints] += np.einsum("nmk,nk->nm", T, moved)
+                q, off = self.equations.on_path(q, grid.wanted, near)
+                if not off.max() <= REACHED * max(1.0, self.equations.length):
                     break
             q = best_q
         raise NotConverged(
@@ -173,37 +173,33 @@ class Solver:
         )
 
     def _check_path(self, grid: Grid, off: Array) -> None:
-        if not off.max() <= REACHED * max(1.0, self.of.length):
+        if not off.max() <= REACHED * max(1.0, self.equations.length):
             k = int(off.argmax())
-            raise ValueError(self.of.unreached(grid.t[k], float(off[k]), grid.wanted[k]))
+            raise ValueError(self.equations.unreached(grid.t[k], float(off[k]), grid.wanted[k]))
 
     def _renew(self, grid: Grid, q: Array, renewal: int) -> None:
         """Computes the matrices along the motion, at some of its times; at more of them from the second time on."""
         v, a = grid.motion(q)
         inside = np.flatnonzero((grid.t > self.path.begin - 1e-9) & (grid.t < self.path.end + 1e-9))
-        first = int(np.clip(1300 // len(self.of.inner), 17, 65))
+        first = int(np.clip(1300 // len(self.equations.inner), 17, 65))
         count = min(len(inside), (first, 65, 257, 257)[renewal])
         rows = inside[np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))]
         self._at = grid.t[rows]
-        self._matrices = self.of.matrices(self._at, q[rows], v[rows], a[rows])
+        self._matrices = self.equations.matrices(self._at, q[rows], v[rows], a[rows])
 
-    def _between(self, grid: Grid):  # type: ignore[no-untyped-def]
-        at, kept = self._at, self._matrices
-        t = np.clip(grid.t, at[0], at[-1])
+    def _between(self, grid: Grid) -> tuple[Array, Array, Array]:
+        """M, C, K (n, k, k) at the nodes, straight between the times at which they are known."""
+        at, t = self._at, np.clip(grid.t, self._at[0], self._at[-1])
         left = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
-        share = (t - at[left]) / (at[left + 1] - at[left])
-
-        def at_node(k: int) -> tuple[Array, Array, Array]:
-            M, C, K = ((1 - share[k]) * X[left[k]] + share[k] * X[left[k] + 1] for X in kept)
-            return M, C + grid.damping[k] * self._inertia if grid.damping[k] else C, K
-
-        return at_node
+        share = ((t - at[left]) / (at[left + 1] - at[left]))[:, None, None]
+        M, C, K = ((1 - share) * X[left] + share * X[left + 1] for X in self._matrices)
+        return M, C + grid.damping[:, None, None] * self._inertia, K
 
     def _motions(self, grid: Grid, q: Array, iterations: int, residual: float) -> Motions:
         v, a = grid.motion(q)
-        tau = self.of.arm._core.inverse_dynamics(q, v, a)
+        tau = self.equations.arm._core.inverse_dynamics(q, v, a)
         edges, end = [0.0], grid.keep
-        if self.of.elastic and len(self.of.inner) and self._matrices:
+        if self.equations.elastic and len(self.equations.inner) and self._matrices:
             edges = [self._distance_from_rest(side, q[k], v[k]) for side, k in ((0, 0), (-1, end - 1))]
         error = max(self._halfway(grid, q), residual)
         return Motions(grid.t[:end], q[:end], v[:end], a[:end], tau[:end], grid.step, error, edges, iterations)
@@ -211,11 +207,11 @@ class Solver:
     def _distance_from_rest(self, side: int, q: Array, v: Array) -> float:
         """Distance of the arm from rest at one end of the window (side 0 or -1): from its pose, and by its rates over
         the frequency of its slowest inner mode."""
-        of = self.of
+        equations = self.equations
         M, _, K = (X[side] for X in self._matrices)
         slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).min())
         parts = [q - self.poses.q[side]] + ([v / slowest] if slowest > 0 else [])
-        return float(np.linalg.norm([of.moved(q, d) for d in parts]))
+        return float(np.linalg.norm([equations.moved(q, d) for d in parts]))
 
     def _halfway(self, grid: Grid, q: Array) -> float:
         d = q - grid.way
@@ -223,14 +219,14 @@ class Solver:
         t: Array = np.asarray(grid.t + 0.5 * grid.step, dtype=float)
         way = grid.reference(t)
         at, v, a = (halfway(x) + w for x, w in zip((d, *d_rates), way, strict=True))
-        off = np.abs(self.of.output.error(at, self.path(t)))
-        if self.of.elastic and len(self.of.inner) and self._matrices:
-            r = self.of.arm._core.inverse_dynamics(at, v, a)[:, self.of.inner]
+        off = np.abs(self.equations.output.error(at, self.path(t)))
+        if self.equations.elastic and len(self.equations.inner) and self._matrices:
+            r = self.equations.arm._core.inverse_dynamics(at, v, a)[:, self.equations.inner]
             r[grid.keep - 1 :] = 0.0
             assert self._last is not None
             K, left = self._matrices[2], np.clip(np.searchsorted(self._at, t) - 1, 0, len(self._at) - 1)
             sag = np.linalg.solve(K[left], r[..., None])[..., 0]
-            direct = self.of.follow(at)[1]
+            direct = self.equations.follow(at)[1]
             moves = [np.abs(np.einsum("npk,nk->np", direct, d)) for d in (self._last.solve(r), sag)]
             off = off + min(moves, key=np.max)
         return float(off[: grid.keep - 1].max())

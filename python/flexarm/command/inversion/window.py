@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..._check import Array
-from .path import Path, Slower
-from .problem import Equations
+from .equations import Equations
+from .path import Path
 from .solve import DECAY, MOST, Grid, Motions, NotConverged, Solver
 
 _FIRST_COUNT = 56  # intervals over the path of the first grid
@@ -73,15 +73,15 @@ def _buffer(poles: Poles, T: float, step: float) -> float:
     return 1.5 * DECAY / float(ringing.min()) if len(ringing) else 0.0
 
 
-def solve(of: Equations, path: Path | Slower, start: Array, method: str, tolerance: float,
+def solve(equations: Equations, path: Path, start: Array, method: str, tolerance: float,
            window: tuple[float | None, ...]) -> tuple[Motions, int, Poles]:  # fmt: skip
-    solver, T = Solver(of, path, of.along(path, start)), path.end - path.begin
-    dynamic = method == "stable" and len(of.inner) > 0
-    decay = max(2.0 + np.log(of.length / tolerance), 4.0)
+    solver, T = Solver(equations, path, equations.along(path, start)), path.end - path.begin
+    dynamic = method == "stable" and len(equations.inner) > 0
+    decay = max(2.0 + np.log(equations.length / tolerance), 4.0)
     none = np.zeros(0, dtype=complex)
     poles = (none, none)
     if dynamic:
-        ends = zip(*solver.ends, of.held(solver.poses.q[[0, -1]]), strict=True)
+        ends = zip(*solver.ends, equations.held(solver.poses.q[[0, -1]]), strict=True)
         start_poles, end_poles = (_poles(*matrices) for matrices in ends)
         poles = (start_poles, end_poles)
     count, longer, total, found, best, buffered = _FIRST_COUNT, [1.0, 1.0], 0, None, None, True
@@ -126,7 +126,7 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     )
 
 
-def check_rest(path: Path | Slower, found: Motions, poles: Poles, tolerance: float) -> str:
+def check_rest(path: Path, found: Motions, poles: Poles, tolerance: float) -> str:
     """A warning for an arm that does not come to rest; "" if it does.
 
     Raises:

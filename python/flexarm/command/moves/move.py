@@ -15,7 +15,7 @@ from ...data.draw.trajectory import plot_panels
 from ...model.acting.drive import Motion
 from ...run.result import Result
 from ...run.simulation import simulate
-from .plant import Plant
+from .moved_arm import MovedArm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,7 +83,7 @@ class Move:
     residual_unshaped: float
     drive: dict[Any, Motion]
     rigid_drive: dict[Any, Motion]
-    _plant: Plant = field(compare=False)
+    _plant: MovedArm = field(compare=False)
 
     @property
     def motions(self) -> tuple[Motion, ...]:
@@ -121,10 +121,10 @@ class Move:
         such as with another payload."""
         return swing(self._other(arm), self.simulate(arm), self.duration)
 
-    def _other(self, arm: Any) -> Plant:
+    def _other(self, arm: Any) -> MovedArm:
         if not isinstance(arm, Arm) or [x.joint.nv for x in arm.links] != [x.joint.nv for x in self.arm.links]:
             raise ValueError("arm: must be an Arm with the same joints as the one the move is planned for")
-        return Plant(arm, type(self._plant.driven).of(arm), self.q[0], self.q[-1])
+        return MovedArm(arm, type(self._plant.driven).of(arm), self.q[0], self.q[-1])
 
     def __repr__(self) -> str:
         return f"Move({self.duration:.4g} s, {len(self.joints)} joints, {100 * self._part():.2g} % of the vibration)"
@@ -166,7 +166,7 @@ class Move:
         return plot_panels(run.t, panels)
 
 
-def swing(plant: Plant, run: Result, duration: float) -> float:
+def swing(plant: MovedArm, run: Result, duration: float) -> float:
     """The largest distance of the arm's end from its final place, after a move (m)."""
     after = run.frame()[0][run.t >= duration * (1.0 - 1e-12)]
     return float(np.linalg.norm(after - plant.rest, axis=1).max())
@@ -175,8 +175,9 @@ def swing(plant: Plant, run: Result, duration: float) -> float:
 def held(t: Array, q: Array, v: Array, a: Array) -> tuple[Array, ...]:
     """Samples, extended by rest after the last one."""
     zero = np.zeros_like(q[:1])
-    return np.append(t, t[-1] + _HOLD), np.vstack([q, q[-1:]]), np.vstack([v[:-1], zero, zero]), np.vstack(
-        [a[:-1], zero, zero]
+    return (
+        np.append(t, t[-1] + _HOLD),
+        np.vstack([q, q[-1:]]),
+        np.vstack([v[:-1], zero, zero]),
+        np.vstack([a[:-1], zero, zero]),
     )
-
-

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +11,10 @@ from numpy.typing import NDArray
 from ..._check import Array, choice
 from ...analysis.equilibrium import elastic_rates
 from ...arm.arm import Arm
+from ..joint_limits import joint_limits, joint_ranges
 
 Indices = NDArray[np.intp]
-KINDS = ("torque", "speed", "acceleration", "jerk")
+_FAR = 1e3  # stands for a missing stop
 
 
 @dataclass(frozen=True)
@@ -64,18 +64,18 @@ class Limits:
     reach: Array
 
     @staticmethod
-    def of(arm: Arm, driven: Driven, limits: Any) -> Limits:
-        if limits is not None and not isinstance(limits, Mapping):
-            raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(KINDS)}")
-        given = {choice("limits", kind, KINDS): value for kind, value in (limits or {}).items()}
-        read = {kind: _read(arm, driven, f"limits[{kind!r}]", given.get(kind)) for kind in KINDS}
+    def of(arm: Arm, driven: Driven, torque: Any, speed: Any, acceleration: Any, jerk: Any) -> Limits:
+        values = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
+        read = {name: joint_limits(arm, name, value, driven.rates.tolist()) for name, value in values.items()}
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
-            raise ValueError(
-                f"limits: '{name}' has neither torque nor acceleration: give one, or its move takes no time"
-            )
-        return Limits(**read, **_stops(arm))
+            raise ValueError(f"torque, acceleration: '{name}' has neither: give one of them, or its move takes no time")
+        low, high = joint_ranges(arm, "stops", None, driven.rates.tolist())
+        free = np.isinf(low) & np.isinf(high)
+        low, high = np.where(free, -1.0, low), np.where(free, 1.0, high)
+        low, high = np.where(np.isinf(low), high - _FAR, low), np.where(np.isinf(high), low + _FAR, high)
+        return Limits(**read, middle=0.5 * (low + high), reach=np.where(free, np.inf, 0.5 * (high - low)))
 
     def check_stops(self, field: str, q: Array, names: list[str]) -> None:
         """ValueError where joint positions (n, nj) are beyond the stops."""
@@ -86,57 +86,3 @@ class Limits:
             raise ValueError(
                 f"{field}: {q[k, j]:.6g} of '{names[j]}' is beyond its stops; must be from {low:.6g} to {high:.6g}"
             )
-
-
-def _stops(arm: Arm) -> dict[str, Array]:
-    ends: dict[str, list[float]] = {"lower": [], "upper": []}
-    for link in arm.links:
-        for name, out in ends.items():
-            value = getattr(link.joint, name)
-            none = -np.inf if name == "lower" else np.inf
-            out += np.broadcast_to(none if value is None else value, (link.joint.nv,)).tolist()
-    low, high = np.array(ends["lower"]), np.array(ends["upper"])
-    far = 1e3  # stands for a missing stop
-    held = np.isfinite(low) | np.isfinite(high)
-    low, high = low[held], high[held]
-    low, high = np.where(np.isfinite(low), low, high - far), np.where(np.isfinite(high), high, low + far)
-    middle, reach = np.zeros(len(held)), np.full(len(held), np.inf)
-    middle[held], reach[held] = 0.5 * (low + high), 0.5 * (high - low)
-    return {"middle": middle, "reach": reach}
-
-
-def _read(arm: Arm, driven: Driven, name: str, value: Any) -> Array:
-    """One number for all joints, one for each, or a dictionary by link; None and missing keys stand for inf."""
-    out = np.full(len(driven.rates), np.inf)
-    if value is None:
-        return out
-    if isinstance(value, Mapping):
-        for i, x in arm.by_rate(name, value).items():
-            field = f"{name} of '{arm.coordinates[i]}'"
-            limit = np.inf if x is None else _numbers(field, x)
-            if np.ndim(limit):
-                raise ValueError(f"{field} = {x!r}: must be one number")
-            out[driven.rates == i] = limit
-    else:
-        finite = _numbers(name, value)
-        if finite.shape not in ((), out.shape):
-            raise ValueError(
-                f"{name} has shape {finite.shape}: must be one number, {len(out)} (one for each of "
-                f"{', '.join(driven.names)}), or a dictionary by link"
-            )
-        out[:] = finite
-    for x, joint in zip(out, driven.names, strict=True):
-        if not x > 0.0:
-            raise ValueError(f"{name} = {x:g} of '{joint}': must be positive")
-    return out
-
-
-def _numbers(name: str, value: Any) -> Array:
-    """Numbers as `array` reads them; inf stands for no limit."""
-    try:
-        out = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r}: must be numbers") from None
-    if np.isnan(out).any():
-        raise ValueError(f"{name} = {out.tolist()}: must not be nan")
-    return out

@@ -15,17 +15,16 @@ from ..._console import progress_bar
 from ...arm.arm import Arm
 from ...model.acting.drive import Motion
 from ...run.simulation import simulated
-from .collocation import casadi, collocate
 from .move import LimitUse, Move, held, swing
 from .move_limits import Driven, Limits
-from .plant import Plant
+from .moved_arm import MovedArm
 from .profile import Profile
 from .rigid import RigidMove, fastest
 from .route import Route, path_points
 from .search import PENALTIES, Aim, Found, Search
 
 Tell = Callable[[str], None] | None
-METHODS = ("fast", "shaped", "optimal", "collocation")
+METHODS = ("fast", "shaped", "optimal")
 _KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; for independent joints
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered if its frequency times the time between knots is below this
@@ -84,11 +83,10 @@ def plan_move(
         residual: vibration allowed after the move, as a part of the vibration after the time-optimal rigid move; a
             MoveWarning says if it is more.
         method: "fast": the least time along the line or the path. "optimal": the least time for independent joints,
-            which is less, and takes longer to find; with a path, and for one joint, as "fast". "collocation":
-            the same by IPOPT on all coordinates of the arm at once; without a path. It needs
-            `pip install 'flexarm[optimize]'`. "shaped": as smooth as it can be (the least largest jerk along the path)
-            in the time that the rigid arm needs plus half a period of the slowest mode, the cost of a command without
-            vibration (Singer and Seering 1990); longer if that is too short for the limits.
+            which is less, and takes longer to find; with a path, and for one joint, as "fast". "shaped": as smooth as
+            it can be (the least largest jerk along the path) in the time that the rigid arm needs plus half a period of
+            the slowest mode, the cost of a command without vibration (Singer and Seering 1990); longer if that is too
+            short for the limits.
         progress: shows progress of the search on stderr: a bar, or lines where that is no terminal; or a callable
             (done, text).
 
@@ -96,19 +94,14 @@ def plan_move(
         Move: `.drive` for `simulate`, `.duration`, `.torques`, `.limits`, `.residual`, `.plot()`.
 
     Raises:
-        ImportError: method="collocation" without CasADi.
         ValueError: bad arguments; torques that cannot hold the arm's weight, with joint, need and limit; poses beyond
             the joints' stops; a path that jumps; from = to.
 
     Warns:
-        MoveWarning: the remaining vibration is above `residual`, a limit is passed, or IPOPT did not converge.
+        MoveWarning: the remaining vibration is above `residual`, or a limit is passed.
     """
     driven = Driven.of(arm)
     choice("method", method, METHODS)
-    if method == "collocation":
-        casadi()
-        if path is not None:
-            raise ValueError('path: method="collocation" takes q_from and q_to alone; take "shaped" or "optimal"')
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:
         raise ValueError(f"residual = {residual}: must be between 0 and 1, a part of the rigid move's vibration")
@@ -117,17 +110,12 @@ def plan_move(
     within.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)
     with progress_bar(progress, "planning", None) as tell:
         say = None if tell is None else lambda text: tell(0.0, text)
-        rigid = fastest(arm, driven, route, within)
-        plant = Plant(arm, driven, route.start, route.end)
-        independent = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, within, route, rigid, len(driven.rates) if independent else 1, allowed, say)
-        if method == "collocation":
-            found = plan.collocated()
-        elif method == "shaped":
-            found = plan.shaped()
-        else:
-            found = plan.optimal() if independent else plan.fast()
-        move = plan.move(*found)
+        rigid = fastest(arm, driven, route, limits)
+        plant = MovedArm(arm, driven, route.start, route.end)
+        independent = method == "optimal" and path is None and len(driven.rates) > 1
+        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if independent else 1, allowed, say)
+        search = plan.shaped if method == "shaped" else plan.optimal if independent else plan.fast
+        move = plan.move(*search())
     _warn(move, allowed, plan.scale)
     return move
 
@@ -178,7 +166,7 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """The problem of a planned move, and the searches for its solution."""
 
-    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
+    def __init__(self, plant: MovedArm, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
                  tell: Tell) -> None:  # fmt: skip
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
@@ -248,19 +236,6 @@ class _Plan:
         first, aim = self.shaped()[0].profile, self._independent()
         first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
         return self._within(aim, self._least(aim, first))
-
-    def collocated(self) -> tuple[Found, Any]:
-        """The least time by collocation; then a little more of it, and smooth."""
-        p = self.shaped()[0].profile
-        places = np.linspace(0.0, p.duration, 2 * self.knots + 1)
-        if self.tell is not None:
-            self.tell(f"collocation from {p.duration:.4g} s")
-        found = collocate(self.plant, self.limits, self.plant.run(p.t, *p.joints(), places, float(places[1])))
-        if not found.converged:
-            warnings.warn(f"plan_move: IPOPT stopped at round {found.iterations}: {found.status}; the move may not be "
-                          "the fastest", MoveWarning, stacklevel=3)  # fmt: skip
-        first = Profile(_RESERVE * found.duration, found.alpha, self.route.start, None)
-        return self._within(self._independent(), first)
 
     def _least(self, aim: Aim, first: Profile) -> Profile:
         """The least time, and a little more."""

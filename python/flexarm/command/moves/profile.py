@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 
 from ..._check import Array
-from .response import Course
 from .route import Route
 
 
@@ -60,14 +59,6 @@ class Profile:
         z, zd, zdd = self.z()
         return (z, zd, zdd) if self.route is None else self.route.motion(z[:, 0], zd[:, 0], zdd[:, 0])
 
-    def course(self) -> Course:
-        z, zd, zdd = self.z()
-        if self.route is None:
-            one, zero = (np.broadcast_to(x, (*z.shape, z.shape[1])) for x in (np.eye(z.shape[1]), 0.0))
-            return Course(one, zero, zero, zero)
-        _, d1, d2, d3 = self.route(z[:, 0])
-        return Course(*(x[:, :, None] for x in (d1, d2 * zd, d3 * zd**2 + d2 * zdd, 2.0 * d2 * zd)))
-
     def by_alpha(self) -> tuple[Array, Array, Array]:
         """Derivatives of z and its rates at the places by alpha, of all numbers one after the other at each inner knot,
         (P, m, m (N - 1))."""
@@ -76,3 +67,14 @@ class Profile:
         parts = places, rates / T, here / T**2
         each = np.eye(m)
         return tuple(np.kron(x[:, 1:-1], each).reshape(len(x), m, -1) for x in parts)  # type: ignore[return-value]
+
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives of q, v, a of the joints at the places by alpha, as `by_alpha`, (P, nj, m (N - 1))."""
+        by_s, by_ds, by_dds = own = self.by_alpha()
+        if self.route is None:
+            return own
+        s, ds, dds = (x[:, :, None] for x in self.z())
+        _, d1, d2, d3 = (x[:, :, None] for x in self.route(s[:, 0, 0]))
+        by_v = d2 * ds @ by_s + d1 @ by_ds
+        by_a = (d3 * ds**2 + d2 * dds) @ by_s + 2.0 * d2 * ds @ by_ds + d1 @ by_dds
+        return d1 @ by_s, by_v, by_a

@@ -10,29 +10,16 @@ import numpy as np
 from ..._check import Array
 from ...run.result import Result
 from .move_limits import Indices
-from .plant import Plant
+from .moved_arm import MovedArm
 
 _FOLLOWED = 24  # modes, at most
-
-
-class Course(NamedTuple):
-    """Derivatives of joint positions, rates and accelerations by z, dz/dt and d²z/dt² of m numbers z, at each knot.
-
-    Attributes:
-        q_z, v_z, a_z, a_zd: (n, nj, m). (dv/dz' and da/dz'' are dq/dz.)
-    """
-
-    q_z: Array
-    v_z: Array
-    a_z: Array
-    a_zd: Array
 
 
 class Response(NamedTuple):
     """Derivatives by the variables (nx).
 
     Attributes:
-        left: of `Plant.left`, for the modes that are steered, (2, n, nx).
+        left: of `MovedArm.left`, for the modes that are steered, (2, n, nx).
         tau, q, v, a: of the joints' torques, positions, rates and accelerations at the knots, (N + 1, nj, nx).
     """
 
@@ -43,58 +30,41 @@ class Response(NamedTuple):
     a: Array
 
 
-class _Rows(NamedTuple):
-    """Jacobians of the generalised forces at the knots, (N + 1, nv, nv)."""
+def respond(plant: MovedArm, run: Result, slopes: tuple[Array, Array, Array], kept: int) -> Response:
+    """The response of the arm to changes of its joints' motion.
 
-    K: Array
-    D: Array
-    M: Array
-
-
-def _jacobians(plant: Plant, run: Result) -> _Rows:
-    arm, at = plant.arm, [plant.arm.coordinate_of(i) for i in range(plant.arm.nv)]
-    found = [arm.inverse_derivatives(*row) for row in zip(run.q, run.v, run.a, strict=True)]
-    K, D, M = (np.array(x) for x in zip(*found, strict=True))
-    return _Rows(K[:, :, at], D, M)
-
-
-def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array, Array], kept: int) -> Response:
-    """
     Args:
         run: rows at the knots, (N + 1).
-        by_z: derivatives of z, dz/dt, d²z/dt² by the variables, (N + 1, m, nx) each.
+        slopes: derivatives of q, v, a of the joints by the variables, (N + 1, nj, nx) each.
         kept: number of modes whose vibration is steered.
     """
-    J = _jacobians(plant, run)
+    at = [plant.arm.coordinate_of(i) for i in range(plant.arm.nv)]
+    found = [plant.arm.inverse_derivatives(*row) for row in zip(run.q, run.v, run.a, strict=True)]
+    by_q, by_v, by_a = (np.array(x) for x in zip(*found, strict=True))
+    jacobians = by_q[:, :, at], by_v, by_a
     joints, elastic = plant.driven.rates, plant.driven.elastic
-    z, zd, zdd = by_z
-    dq = course.q_z @ z
-    dv = course.v_z @ z + course.q_z @ zd
-    da = course.a_z @ z + course.a_zd @ zd + course.q_z @ zdd
 
     def forces(rows: Indices) -> Array:
-        return np.asarray(
-            J.K[:, rows][:, :, joints] @ dq + J.D[:, rows][:, :, joints] @ dv + J.M[:, rows][:, :, joints] @ da
-        )
+        return np.asarray(sum(J[:, rows][:, :, joints] @ x for J, x in zip(jacobians, slopes, strict=True)))
 
     tau = forces(joints)
     if not kept:
-        return Response(np.zeros((2, 0, z.shape[2])), tau, dq, dv, da)
+        return Response(np.zeros((2, 0, tau.shape[2])), tau, *slopes)
     shapes, w = plant.modes.shapes[:, :_FOLLOWED], plant.modes.frequencies[:_FOLLOWED]
 
     def modal(X: Array) -> Array:
         return np.asarray(shapes.T @ X[:, elastic][:, :, elastic] @ shapes)
 
-    M, D, K = modal(J.M), modal(J.D), modal(J.K)
+    K, D, M = (modal(J) for J in jacobians)
     push = np.asarray(-np.linalg.solve(M, shapes.T @ forces(elastic)), float)
     K_M, D_M = (np.asarray(np.linalg.solve(M, X), float) for X in (K, D))
     x = _march(K_M, D_M, push, w, np.diff(run.t))
     eta, rate = x[:, : len(w)] / w[:, None], x[:, len(w) :]
     acceleration = push - np.linalg.solve(M, K @ eta + D @ rate)
-    for X, y in ((J.K, eta), (J.D, rate), (J.M, acceleration)):
-        tau += X[:, joints][:, :, elastic] @ shapes @ y
+    for J, y in zip(jacobians, (eta, rate, acceleration), strict=True):
+        tau += J[:, joints][:, :, elastic] @ shapes @ y
     left = (np.stack([eta[-1], rate[-1] / w[:, None]]) * plant.modes.tip[: len(w), None])[:, :kept]
-    return Response(left, tau, dq, dv, da)
+    return Response(left, tau, *slopes)
 
 
 def _march(K: Array, D: Array, push: Array, w: Array, steps: Array) -> Array:

@@ -72,7 +72,8 @@ def fastest(arm: Arm, driven: Driven, route: Route, limits: Limits) -> RigidMove
     by_u = joint_torques(arm, driven, q, zero, d1) - still
     forth, back = joint_torques(arm, driven, q, d1, d2), joint_torques(arm, driven, q, -d1, d2)
     by_x, viscous = 0.5 * (forth + back) - still, 0.5 * (forth - back)
-    still = still + _dry(arm) * np.sign(d1)
+    dry = [x for link in arm.links for x in link.joint._per_freedom("coulomb", link.joint.nv)]
+    still = still + np.array(dry) * np.sign(d1)
     x = _profile(s, (by_u, by_x, still), (d1, d2), limits, route) if not viscous.any() else np.zeros(_INTERVALS + 1)
     with np.errstate(divide="ignore"):
         slow = 0.25 * np.nanmin(np.where(viscous == 0, np.inf, (limits.torque - np.abs(still)) / viscous) ** 2, axis=1)
@@ -98,11 +99,6 @@ def _check_weight(still: Array, s: Array, q: Array, driven: Driven, limits: Limi
             f"limits['torque'] = {limits.torque[j]:.6g} of '{driven.names[j]}': cannot hold the arm's weight at "
             f"q = {np.array2string(q[k], precision=4)} (s = {s[k]:.3f}), which takes {abs(still[k, j]):.6g} (N, N m)"
         )
-
-
-def _dry(arm: Arm) -> Array:
-    """Dry friction of each joint, (nj,)."""
-    return np.concatenate([np.broadcast_to(link.joint.coulomb, (link.joint.nv,)) for link in arm.links]).astype(float)
 
 
 def _profile(

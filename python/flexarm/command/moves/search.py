@@ -18,7 +18,7 @@ from ..._check import Array
 from ...run.result import Result
 from ...run.simulation import SimulationError
 from .move_limits import Limits
-from .plant import Plant
+from .moved_arm import MovedArm
 from .profile import Profile
 from .response import Response, respond
 
@@ -88,7 +88,7 @@ class Found:
 class Search:
     """A search from a first motion."""
 
-    def __init__(self, plant: Plant, aim: Aim, first: Profile, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, plant: MovedArm, aim: Aim, first: Profile, tell: Callable[[str], None] | None = None) -> None:
         self.plant, self.aim, self.tell = plant, aim, tell
         self.reference = first.duration
 
@@ -168,19 +168,16 @@ class Search:
         aim, p = self.aim, at.profile
         m, n = p.alpha.shape[1], len(p.alpha) - 1
         size, by_alpha = np.tile(aim.size, n - 1), p.by_alpha()
-        response = respond(self.plant, at.run, p.course(), by_alpha, aim.kept)
+        response = respond(self.plant, at.run, p.slopes(), aim.kept)
         limited = self._limited(p, at.run, response)
         left_T, tau_T = self._by_duration(at) if aim.free else (np.zeros((2, aim.kept)), None)
         if np.isfinite(aim.limits.torque).any():
             limited[0] = limited[0]._replace(by_T=0.0 if tau_T is None else tau_T)  # the torques come first
         ends = np.vstack([by_alpha[0][-1], by_alpha[1][-1] * p.duration]) * size
-        rows = _Rows(m * (n - 1))
-        for x in limited:
-            rows.add(x.by_x * size, x.by_T, _SLACK)
-        rows.add(response.left / aim.scale * size, left_T / aim.scale, _REST)
-        rows.add(_jerk_rows(n, m), 0.0, _PEAK)
-        A = np.vstack(rows.A)
-        return _Slopes(A, np.hstack([ends, np.zeros((2 * m, 4))]), np.abs(A[:, : rows.nx + 1]))
+        rows = [_rows(x.by_x * size, x.by_T, _SLACK) for x in limited]
+        rows.append(_rows(response.left / aim.scale * size, left_T / aim.scale, _REST))
+        A = np.vstack([*rows, _rows(_jerk_rows(n, m), 0.0, _PEAK)])
+        return _Slopes(A, np.hstack([ends, np.zeros((2 * m, 4))]), np.abs(A[:, : len(size) + 1]))
 
     def _next(self, at: Found, of: Found, slopes: _Slopes, trust: float) -> tuple[Profile | None, float]:
         """The solution of the linear programme about `at`, within the trust region about `of`, with the slopes of `of`;
@@ -242,22 +239,15 @@ class _Slopes(NamedTuple):
     sizes: Array
 
 
-class _Rows:
+def _rows(by_x: Array, by_T: Any, variable: int) -> Array:
     """Rows that keep absolute values below a bound and one of the last variables."""
-
-    def __init__(self, nx: int) -> None:
-        self.nx = nx
-        self.A: list[Array] = []
-
-    def add(self, by_x: Array, by_T: Any, variable: int) -> None:
-        flat = by_x.reshape(-1, self.nx)
-        rows = np.zeros((len(flat), self.nx + 4))
-        rows[:, : self.nx] = flat
-        rows[:, self.nx] = np.broadcast_to(by_T, by_x.shape[:-1]).ravel()
-        for sign in (1.0, -1.0):
-            row = sign * rows
-            row[:, self.nx + variable] = -1.0
-            self.A.append(row)
+    nx = by_x.shape[-1]
+    rows = np.zeros((by_x.size // nx, nx + 4))
+    rows[:, :nx] = by_x.reshape(-1, nx)
+    rows[:, nx] = np.broadcast_to(by_T, by_x.shape[:-1]).ravel()
+    both = np.vstack([rows, -rows])
+    both[:, nx + variable] = -1.0
+    return both
 
 
 def _jerks(profile: Profile, aim: Aim) -> Array:

@@ -1,4 +1,4 @@
-"""Checks of what `simulate_batch` and `rollout` are given."""
+"""Checks of the arguments of `simulate_batch` and `rollout`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def rows(name: str, value: ArrayLike | None, default: Array) -> Array:
 
 
 def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep") -> Array:
-    """(B or 1, count or 1, nv) from what is held over steps; not copied where it is such an array already."""
+    """Forces held over steps, (B or 1, count or 1, nv); not copied if they are such an array already."""
     if tau is None:
         return np.zeros((1, 1, nv))
     try:
@@ -68,12 +68,12 @@ def _physical_memory() -> float:
         return np.inf
 
 
-def check_memory(what: str, need: float, otherwise: str) -> None:
-    """Refuses what takes more bytes than there are."""
+def check_memory(arrays: str, need: float, otherwise: str) -> None:
+    """ValueError if arrays need more bytes than the machine has."""
     there = _physical_memory()
     if need > there:
         raise ValueError(
-            f"{what} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
+            f"{arrays} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
             f"{otherwise}"
         )
 

@@ -1,4 +1,4 @@
-"""A rollout and its vector-Jacobian product, from arrays to arrays: what flexarm.torch and flexarm.jax wrap."""
+"""A rollout and its vector-Jacobian product, from arrays to arrays, for flexarm.torch and flexarm.jax."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Rolling:
 
     @property
     def names(self) -> list[str]:
-        """Of the arguments."""
+        """Names of the arguments."""
         return ["q0", "v0", "tau", *(f"parameters['{path}']" for path in self.paths)]
 
     def scenarios(self, shapes: Sequence[tuple[int, ...]]) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Events of a batch: how often they occur differs from scenario to scenario, and a file's arrays have one shape."""
+"""Events of a batch in arrays of one shape, although their numbers differ between scenarios."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ PARTS = ("t_events", "q_events", "v_events")
 
 
 def columns(events: int, most: int, nq: int, nv: int) -> dict[str, Column]:
-    """The arrays by name: how often each event occurred, and what is kept of so many occurrences."""
+    """The arrays by name: the number of occurrences of each event, and the first `most` of them."""
     of = (events, most)
     rows = {k: Column(shape, "<f8", np.nan) for k, shape in zip(PARTS, (of, (*of, nq), (*of, nv)), strict=True)}
     return {"events": Column(of[:1], "<i4", 0), **rows}
 
 
 def packed(found: NDArray[Any], events: int, most: int, nq: int, nv: int) -> dict[str, NDArray[Any]]:
-    """These arrays from what occurred in each scenario (None: nothing is known of it); blank beyond."""
+    """These arrays from the events of each scenario (None: not known); blank beyond."""
     of = columns(events, most, nq, nv)
     out = {k: np.full((len(found), *x.shape), x.blank, x.kind) for k, x in of.items()}
     for i, scenario in enumerate(found):
@@ -33,7 +33,7 @@ def packed(found: NDArray[Any], events: int, most: int, nq: int, nv: int) -> dic
 
 
 def kept(found: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """The same arrays, as long as need be."""
+    """These arrays with room for all occurrences."""
     known = [scenario for scenario in found if scenario is not None]
     if not known:
         return {}
@@ -43,12 +43,12 @@ def kept(found: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 
 def crowded(found: NDArray[Any], most: int) -> list[int]:
-    """Scenarios in which an event occurred more often than that."""
+    """Scenarios in which an event occurred more often than `most` times."""
     return [i for i, scenario in enumerate(found) if scenario and any(len(t) > most for t in scenario[0])]
 
 
 def unpacked(held: Mapping[str, NDArray[Any]], done: NDArray[np.bool_]) -> NDArray[Any]:
-    """What occurred in each scenario that is done, (B,): lists of t, q and v of each event; None in the others."""
+    """The events of each scenario that is done, (B,): lists of t, q and v of each event; None in the others."""
     out = np.full(len(done), None)
     for i in np.flatnonzero(done):
         out[i] = tuple([np.array(held[name][i, k, :n]) for k, n in enumerate(held["events"][i])] for name in PARTS)

@@ -1,4 +1,4 @@
-"""A batch in shares, each computed by a worker of a concurrent.futures.Executor, redone where its worker dies."""
+"""A batch in shares, each computed by a worker of a concurrent.futures.Executor, again if its worker dies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from concurrent.futures.process import ProcessPoolExecutor
 from typing import Any
 
 RETRIES = 3
-_AHEAD = 64  # shares in flight where an executor does not tell how many workers it has
+_AHEAD = 64  # shares in flight if the number of workers is not known
 
 
 class Workers:
@@ -42,12 +42,12 @@ class Workers:
 
     @property
     def ahead(self) -> int:
-        """How many shares to have in flight: enough to keep all workers busy, few enough to bound memory."""
+        """Number of shares in flight: enough to keep all workers busy, few enough to bound memory."""
         known = getattr(self.now, "_max_workers", None)
         return 2 * known if isinstance(known, int) and known > 0 else _AHEAD
 
     def renew(self, cause: BaseException) -> None:
-        """After the executor broke: another in its place; the cause again where none can be made."""
+        """Replaces a broken executor. Raises the cause again if none can be made."""
         broken = self.now
         if self._make is None and type(broken) is ProcessPoolExecutor:
             # the standard library's own fields, unchanged from Python 3.7 on
@@ -57,7 +57,7 @@ class Workers:
         if self._make is None:
             raise RuntimeError(
                 f"executor: {type(broken).__name__} broke ({cause}) and takes no more work; give a callable that makes "
-                "one, and what was lost is redone"
+                "one, and lost shares are computed again"
             ) from cause
         if self._own is not None:
             self._own.shutdown(wait=False)
@@ -65,24 +65,24 @@ class Workers:
         self.generation += 1
 
     def close(self) -> None:
-        """Shuts down what was made here."""
+        """Shuts down an executor that was made here."""
         if self._own is not None:
             self._own.shutdown(wait=True, cancel_futures=True)
 
 
 def _work(attempt: int, function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """What a worker runs. The attempt is there so that a scheduler that knows tasks by their content, as dask's does,
-    takes a share that is redone for another task."""
+    """Calls the function, in a worker. A scheduler that knows tasks by their content, as dask's does, takes another
+    attempt for another task."""
     return function(**arguments)
 
 
 def _lost(error: BaseException) -> bool:
-    """Whether a worker died with the share, which is then redone; anything else is an error of the share's own."""
+    """Whether the worker of a share died; other errors are the share's own."""
     return isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__name__ == "KilledWorker"
 
 
 def _explained(error: BaseException) -> BaseException:
-    """In words, where the share could not be sent."""
+    """A clear error if the share could not be sent; else the error itself."""
     unsent = isinstance(error, pickle.PicklingError) or (
         isinstance(error, (AttributeError, TypeError)) and "pickle" in str(error).lower()
     )
@@ -109,7 +109,7 @@ def gather(
     and `again` is told.
 
     Raises:
-        ValueError: no executor; or what cannot be pickled.
+        ValueError: no executor; or something that cannot be pickled.
         RuntimeError: a part was lost each time, or its executor cannot take more work.
         Whatever function raised.
     """

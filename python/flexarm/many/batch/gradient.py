@@ -44,7 +44,7 @@ class StepDerivatives(NamedTuple):
 
 
 class Gradient(NamedTuple):
-    """Derivatives of a number that a rollout ends in.
+    """Derivatives of a number that depends on a rollout.
 
     Attributes:
         q0, v0: by its start, (..., nq) and (..., nv). tau: by its forces, (..., nstep, nv).
@@ -70,10 +70,9 @@ def step_derivatives(
     loads: Sequence[Load] | None = None,
     t: float = 0.0,
 ) -> StepDerivatives:
-    """One step from each state, and its exact Jacobians by state and forces.
-
-    They are of the method's own equations (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A
-    step that begins anew, as in a `rollout` whose forces change at every step.
+    """One step from each state, and the derivatives of its end by state and forces: those of the method's own equations
+    (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A step that begins anew, as in a `rollout`
+    whose forces change at every step.
 
     Args:
         arm: without ball joints or dry friction.
@@ -189,7 +188,7 @@ def rollout_gradient(
     )  # fmt: skip
 
 
-_SAME = 1e-3  # parts of a motion by which it may differ from the same rollout in the processor's lanes, and no more
+_SAME = 1e-3  # of a motion: largest difference from the same rollout in the processor's lanes
 
 
 class _Near(NamedTuple):
@@ -202,7 +201,7 @@ class _Near(NamedTuple):
 
 
 class _Rolls:
-    """Rollouts of a kind, taken once more on a tape, and backwards."""
+    """Rollouts with the same options, repeated on a tape, and taken backwards."""
 
     def __init__(self, integrator: Integrator, nstep: int, paths: Sequence[str], workers: int) -> None:
         check_paths(paths)
@@ -247,7 +246,7 @@ class _Rolls:
         np.add.at(forces, np.repeat(np.arange(len(tau)), np.diff(first)), applied)
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
         np.add.at(forces, ends - 1, held)
-        forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # which the motors do not give
+        forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # beyond the limits of motors
         by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
         if len(ends):
 

@@ -1,4 +1,4 @@
-"""What a batch is made of, and what is kept of it."""
+"""A batch: its scenarios, how they are run, and the arrays of their results."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ def has_friction(arm: Arm) -> bool:
 
 
 class Summary(Protocol):
-    """What is kept of each scenario in place of its rows; its attributes are part of what a file knows a batch by.
+    """Numbers of each scenario that are stored in place of its rows. Its attributes are part of a file's fingerprint.
 
     Attributes:
-        every: how many of the job's rows between two that are kept.
+        every: the job's rows between two stored ones.
     """
 
     @property
     def every(self) -> int: ...
 
     def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
-        """By name, the shape of what is kept of a scenario with so many rows."""
+        """By name, the shapes of the arrays for a scenario with this number of rows."""
 
     def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
-        """The same of all scenarios in `Job.blocks`, nan where one failed; `result` gives each as a Result."""
+        """These arrays of all scenarios in `Job.blocks`, nan if one failed; `result` gives each as a Result."""
 
 
 def renamed(message: str, names: Any) -> str:
@@ -51,7 +51,7 @@ def renamed(message: str, names: Any) -> str:
 
 @dataclass
 class Job:
-    """A batch: everything that its scenarios are made of, and how they are run. It pickles, where its laws do.
+    """A batch: its scenarios, and how they are run. It can be pickled if its laws can.
 
     Attributes:
         variation: the scenarios' arms, drives, loads and controllers.
@@ -59,9 +59,9 @@ class Job:
         q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
         outputs: of "q", "v", "a", "tau".
         integrator, step, options: of `simulate`.
-        summary: what is kept of each scenario; None: the outputs.
-        whole: scenarios of the whole batch, where this is a part of it, too; few ones are not worth the lanes.
-        balance: the word that q0 was given as, whose derivatives its runs have.
+        summary: stored of each scenario in place of the outputs; None: the outputs.
+        whole: scenarios of the whole batch, of which this may be a part; few are not worth the lanes.
+        balance: q0 if it was a word, such as "trim".
     """
 
     variation: Variation
@@ -102,7 +102,7 @@ class Job:
 
     @property
     def events(self) -> int:
-        """How many are looked for."""
+        """Number of events."""
         return len(read_events(self.options.get("events")))
 
     def sizes(self) -> dict[str, int]:
@@ -111,14 +111,14 @@ class Job:
         return {k: arm.nq if k == "q" else arm.nv for k in self.outputs}
 
     def kept(self) -> dict[str, tuple[int, ...]]:
-        """By name, the shape of what is kept of a scenario."""
+        """By name, the shapes of the stored arrays of a scenario."""
         if self.summary is not None:
             return self.summary.kept(self.variation.setup.arm, self.rows)
         return {k: (self.rows, size) for k, size in self.sizes().items()}
 
     @property
     def kept_times(self) -> Array:
-        """Of the rows that are kept."""
+        """Times of the stored rows."""
         return self.t[:: self.every][:: self.summary.every if self.summary is not None else 1]
 
     @property
@@ -126,12 +126,12 @@ class Job:
         return bool(self.events) and self.summary is None
 
     def event_sizes(self) -> tuple[int, int, int, int]:
-        """How many events, how many occurrences of each a file keeps, nq and nv."""
+        """Number of events, largest number of occurrences of each in a file, nq and nv."""
         arm = self.variation.setup.arm
         return self.events, self.rows, arm.nq, arm.nv
 
     def blocks(self, count: int) -> dict[str, Any]:
-        """Arrays for so many scenarios, to be run into."""
+        """Arrays for the results of this number of scenarios."""
         out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
         out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
         out |= {"events": np.full(count, None)} if self.events else {}

@@ -25,8 +25,8 @@ STEP_BYTES = 100  # of a step's times, here and in the core
 def problems_of(
     setups: Sequence[Setup], count: int, t: Array, events: Any, names: NDArray[np.int64] | None = None
 ) -> list[Problem]:
-    """One problem where all scenarios may share it, but for their arms, or one for each; callables of time are asked
-    once for all.
+    """One problem if all scenarios can share it, except for their arms, else one for each; callables of time are
+    sampled once for all.
 
     Args:
         setups: one, or one for each of `count` scenarios. t: times of the run.
@@ -49,7 +49,7 @@ def problems_of(
 
 
 def _differ_in_arms(setups: Sequence[Setup]) -> bool:
-    """Whether nothing differs but the arms, and nothing that acts on them depends on these."""
+    """Whether only the arms differ, and no action depends on them."""
     drive = setups[0].drive
     if any(is_patch(key) for key in drive):
         return False
@@ -62,8 +62,7 @@ def run_problems(
     tau: Array | None, integrator: Integrator, blocks: Mapping[str, Any], workers: int, alive: Any = None,
     lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """The core's run of a batch: writes into `blocks` (q, v, a, tau, events of those wanted, status, reached), and
-    gives its counts.
+    """Runs a batch in the core, into `blocks` (q, v, a, tau, events as requested, status, reached). Returns its counts.
 
     Args:
         arms: of each scenario, in place of the one problem's; or that one.
@@ -85,5 +84,5 @@ def run_problems(
 
 
 def first_missed(problems: Sequence[Problem]) -> tuple[int, RunWarning] | None:
-    """The first problem whose run has not seen a pulse of a callable, and its warning."""
+    """The first problem in which no step met a pulse of a callable, and its warning."""
     return next(((k, pulse) for k, p in enumerate(problems) for pulse in p.missed() if pulse), None)

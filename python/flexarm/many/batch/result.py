@@ -1,4 +1,4 @@
-"""What a batch gives."""
+"""The result of a batch."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OUTPUTS = ("q", "v", "a", "tau")
 
 
 def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_loads: bool = True) -> Result:
-    """Scenario i of a batch's arrays: the rows up to where it got, at the times t."""
+    """Scenario i of a batch's arrays: its rows up to its end, at the times t."""
     n = int((t <= held["reached"][i] + 1e-9 * (t[-1] - t[0])).sum())
     sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
     arrays: dict[str, Any] = {
@@ -42,16 +42,16 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
 
 @dataclass(repr=False)
 class BatchResult:
-    """The trajectories of a batch: B scenarios, nt rows each.
+    """The result of a batch: B scenarios, nt rows each.
 
     Attributes:
-        t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those not asked for are None; rows after a
-            failure or a terminal event are nan. Of a batch with a file they are mapped from it, not read.
+        t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those that were not requested are None; rows after
+            a failure or a terminal event are nan. With a file they are mapped from it, not read.
         status: (B,): 0 where the scenario was done; 1 where a terminal event ended it, as in Result; 4 where Ctrl-C
             came first; 5 where it failed.
         reached: (B,), time reached (s): the last of t, or that of the event, of Ctrl-C, of the failure.
         failures: index, time and reason of each scenario that failed.
-        parameters: values (B, ...) by path. variation: what the scenarios are made of.
+        parameters: values (B, ...) by path. variation: the setups of the scenarios.
         events: (B,): (t_events, q_events, v_events) of each scenario, as Result has them, or None where it was not
             done; None without events. A file keeps as many occurrences of each event as there are rows; where there
             are more, the scenario counts as failed.
@@ -91,8 +91,8 @@ class BatchResult:
         return self.variation.scenario(range(len(self))[index]).arm
 
     def __getitem__(self, i: int) -> Result:
-        """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan. It has derivatives
-        (`Result.gradient`), unless it is from a file, or its forces `tau` change with time."""
+        """Scenario i, with its own arm: its rows up to its end; arrays that were not requested are nan. It has
+        derivatives (`Result.gradient`), unless it is from a file, or its forces `tau` change with time."""
         i = range(len(self))[i]
         held = {k: getattr(self, k) for k in (*OUTPUTS, "status", "reached", "events")} | {"wrong": self._wrong}
         setup = self.variation.scenario(i)
@@ -140,8 +140,8 @@ class BatchResult:
 
     @staticmethod
     def load(path: str | Path, verify: bool = True) -> BatchResult:
-        """Reads what `save` or simulate_batch(out="sweep.h5") wrote, whether that was finished or not. Of the
-        parameters, those of the arm make the arms; the file does not keep drives, loads and controllers.
+        """Reads a file of `save` or of simulate_batch(out="sweep.h5"), finished or not. Parameters of the arm make the
+        arms; the file has no drives, loads and controllers.
 
         Args:
             path: the file.
@@ -170,7 +170,7 @@ class BatchResult:
 
 
 def _check_shapes(held: dict[str, Any], arm: Arm) -> None:
-    """Refuses arrays that do not fit each other and the arm."""
+    """Raises Refused for arrays that do not fit each other or the arm."""
     t, count = held["t"], len(held["status"])
     if t.dtype != np.float64 or t.ndim != 1 or not (np.diff(t) > 0).all() or not np.isfinite(t).all():
         raise Refused("its times do not increase")

@@ -1,4 +1,4 @@
-"""Many short or long runs of fixed steps, from arrays to arrays."""
+"""Many runs of fixed steps, from arrays to arrays."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _REASONS = {
     3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
 }
 RAN_AWAY, NOT_DONE, OVER = 3, 4, 5
-_LOOKS = 3  # scenarios that have grown, whose loops are looked at
+_LOOKS = 3  # scenarios of growing motion whose loops are tested
 
 #: arm, q0, loads and controllers by index
 _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
@@ -54,7 +54,7 @@ _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
 
 @dataclass(frozen=True)
 class Failure:
-    """A scenario that could not go on: its `index`, the `time` reached (s), and the `reason`."""
+    """A scenario that failed: its `index`, the `time` reached (s), and the `reason`."""
 
     index: int
     time: float
@@ -62,7 +62,7 @@ class Failure:
 
 
 class BatchInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a batch; it holds the scenarios so far, in `.result`, a Rollout or a BatchResult."""
+    """Ctrl-C during a batch. `.result` holds the results so far: a Rollout or a BatchResult."""
 
     def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
@@ -118,8 +118,8 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
 def failures_of(
     blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array
 ) -> list[Failure]:
-    """What failed of scenarios whose `blocks` the core has written; of continuous control, with the loop that is to
-    blame, if one is.
+    """The failures of scenarios whose `blocks` the core has written; with continuous control, the unstable loop that
+    caused one.
 
     Args:
         scenario: arm, q0, loads and control by index. times: of the run.
@@ -141,13 +141,12 @@ def failures_of(
 
 
 def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
-    """What `worst_range` finds in each scenario's rows at times t (nout,), q (B, nout, nq): (B, 4), nan of those in
-    range."""
+    """`worst_range` of each scenario's rows at times t (nout,), q (B, nout, nq): (B, 4), nan for those in range."""
     found, rows, beams = np.full((len(q), 4), np.nan), q.reshape(-1, q.shape[2]), [x.beam for x in arms[0].links]
     lost = np.isnan(rows[:, 0])
     rows = rows[~lost] if lost.any() else rows
     alike = all(arm is arms[0] or all(x.beam is b for x, b in zip(arm.links, beams, strict=True)) for arm in arms)
-    if alike and worst_range(arms[0], np.zeros(len(rows)), rows) is None:  # mostly one look at all is enough
+    if alike and worst_range(arms[0], np.zeros(len(rows)), rows) is None:  # usually one test of all rows is enough
         return found
     for k, rows in enumerate(q):
         here = ~np.isnan(rows[:, 0])
@@ -159,9 +158,9 @@ def judge(
     blocks: Mapping[str, Any], scenario: _Scenario, problems: Sequence[Problem], times: Array, every: int,
     integrator: str, step: float,
 ) -> None:  # fmt: skip
-    """Notes in blocks["wrong"], (B,), the warnings that scenarios deserve; arguments as of `failures_of`. Of
-    several that one arm or control makes wrong, the fastest few are looked at: loops of continuous control where rates
-    have grown, steps of an explicit integrator there, where the arm moves fast, and where a run failed.
+    """Stores in blocks["wrong"], (B,), warnings of scenarios; arguments as of `failures_of`. Tested are the fastest few
+    scenarios of an arm: loops of continuous control if rates have grown; steps of an explicit integrator, also if the
+    arm moves fast or a run failed.
 
     Args:
         problems: that were run. every: times between two rows. integrator, step (s): of the run.
@@ -197,7 +196,7 @@ def judge(
 
 
 def _reached_rows(blocks: Mapping[str, Any], t: Array, k: int) -> tuple[Array, Array, Array] | None:
-    """Of scenario k, if they are kept."""
+    """The rows of scenario k up to its end, if they are stored."""
     if not {"q", "v"} <= blocks.keys():
         return None
     q, v = blocks["q"][k], blocks["v"][k]
@@ -206,7 +205,7 @@ def _reached_rows(blocks: Mapping[str, Any], t: Array, k: int) -> tuple[Array, A
 
 
 def lowest(wrong: NDArray[Any]) -> dict[type, RunWarning]:
-    """Of each kind of warning in `wrong`, (B,), that of the lowest scenario, which it names."""
+    """The first warning of each kind in `wrong`, (B,), with the number of its scenario."""
     found: dict[type, RunWarning] = {}
     for k, own in enumerate(wrong):
         for warning in own or ():
@@ -216,7 +215,7 @@ def lowest(wrong: NDArray[Any]) -> dict[type, RunWarning]:
 
 
 def _listed(name: str, given: Any, count: str) -> list[Any]:
-    """What is given once, or, as a list of lists, for each scenario."""
+    """An argument given once or, as a list of lists, for each scenario."""
     several = isinstance(given, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in given)
     if several and not all(isinstance(c, (list, tuple)) for c in given):
         raise ValueError(f"{name} = {given!r}: must be {count}, a list of them, or such a list for each scenario")
@@ -224,7 +223,7 @@ def _listed(name: str, given: Any, count: str) -> list[Any]:
 
 
 def _drives(drive: Any, step: float, nstep: int) -> list[dict[Any, Any]]:
-    """The drives of all scenarios, or of each, where values at half steps differ."""
+    """The drives of all scenarios, or of each if values at half steps differ."""
     made: list[dict[Any, Any]] = [{}]
     if drive is not None and not isinstance(drive, Mapping):
         raise ValueError(f"drive = {drive!r}: must be a dictionary, by link")
@@ -265,10 +264,8 @@ def rollout(
     out: Mapping[str, Array] | None = None,
     progress: Any = False,
 ) -> Rollout:
-    """Takes B scenarios through `nstep` equal steps, arrays to arrays, in C++, over threads.
-
-    Arguments that are not given B times are the same for all, and not copied. The result of a scenario depends neither
-    on the workers nor on the others.
+    """Takes B scenarios through `nstep` equal steps from t = 0, in C++, over threads. Arguments that are not given B
+    times are alike for all, without a copy. The result of a scenario depends neither on the workers nor on the others.
 
     Args:
         arm: an arm, or B arms with the same coordinates.
@@ -298,11 +295,11 @@ def rollout(
 
     Raises:
         ValueError: bad arguments.
-        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds the results so far.
 
     Warns:
-        RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
-            that did not fail; `stats["out_of_range"]` tells how many.
+        RangeWarning: a beam bent beyond the range of its order, or turned inside out, in scenarios that did not fail;
+            `stats["out_of_range"]` is their number.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of a scenario's arm, which has grown; a callable has a pulse
             between two steps that no step has seen.
@@ -320,7 +317,7 @@ def rolled(
     control: Any = None, events: Any = None, workers: Any = None, rtol: Any = None, spectral_radius: Any = None,
     lanes: bool = True, out: Any = None, progress: Any = False,
 ) -> Rollout:  # fmt: skip
-    """As `rollout`, but its warnings are told to `tell`."""
+    """As `rollout`, but `tell` is called with each warning."""
     arms = _check_arms(arm)
     one = arms[0]
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)

@@ -78,7 +78,7 @@ def make_job(
 
 
 def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
-    """Where each scenario is in balance at time t (s), (B or 1, nq)."""
+    """The balance of each scenario at time t (s), (B or 1, nq)."""
     check_one_start(word, variation.values)
     if tau is not None and word == "equilibrium":
         raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
@@ -93,7 +93,7 @@ def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
 
 
 def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
-    """What the scenarios have in common, checked."""
+    """The common setup of the scenarios, checked."""
     if drive is not None and not isinstance(drive, Mapping):
         raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
     for key, law in (drive or {}).items():
@@ -103,7 +103,7 @@ def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
         if given is not None and not isinstance(given, (list, tuple, Controller)):
             raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
     if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
+        raise ValueError(f"arm = {arm!r}: must be an Arm; give differences as parameters")
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
     return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
 
@@ -131,21 +131,19 @@ def simulate_batch(
     batch: int | None = None,
     **options: Any,
 ) -> BatchResult:
-    """Simulates B scenarios that differ in start, forces, parameters, over threads.
-
-    Arguments that are not given B times are the same for all. The result of a scenario depends neither on the workers
-    nor on the others; one that fails is reported, and spoils no other.
+    """Simulates B scenarios over threads. Arguments that are not given B times are alike for all. The result of a
+    scenario depends neither on the workers nor on the others; a failed one is reported, and does not affect others.
 
     Args:
         arm, t, drive, loads, control: as of `simulate`.
         q0, v0: (B, nq) or (nq,), (B, nv) or (nv,). A q0 of "equilibrium" or "trim" is the balance of each scenario.
         tau: generalised forces (N, N m), (B, nt, nv) or (nt, nv), held from t[k] to t[k + 1]; the last row acts on
             nothing. An axis of length 1 stands for all scenarios or times.
-        parameters: what differs, each (B, ...), by its path in a scene: "link.0.tip.mass", "link.1.beam.length",
+        parameters: values (B, ...), by their paths in a scene: "link.0.tip.mass", "link.1.beam.length",
             "link.0.beam.material.youngs_modulus", "link.0.tip.com.1", "gravity" (B, 3), "gravity.2", "control.0.kp",
             "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.offset", "drive.0.delay", "drive.0.value"
             of a constant torque, "q0.1".
-            Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
+            Beams and links that repeat are built once. Modes and joints, which change the coordinates, cannot differ.
         integrator, options: as of `simulate`; the step is the shortest time between two of t, if none is given.
             "implicit" and "rk4" run wholly in the core, whatever acts on the arm; other integrators, and dry friction
             with "rk4", take one `simulate` for each scenario. `stats["engine"]` says which; docs/batch.md has a table
@@ -157,11 +155,11 @@ def simulate_batch(
             done about ten times a second (with an executor: whenever a share is done) and at the end, and may raise to
             give up.
         out: arrays by name that the result is written into; or a file ("sweep.h5"), written as the scenarios are
-            done: the same call again does what is missing, whatever stopped it, and what is damaged.
+            done: the same call again computes missing and damaged ones, whatever stopped it.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
         name: for a file, where functions or objects take part that are not flexarm's: a name for all of them, such as
-            "law 2", and another one when you change them. Their code is not compared; what they hold is.
+            "law 2", and another one when you change them. Their code is not compared; their attributes are.
         executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
@@ -174,10 +172,10 @@ def simulate_batch(
 
     Raises:
         ValueError: bad arguments, nan and inf among them; a scenario's, with its index. Nothing is run then.
-        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds the results so far.
 
     Warns:
-        RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        RangeWarning: a beam bent beyond the range of its order, in at least one scenario.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning, SlowWarning: as `simulate`. Of each kind, that of the lowest scenario found.
     """
@@ -210,7 +208,7 @@ def simulate_batch(
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
     found = lowest(held["wrong"])
-    if beyond.size:  # a loop that bends its beams too far is named instead
+    if beyond.size:  # if a loop bent the beams too far, its warning replaces this one
         i = int(beyond[0])
         loop = _loop_of(job, i, float(held["reached"][i]))
         if loop is None:
@@ -224,14 +222,14 @@ def simulate_batch(
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
-    """The loop of control that has bent the beams of scenario i too far by the time reached (s), if one has."""
+    """The unstable loop of control that bent the beams of scenario i too far by the time reached (s), or None."""
     s, q0, prescribed = _start(job, i)
     span = reached - float(job.t[0])
     return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, span, True) if s.control else None
 
 
 def _start(job: Job, i: int) -> tuple[Setup, Array, list[int]]:
-    """Of scenario i: how it is made, where it begins, and which rates are prescribed."""
+    """Setup and initial coordinates of scenario i, and its prescribed rates."""
     s = job.variation.scenario(i)
     joints = s.arm.by_rate("drive", split_drives(s.drive)[0])
     q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]

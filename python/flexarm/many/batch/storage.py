@@ -1,4 +1,4 @@
-"""Where the results of a batch go, chunk by chunk: arrays in memory, or a file that is taken up again."""
+"""Stores of a batch's results, filled chunk by chunk: arrays in memory, or a file that can be continued."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REASON_BYTES = 500  # of a failure's reason
 
 
 def job_marks(job: Job, name: str | None) -> dict[str, str]:
-    """Hashes of everything that a batch's results follow from; `name` is the user's, for functions and classes."""
+    """Hashes of all inputs of a batch; `name` is the user's, for functions and classes."""
     s = job.variation.setup
     parts: dict[str, Any] = {"arm": s.arm, "parameters": job.variation.values}
     parts |= {f"drive {key}": law for key, law in s.drive.items()}
@@ -39,23 +39,23 @@ def job_marks(job: Job, name: str | None) -> dict[str, str]:
 
 
 def about(variation: Variation) -> dict[str, Any]:
-    """What a saved batch says of itself, beside its arrays."""
+    """Description of a saved batch, beside its arrays."""
     setup = variation.setup
     return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": len(setup.loads)}
 
 
 def _once(t: Array, variation: Variation) -> dict[str, tuple[Any, Any]]:
-    """The arrays that all scenarios have in common, with their titles."""
+    """The arrays common to all scenarios, with their titles."""
     return {"t": (t, [("t", "s")]), **{f"parameters/{k}": (x, ()) for k, x in variation.values.items()}}
 
 
 def in_bytes(reason: str) -> bytes:
-    """As a file keeps it: cut between two letters."""
+    """A reason as a file stores it: cut between two letters."""
     return reason.encode()[:REASON_BYTES].decode(errors="ignore").encode()
 
 
 def _packed(wrong: Iterable[RunWarning]) -> bytes:
-    """A line of JSON for each, of those that have room in a file."""
+    """A line of JSON for each warning, as long as there is room in a file."""
     out = b""
     for x in wrong:
         line = json.dumps({**vars(x), "kind": type(x).__name__, "finding": vars(x.finding)}, default=float).encode()
@@ -71,7 +71,7 @@ def _unpacked(lines: bytes) -> list[RunWarning] | None:
 
 
 def failures_in(held: Mapping[str, Any]) -> list[Failure]:
-    """What failed, of a file's status, reached and reason."""
+    """The failures, from a file's status, reached and reason."""
     bad = np.flatnonzero(~np.isin(held["status"], (0, ENDED, NOT_DONE)))
     return [Failure(int(i), float(held["reached"][i]), held["reason"][i].decode(errors="replace")) for i in bad]
 
@@ -95,13 +95,13 @@ def read(path: Path, verify: bool) -> dict[str, Any]:
 
 
 def write_file(path: Path, t: Array, variation: Variation, arrays: Mapping[str, NDArray[Any]], told: Any) -> None:
-    """A finished file as `File` makes it, of arrays with a row for each scenario, which no batch takes up again."""
+    """Writes a file as `File` makes it, from arrays with a row for each scenario; no batch can continue it."""
     blank, names = {"f": np.nan, "i": 0, "S": ""}, titles(variation.setup.arm)
     columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind], names.get(k, ())) for k, x in arrays.items()}
     columns["status"] = columns["status"]._replace(blank=NOT_DONE)
     marks = {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
     done = np.flatnonzero(arrays["status"] != NOT_DONE)
-    pieces = (done[first : first + 1024] for first in range(0, len(done), 1024))  # so that little of it is in memory
+    pieces = (done[first : first + 1024] for first in range(0, len(done), 1024))  # limits memory
     rows = ((part, {k: x[part] for k, x in arrays.items()}) for part in pieces)
     ScenarioFile(path, len(arrays["status"]), columns, _once(t, variation), {**told, "marks": marks}, False,
                  "batch", "path =", "give another name", rows).abandon()  # fmt: skip
@@ -111,7 +111,7 @@ class Memory:
     """Arrays for all scenarios.
 
     Args:
-        out: arrays of the user's, by name, that take the place of new ones.
+        out: arrays of the user, by name, to write into.
     """
 
     def __init__(self, job: Job, count: int, out: Mapping[str, Array] | None = None) -> None:
@@ -126,13 +126,13 @@ class Memory:
         return np.flatnonzero(~self._touched)
 
     def blocks(self, part: NDArray[np.int64]) -> dict[str, Any]:
-        """Arrays that these scenarios, which follow each other, are computed into."""
+        """Arrays for the results of these consecutive scenarios."""
         if self._job.summary is not None:
             return self._job.blocks(len(part))
         return {k: x[part[0] : part[-1] + 1] for k, x in self._held.items()}
 
     def write(self, part: NDArray[np.int64], blocks: Mapping[str, Any], failures: list[Failure]) -> None:
-        """What was computed of these scenarios."""
+        """Stores the results of these scenarios."""
         for k, block in blocks.items():
             if not np.may_share_memory(block, self._held[k]):
                 self._held[k][part] = block
@@ -143,7 +143,7 @@ class Memory:
         """After an error."""
 
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
-        """What is kept, and what failed. Of scenarios that Ctrl-C came to before they were written, nothing."""
+        """The arrays, and the failures. Scenarios that Ctrl-C ended before they were written are blank."""
         blank = {**dict.fromkeys(self._job.kept(), np.nan), "status": NOT_DONE, "reached": self._job.t[0]}
         for k, value in {**blank, "out_of_range": np.nan, "wrong": None}.items():
             self._held[k][~self._touched] = value
@@ -151,15 +151,15 @@ class Memory:
 
 
 class File:
-    """A file, which holds what was done before; see `ScenarioFile`. ValueError when it is another batch's, or cannot be
-    written.
+    """A file, which may hold scenarios done before; see `ScenarioFile`. ValueError if it is another batch's, or cannot
+    be written.
 
     Args:
         name: see `marks`. more: names and units of the columns of a summary.
         what, where, otherwise: see `ScenarioFile`.
 
     Attributes:
-        damaged: how many scenarios are to be computed again because their data were damaged.
+        damaged: number of scenarios to compute again because their data were damaged.
     """
 
     def __init__(
@@ -185,11 +185,11 @@ class File:
         return np.flatnonzero(~self._file.done())
 
     def blocks(self, part: NDArray[np.int64]) -> dict[str, Any]:
-        """Arrays that these scenarios are computed into."""
+        """Arrays for the results of these scenarios."""
         return self._job.blocks(len(part))
 
     def write(self, part: NDArray[np.int64], blocks: Mapping[str, Any], failures: list[Failure]) -> None:
-        """What was computed of these scenarios; those that Ctrl-C came to first are left out."""
+        """Stores the results of these scenarios, except those that Ctrl-C ended."""
         whole = blocks["status"] != NOT_DONE
         indices, rows = part[whole], {k: x[whole] for k, x in blocks.items()}
         if self._events:
@@ -201,7 +201,7 @@ class File:
         self._file.write(indices, rows)
 
     def _crowded(self, indices: NDArray[np.int64], rows: Mapping[str, Any]) -> list[Failure]:
-        """Scenarios in which an event occurred more often than the file has room for: they count as failed."""
+        """Failures: scenarios with more occurrences of an event than the file has room for."""
         most, found = self._job.rows, []
         for k in batch_events.crowded(rows["events"], most):
             rows["status"][k] = FAILED
@@ -215,7 +215,7 @@ class File:
         self._file.abandon()
 
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
-        """Closes the file; what it holds, the large arrays mapped from it, not read; and what failed."""
+        """Closes the file. Returns its arrays, the large ones mapped, not read; and the failures."""
         self._file.close()
         arrays = self._file.arrays
         held = {k: np.array(arrays[k]) for k in ("status", "reached", "reason", "out_of_range")}

@@ -1,1 +1,1 @@
-"""Runs over parameters that are varied, and the quantities that are kept of each."""
+"""Sweeps over parameters: vary (their values), quantities (of each run), result (the table), sweep."""

@@ -1,4 +1,4 @@
-"""Numbers that sum a run up: what a sweep notes of each."""
+"""Quantities of a run, for sweeps."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ...run.sensing.sensors import half_thickness
 from ..batch.job import FAILED
 from ..batch.rollout import NOT_DONE
 
-_PLACES = 17  # along a beam, where its strain is looked at
+_PLACES = 17  # along a beam, for its largest strain
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Of a run: its columns with their units, and what computes them.
+    """A quantity of a run: its columns with their units, and its function.
 
     Attributes:
         columns: (arm, link) -> [(name, unit), ...].
-        of: (result, link, band) -> as many numbers.
-        says: one line.
+        of: (result, link, band) -> a number for each column.
+        says: description, one line.
         forces: whether it needs `Result.tau`.
     """
 
@@ -39,11 +39,6 @@ class Quantity:
 
 def _one(name: str, unit: str) -> Callable[[Arm, int], list[tuple[str, str]]]:
     return lambda arm, link: [(name, unit)]
-
-
-def _sizes(result: Result, link: int) -> Array:
-    """|deflection| of the beam's tip, (nt,)."""
-    return np.asarray(np.linalg.norm(result.tip_deflection(link), axis=1))
 
 
 def _residual(result: Result, link: int, band: float) -> Array:
@@ -108,11 +103,11 @@ def _state_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
     ]
 
 
-#: by name, what a sweep can note
+#: the quantities of sweeps, by name
 QUANTITIES: dict[str, Quantity] = {
     "tip_deflection": Quantity(
         _one("tip deflection", "m"),
-        lambda r, link, band: np.array([_sizes(r, link).max()]),
+        lambda r, link, band: np.array([np.linalg.norm(r.tip_deflection(link), axis=1).max()]),
         "greatest displacement of the beam's tip from rest, in its hub's axes",
     ),
     "residual": Quantity(
@@ -157,7 +152,7 @@ QUANTITIES: dict[str, Quantity] = {
 
 
 def quantity(output: str | Callable[[Result], float]) -> Quantity:
-    """Of that name, or what a function of a Result says: one number, in a column with the function's name."""
+    """The quantity of this name; or of a function of a Result: one number, in a column with the function's name."""
     if isinstance(output, str):
         return QUANTITIES[choice("outputs", output, QUANTITIES)]
     if not callable(output):
@@ -183,8 +178,8 @@ def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tu
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What a sweep keeps of each run, as `Job.summary` has it: numbers, and, where it keeps `trajectories`, every
-    `every`-th row of q and v. The arguments are those of `SweepPlan`."""
+    """The `Job.summary` of a sweep: quantities of each run and, with `trajectories`, every `every`-th row of q and v.
+    The arguments are those of `Sweep`."""
 
     outputs: tuple[str | Callable[[Result], float], ...]
     link: int | str
@@ -196,12 +191,12 @@ class RunSummary:
         return [f"columns/{name}" for name, _ in check_quantities(arm, self.outputs, self.link)]
 
     def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
-        """By name, the shape of what is kept of a run with so many rows."""
+        """By name, the shapes of the arrays for a run with this number of rows."""
         few, numbers = len(range(0, rows, self.every)), dict.fromkeys(self._columns(arm), ())
         return numbers | ({"q": (few, arm.nq), "v": (few, arm.nv)} if self.trajectories else {})
 
     def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
-        """The same of all runs in a batch's blocks, nan where one failed."""
+        """These arrays of all runs in the blocks of a batch; nan if a run failed."""
         names, noted, link = self._columns(arm), [quantity(x) for x in self.outputs], arm._link(self.link)
         table = np.full((len(blocks["status"]), len(names)), np.nan)
         for k in np.flatnonzero(~np.isin(blocks["status"], (FAILED, NOT_DONE))).tolist():

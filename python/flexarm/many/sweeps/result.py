@@ -1,4 +1,4 @@
-"""The table that a sweep gives, its file and its figure."""
+"""The result of a sweep: a table, its file and its figure."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from ...data.draw.style import DPI
 from ...data.draw.sweep import MISSING, plot_sweep
 from ...data.store.files import named, readable, write_whole
 from ...data.store.scenarios import read_scenarios
-from .vary import SweepPlan
+from ..batch.rollout import BatchInterrupted
+from .vary import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FILE = "sweep.h5"  # what a sweep keeps in its folder
+FILE = "sweep.h5"  # in the folder of a sweep
 _MOST = 4  # columns, and parameters, that a figure shows
-#: Of parameters, by the end of their paths, where it is the same wherever such a name stands.
+#: Units of parameters, by the last name of their paths.
 _UNITS = {
     "length": "m", "radius": "m", "inner_radius": "m", "thickness": "m", "mass": "kg", "density": "kg/m³",
     "youngs_modulus": "Pa", "shear_modulus": "Pa", "area": "m²", "second_moment_y": "m⁴", "second_moment_z": "m⁴",
@@ -39,13 +40,13 @@ class SweepResult:
     Attributes:
         plan: the sweep.
         parameters: values by path, (B,) or (B, k).
-        columns: what was noted, by name, (B,); nan where a run failed, or was not done.
+        columns: quantities by name, (B,); nan if a run failed or was not done.
         units: of each column.
         done: (B,), whether that scenario was run.
-        failures: (index, time reached (s), reason) of each that could not go on.
-        beyond: (index, RangeWarning) of each that bent a beam further than its order is good for.
+        failures: (index, time reached (s), reason) of each that failed.
+        beyond: (index, RangeWarning) of each in which a beam bent beyond the range of its order.
         stats: scenarios, computed (now, not resumed), redone (shares whose worker died), wall_time (s).
-        folder: where it was written, or None.
+        folder: of its files, or None.
     """
 
     plan: SweepPlan
@@ -76,13 +77,13 @@ class SweepResult:
     def complete(self) -> bool:
         return bool(self.done.all())
 
-    def trajectory(self, index: int) -> tuple[Array, Array, Array]:
-        """t (nt,), q (nt, nq) and v (nt, nv) of a scenario, where the plan keeps them."""
+    def trajectory(self, i: int) -> tuple[Array, Array, Array]:
+        """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, if the plan stores them."""
         if self.folder is None or not self.plan.trajectories:
             raise ValueError("trajectories = false: this sweep did not keep them")
         path = self.folder / FILE
-        with readable("trajectories", path, "what a sweep writes"):
-            i = range(len(self))[index]
+        with readable("trajectories", path, "the file of a sweep"):
+            i = range(len(self))[i]
             _, fixed, rows, _ = read_scenarios(path, slice(i, i + 1))
             return fixed["t"], np.array(rows["q"][0]), np.array(rows["v"][0])
 
@@ -97,8 +98,8 @@ class SweepResult:
         return ["sweep.csv", "sweep.png"]
 
     def plot(self) -> Figure:
-        """A heat map of each column over a grid of two parameters, else each column over each parameter. What has no
-        number is grey, or a cross, and a line below tells why."""
+        """A heat map of each column over a grid of two parameters, else each column over each parameter. Missing
+        numbers are grey, or crosses; a line below gives the reason."""
         names, numbers = _parameter_columns(self.parameters)
         labels = {name: _with_unit(name, _UNITS.get(name.rpartition(".")[2], "")) for name in names}
         grid = self.plan.grid()
@@ -124,22 +125,15 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit not in ("", "1") else name
 
 
-class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep; it holds the scenarios so far, in `.result`, a SweepResult."""
-
-    def __init__(self, message: str, result: SweepResult) -> None:
-        super().__init__(message)
-        self.result = result
-
-    def __reduce__(self) -> Any:
-        return type(self), (str(self), self.result)
+class SweepInterrupted(BatchInterrupted):
+    """Ctrl-C during a sweep. `.result` is the SweepResult so far."""
 
 
 def _write_table(path: Path, result: SweepResult) -> None:
     """One line for each scenario that was run."""
     names, numbers = _parameter_columns(result.parameters)
     reasons = {i: reason for i, _, reason in result.failures}
-    header = ["scenario", *names, *(_headed(n, result.units[n]) for n in result.columns), "failure"]
+    header = ["scenario", *names, *(f"{n} ({u})" if (u := result.units[n]) else n for n in result.columns), "failure"]
     columns = [*numbers, *result.columns.values()]
     with io.StringIO(newline="") as text:
         out = csv.writer(text, lineterminator="\n")
@@ -147,10 +141,6 @@ def _write_table(path: Path, result: SweepResult) -> None:
         for i in np.flatnonzero(result.done):
             out.writerow([int(i), *(repr(float(c[i])) for c in columns), reasons.get(int(i), "")])
         write_whole(path, lambda f: f.write(text.getvalue().encode()), "output file")
-
-
-def _headed(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
 
 
 def _parameter_columns(parameters: Mapping[str, Array]) -> tuple[list[str], list[Array]]:

@@ -1,4 +1,4 @@
-"""Sweeps: a scene many times over, with its parameters varied, and what is noted of each run."""
+"""Sweeps: runs of a scene with varied parameters, and quantities of each run."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ def sweep(
     batch: int | None = None,
     progress: bool | Callable[[int, int], None] = False,
 ) -> SweepResult:
-    """Runs a scene once for each scenario of a sweep, and notes what the plan asks for.
+    """Runs a scene once for each scenario of a sweep, and stores the quantities of the plan.
 
     Args:
         scene: a Scene, or the path or name of one.
         plan: a SweepPlan, or the path or name of a sweep file.
         out: folder for sweep.csv, sweep.png, and sweep.h5, which is written as the scenarios are done, with
-            trajectories where the plan keeps them. A sweep that was interrupted or killed goes on from there when it
-            is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and
-            that of another version of flexarm.
-        resume: False forgets what the folder holds.
+            trajectories if the plan stores them. The same call again continues a sweep that was interrupted or killed,
+            and repeats damaged scenarios. The folder of another sweep, finished or not, or of another version of
+            flexarm is refused.
+        resume: False starts anew in such a folder.
         name: as of `simulate_batch`, for functions in the scene or in the plan's outputs, where there is a folder.
         workers: threads; None: one for each core. With an executor, threads in each of its workers (1 if None).
         executor: a concurrent.futures.Executor, or a callable that makes one: each of its workers takes shares of the
@@ -58,11 +58,11 @@ def sweep(
         progress: a bar on stderr, or lines where that is no terminal; or a callable (done, all).
 
     Returns:
-        The table; runs that failed are in its `failures`, and spoil no other.
+        The table; failed runs are in its `failures`, and do not affect others.
 
     Raises:
         ValueError: bad input, or a folder with another sweep in it.
-        SweepInterrupted: Ctrl-C; its `.result` is what was done.
+        SweepInterrupted: Ctrl-C; its `.result` is the table so far.
     """
     started = time.perf_counter()
     scene = scene if isinstance(scene, Scene) else load(scene)
@@ -104,11 +104,11 @@ def sweep(
     return result
 
 
-def _job(scene: Scene, plan: SweepPlan) -> tuple[Job, int]:
-    """The batch of the sweep's scenarios, of which only a summary is kept."""
+def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
+    """The batch of the sweep's scenarios, with a summary of each run."""
     check_quantities(scene.arm, plan.outputs, plan.link)
     outputs = ("q", "v", "tau") if any(quantity(x).forces for x in plan.outputs) else ("q", "v")
-    options: dict[str, Any] = {"integrator": "ida", **scene.options}  # what Scene.run takes
+    options: dict[str, Any] = {"integrator": "ida", **scene.options}  # as Scene.run
     job, count = make_job(
         scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), parameters=plan.parameters(), outputs=outputs,
         **options,
@@ -118,7 +118,7 @@ def _job(scene: Scene, plan: SweepPlan) -> tuple[Job, int]:
 
 
 def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None, units: dict[str, str]) -> File:
-    """What the folder holds of this sweep."""
+    """The file of this sweep in its folder."""
     otherwise = "take another folder, or start anew there with resume=False (--fresh)"
     with named("output folder", folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -131,11 +131,11 @@ def _file(folder: Path, job: Job, count: int, resume: bool, name: str | None, un
 
 
 def _beyond(job: Job, held: dict[str, Any]) -> list[tuple[int, RangeWarning]]:
-    """Of each scenario that bent a beam too far, and did not fail: what `SweepResult.beyond` says."""
+    """`SweepResult.beyond`: the scenarios that did not fail, but bent a beam too far."""
     found = []
     for i in np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]) & (held["status"] != FAILED)).tolist():
         arm, worst = job.variation.setup.arm, held["out_of_range"][i]
-        if getattr(arm.links[int(worst[0])].beam, "order", None) == "exact":  # whose message tells of its points
+        if getattr(arm.links[int(worst[0])].beam, "order", None) == "exact":  # the message gives its Gauss points
             arm = job.variation.scenario(i).arm
         found.append((i, range_warning(arm, worst)))
     return found

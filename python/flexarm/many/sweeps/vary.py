@@ -1,4 +1,4 @@
-"""What a sweep varies: grids, lists, random draws and Latin hypercubes of named parameters, and their combinations."""
+"""The parameters of a sweep: grids, lists, random draws, Latin hypercubes, and their combinations."""
 
 from __future__ import annotations
 
@@ -81,13 +81,13 @@ class Vary:
 
     Args:
         kind: "grid": every combination of the values; "list": the first values of all, then the second, ...;
-            "random": independent draws; "latin_hypercube": draws whose every parameter is spread evenly over its
+            "random": independent draws; "latin_hypercube": draws in which each parameter is spread evenly over its
             distribution (scipy.stats.qmc).
         values: by path (as `simulate_batch(parameters=)` has them). Of grid and list: numbers, vectors, or
             {from, to, count, scale = "linear" or "log"}. Of the drawn kinds: one of {uniform = [low, high]},
             {loguniform = [low, high]}, {normal = [mean, deviation]}, {lognormal = [median, deviation of the
             logarithm]}, or from Python a frozen distribution of scipy.stats.
-        count, seed: of the drawn kinds: how many draws, and what makes them the same each time.
+        count, seed: of the drawn kinds: number of draws, and seed of the random numbers.
     """
 
     kind: str
@@ -133,15 +133,15 @@ class Vary:
         return {path: np.asarray(law.ppf(u[:, k]), dtype=float) for k, (path, law) in enumerate(laws.items())}
 
 
-def _equal(what: str, sizes: Mapping[str, int]) -> None:
+def _equal(field_name: str, sizes: Mapping[str, int]) -> None:
     if len(set(sizes.values())) > 1:
         raise ValueError(
-            f"{what} needs as many values of each; there are {', '.join(f'{v} of {k}' for k, v in sizes.items())}"
+            f"{field_name} needs as many values of each; there are {', '.join(f'{v} of {k}' for k, v in sizes.items())}"
         )
 
 
 def _product(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Every combination; the last block runs fastest."""
+    """All combinations; the last block varies fastest."""
     sizes = [len(next(iter(b.values()))) for b in blocks]
     total = int(np.prod([float(n) for n in sizes]))
     if total > _MOST:
@@ -151,18 +151,18 @@ def _product(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class SweepPlan:
-    """The plan of a sweep: the parameters that vary, and the numbers noted of each run.
+class Sweep:
+    """A sweep: parameters that vary, and quantities of each run.
 
     Args:
         vary: blocks of parameters.
         combine: "product": every scenario of a block with every one of the others, the last fastest; "zip": the first
             of all, then the second, ...
-        outputs: what is noted of each run: names of `QUANTITIES` (many/sweeps/quantities.py), or functions of a Result
+        outputs: quantities of each run: names of `QUANTITIES` (many/sweeps/quantities.py), or functions of a Result
             that give one number.
-        link: whose beam is meant; -1 is the last.
+        link: the link whose beam is observed; -1 is the last.
         band: of "settling": the part of the whole way.
-        trajectories: whether q and v are kept too; every: of which output times.
+        trajectories: whether q and v are stored, too; every: of which output times.
         title: of tables and figures.
     """
 
@@ -233,7 +233,7 @@ class SweepPlan:
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Paths written as TOML tables (link.0.tip.mass = ...) joined by dots; what tells values is not entered."""
+    """Paths written as TOML tables (link.0.tip.mass = ...), joined by dots; tables of values stay as they are."""
     out: dict[str, Any] = {}
     for key, value in table.items():
         leaf = not isinstance(value, Mapping) or any(k in value for k in ("from", "to", *DISTRIBUTIONS))

@@ -1,9 +1,9 @@
-"""The least time of moves by linear programmes ("optimal") and by collocation with IPOPT ("collocation"); and how
-far the tip of a planned move strays from a line that its joints keep to.
+"""The least time of moves by each method of `fa.plan_move`; and how far the tip of a planned move strays from a line
+that its joints keep to.
 
-    python bench/command/collocation.py
+    python bench/command/methods.py
 
-Needs CasADi: pip install 'flexarm[optimize]'. Prints the table and the numbers of docs/moves.md.
+Prints the table and the numbers of docs/moves.md.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def strays(thick: float) -> float:
 
 def main() -> None:
     warnings.simplefilter("ignore")
-    methods = ("shaped", "fast", "optimal", "collocation")
-    print("| move, without gravity | " + " | ".join(methods) + " |\n" + "|-" * 5 + "|")
+    methods = ("shaped", "fast", "optimal")
+    print("| move, without gravity | " + " | ".join(methods) + " |\n" + "|-" * 4 + "|")
     moves = [("two links, to (1, -1), 8 rad/s", 3, [1, -1], 8)]
     moves += [("one shape a beam, to (0.5, -0.5)", 1, [0.5, -0.5], None)]
     for name, shapes, end, speed in moves:

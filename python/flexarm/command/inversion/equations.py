@@ -10,7 +10,7 @@ import numpy as np
 from ..._check import Array, finite
 from ...analysis.validity import turned_inside_out
 from ...arm.arm import Arm
-from .path import Output, Path, Slower
+from .path import Output, Path
 
 _TURN = 0.3  # rad (for slides: parts of the arm's length): largest step of a joint between two successive poses
 _SINGULAR = 1e-3  # ratio of the least to the largest singular value of the joints' Jacobian
@@ -123,7 +123,7 @@ class Equations:
             )
         return K
 
-    def along(self, path: Path | Slower, start: Array) -> Poses:
+    def along(self, path: Path, start: Array) -> Poses:
         """Poses in balance along the path, each found from the one before.
 
         Raises:

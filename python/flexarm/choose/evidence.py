@@ -1,15 +1,16 @@
-"""Findings of `economize` about a scene's models: estimates before runs, errors of runs, the chosen model."""
+"""Evidence of `economize` about a scene's models: estimates before runs, errors of runs, the chosen model."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
 from .models import Model, Models
+from .states import elastic_parts
 from .trials import OutOfTime, Run, Trials
 
 RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # the source of a number
@@ -23,36 +24,13 @@ Sizes: TypeAlias = dict[tuple[int, int, int], float]
 def keys(arm: Arm) -> list[tuple[int, int, int]]:
     """(link, strain, number) of each rate; (-1, -1, -1) of joints."""
     out = [(-1, -1, -1)] * arm.nv
-    for k, link in enumerate(arm.links):
-        at = arm._core.first(k) + link.joint.nv
-        for name, n in link.beam.counts.items() if link.beam is not None else ():
-            for i in range(n):
-                out[at] = k, STRAINS.index(name), i + 1
-                at += 1
+    for k, at, beam in elastic_parts(arm):
+        out[at] = [(k, STRAINS.index(name), i + 1) for name, n in beam.counts.items() for i in range(n)]
     return out
 
 
 @dataclass
-class Estimates:
-    """Estimates of the indicators, before the models are run.
-
-    Attributes:
-        share: contribution of each coordinate of the enriched model to the quantity.
-        by_order: error by order. without: by name, the error of leaving out another part of the model.
-        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
-            sections against its base, the largest (rad). first_frequency: rad/s.
-    """
-
-    share: Sizes = field(default_factory=dict)
-    by_order: dict[int | str, float] = field(default_factory=dict)
-    without: dict[str, float] = field(default_factory=dict)
-    spin: dict[int, float] = field(default_factory=dict)
-    rotation: dict[int, float] = field(default_factory=dict)
-    first_frequency: float = np.nan
-
-
-@dataclass
-class Findings:
+class Evidence:
     """Results that decisions use, and the decisions.
 
     Attributes:
@@ -60,8 +38,12 @@ class Findings:
         base: the scene's own model without coordinates that symmetry keeps at rest. reference, check: rich runs. lean:
             the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
             the reference, or, if strains jump, its beams in pieces.
-        estimates: of the indicators. sizes: change of the quantity by each coordinate of the reference.
-        dormant: by link, strains that are not excited.
+        share: estimated contribution of each coordinate of the enriched model to the quantity. by_order: estimated
+            error by order. lacking: by name, that of leaving out another part of the model.
+        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
+            sections against its base, the largest (rad). first_frequency: rad/s.
+        sizes: change of the quantity by each coordinate of the reference.
+        refused: reductions that were tried. dormant: by link, strains that are not excited.
         off: error of the lean run against the check. gap: between reference and check.
         settings: runs of the lean model with other integrators.
         reasons: why the plan is not certified. notes: limits of the check.
@@ -74,8 +56,14 @@ class Findings:
     judge: Run = field(init=False)
     lean: Run = field(init=False)
     check: Run | None = None
-    estimates: Estimates = field(default_factory=Estimates)
+    share: Sizes = field(default_factory=dict)
+    by_order: dict[int | str, float] = field(default_factory=dict)
+    lacking: dict[str, float] = field(default_factory=dict)
+    spin: dict[int, float] = field(default_factory=dict)
+    rotation: dict[int, float] = field(default_factory=dict)
+    first_frequency: float = np.nan
     sizes: Sizes = field(default_factory=dict)
+    refused: set[tuple[Any, ...]] = field(default_factory=set)
     dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
     off: float = np.inf
     gap: float = np.inf
@@ -127,8 +115,8 @@ class Findings:
 
     def size(self, group: list[int], strain: int, n: int) -> float:
         """Change of the quantity by the n-th coordinate of a strain."""
-        share = self.estimates.share
-        return self.sizes.get((group[0], strain, n), max((share.get((k, strain, n), 0.0) for k in group), default=0.0))
+        shares = (self.share.get((k, strain, n), 0.0) for k in group)
+        return self.sizes.get((group[0], strain, n), max(shares, default=0.0))
 
     def allowed(self, order: int | str) -> bool:
-        return order != 1 or max(self.estimates.spin.values(), default=0.0) < _SPIN
+        return order != 1 or max(self.spin.values(), default=0.0) < _SPIN

@@ -36,7 +36,7 @@ class LockedModes:
     tip: Array
 
 
-class Plant:
+class MovedArm:
     """An arm that goes from rest to rest.
 
     Args:
