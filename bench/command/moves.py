@@ -194,7 +194,7 @@ def two_masses() -> None:
     spring = fa.Beam(1.0, fa.Rectangle(height, 0.01), massless, {"bending_y": 1}, basis="legendre", order=1)
     arm = fa.Arm([fa.Link(fa.Prismatic("y"), fa.RigidBody(1.0), spring, fa.RigidBody(1.0))])
     for method in ("fast", "shaped"):
-        duration = fa.plan_move(arm, 0.0, 1.0, torque=1.0, method=method).duration
+        duration = fa.plan_move(arm, 0.0, 1.0, limits={"torque": 1.0}, method=method).duration
         print(f"two masses, {method}: {duration:.3f} s, {duration / 4.218:.3f} of the least", flush=True)
 
 

@@ -96,7 +96,7 @@ def test_the_papers_link(plans: dict[str, fa.results.ModelPlan]) -> None:
 
 @pytest.mark.parametrize("cheap", [(), (0,), (2,), (3,), (0, 2), (0, 3)])
 def test_an_order_is_tried_if_it_is_measured_to_be_cheaper(
-    plans: dict[str, fa.Plan], cheap: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+    plans: dict[str, fa.results.ModelPlan], cheap: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = plan_of(plans, "slender")._found
     exact = found.lean.model.but(order="exact")

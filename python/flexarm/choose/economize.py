@@ -101,7 +101,7 @@ class ModelPlan:
         given = self._given_run()
 
         def point(run: Run) -> Point:
-            return run.time, max(trials.distance(run, evidence.rich), 1e-4 * self.tol)
+            return run.time, max(trials.distance(run, evidence.rich), 1e-4 * self.tolerance)
 
         ran = [r for r in trials.runs.values() if r.values is not None and r is not evidence.rich]
         models = [Trial(*point(r), _order(r.model)) for r in ran if not r.whole]
@@ -109,7 +109,8 @@ class ModelPlan:
         spans = ", ".join(f"{s:.3g} {u}".rstrip() for u, s in self.span.items())
         unit = " ".join(self.span) if self.absolute else f"share of its span, {spans}"
         return plot_trials(
-            models, settings, None if given is None else point(given), point(evidence.lean), self.tol, self.absolute,
+            models, settings, None if given is None else point(given), point(evidence.lean), self.tolerance,
+            self.absolute,
             ylabel=f"Largest error of the {self.quantity} ({unit})",
             title=self.given.name,
             under=f"chosen: {self.model}",
@@ -225,7 +226,7 @@ def _speed(plan: ModelPlan) -> list[str]:
     return aligned(rows, {1, 2, 3})
 
 
-def _indicators(plan: Plan) -> list[str]:
+def _indicators(plan: ModelPlan) -> list[str]:
     evidence = plan._found
     orders = ", ".join(f"{o}: {e:.1e}" for o, e in evidence.by_order.items() if o != "exact")
     lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
@@ -345,7 +346,7 @@ def economize(
     allowed = Budget(math.inf if budget is None else budget)
     with progress_bar(progress, "deciding", None) as bar:
         tell = (lambda doing: bar(0, doing)) if bar else _quiet
-        search = EconomizeSearch(scene, measure, limit, budget, tell)
+        search = EconomizeSearch(scene, measure, limit, allowed, tell)
         evidence = search()
         choices = choices_of(evidence)
         search.tell = _quiet  # the plan keeps the search, and its bar is gone
@@ -359,7 +360,7 @@ def economize(
     return ModelPlan(
         scene, mine, theirs,
         measure.name, limit, atol is not None, measure.ranges, certified, evidence.reasons, error,
-        lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, evidence,
+        lean.time, allowed.used, len(trials.runs), choices, Watch.around(lean.result), search, evidence,
     )  # fmt: skip
 
 

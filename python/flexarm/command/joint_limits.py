@@ -7,8 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, choice
 from ..arm.arm import Arm
+
+
+def by_kind(limits: Any, kinds: Sequence[str]) -> dict[str, Any]:
+    """The argument `limits` of a move or a path: limits by their kind; None: none."""
+    if limits is not None and not isinstance(limits, Mapping):
+        raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(kinds)}")
+    return {choice("limits", kind, kinds): value for kind, value in (limits or {}).items()}
 
 
 def joint_limits(arm: Arm, field: str, value: Any, rates: Sequence[int]) -> Array:

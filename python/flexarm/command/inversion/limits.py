@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._check import Array, choice
+from ..._check import Array
 from ...arm.arm import Arm
-from ..joint_limits import joint_limits, joint_ranges
+from ..joint_limits import by_kind, joint_limits, joint_ranges
 from .equations import Equations
 from .solve import Motions
 
@@ -34,14 +34,9 @@ class Exceeded(NamedTuple):
 
 def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
     """Limits by kind: (m,), of the range (2, m)."""
-    if limits is not None and not isinstance(limits, Mapping):
-        raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
-    rates = [arm.joint_rate(key) for key in keys]
-    out = {"range": joint_ranges(arm, "limits['range']", (limits or {}).get("range"), rates)}
-    for name, value in (limits or {}).items():
-        if choice("limits", name, LIMITS) != "range":
-            out[name] = joint_limits(arm, f"limits[{name!r}]", value, rates)
-    return out
+    given, rates = by_kind(limits, LIMITS), [arm.joint_rate(key) for key in keys]
+    ranges = joint_ranges(arm, "limits['range']", given.pop("range", None), rates)
+    return {"range": ranges} | {name: joint_limits(arm, f"limits[{name!r}]", x, rates) for name, x in given.items()}
 
 
 def applied(equations: Equations, found: Motions) -> Array:

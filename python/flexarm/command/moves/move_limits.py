@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._check import Array, choice
+from ..._check import Array
 from ...analysis.equilibrium import elastic_rates
 from ...arm.arm import Arm
-from ..joint_limits import joint_limits, joint_ranges
+from ..joint_limits import by_kind, joint_limits, joint_ranges
 
 Indices = NDArray[np.intp]
+KINDS = ("torque", "speed", "acceleration", "jerk")
 _FAR = 1e3  # stands for a missing stop
 
 
@@ -64,14 +65,14 @@ class Limits:
     reach: Array
 
     @staticmethod
-    def of(arm: Arm, driven: Driven, torque: Any, speed: Any, acceleration: Any, jerk: Any) -> Limits:
-        values = {"torque": torque, "speed": speed, "acceleration": acceleration, "jerk": jerk}
-        read = {name: joint_limits(arm, name, value, driven.rates.tolist()) for name, value in values.items()}
+    def of(arm: Arm, driven: Driven, limits: Any) -> Limits:
+        given, rates = by_kind(limits, KINDS), driven.rates.tolist()
+        read = {kind: joint_limits(arm, f"limits[{kind!r}]", given.get(kind), rates) for kind in KINDS}
         bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
         if bare.any():
             name = driven.names[int(np.flatnonzero(bare)[0])]
-            raise ValueError(f"torque, acceleration: '{name}' has neither: give one of them, or its move takes no time")
-        low, high = joint_ranges(arm, "stops", None, driven.rates.tolist())
+            raise ValueError(f"limits: '{name}' has neither torque nor acceleration; its move would take no time")
+        low, high = joint_ranges(arm, "stops", None, rates)
         free = np.isinf(low) & np.isinf(high)
         low, high = np.where(free, -1.0, low), np.where(free, 1.0, high)
         low, high = np.where(np.isinf(low), high - _FAR, low), np.where(np.isinf(high), low + _FAR, high)

@@ -110,10 +110,10 @@ def plan_move(
     within.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)
     with progress_bar(progress, "planning", None) as tell:
         say = None if tell is None else lambda text: tell(0.0, text)
-        rigid = fastest(arm, driven, route, limits)
+        rigid = fastest(arm, driven, route, within)
         plant = MovedArm(arm, driven, route.start, route.end)
         independent = method == "optimal" and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if independent else 1, allowed, say)
+        plan = _Plan(plant, within, route, rigid, len(driven.rates) if independent else 1, allowed, say)
         search = plan.shaped if method == "shaped" else plan.optimal if independent else plan.fast
         move = plan.move(*search())
     _warn(move, allowed, plan.scale)

@@ -70,9 +70,10 @@ def step_derivatives(
     loads: Sequence[Load] | None = None,
     t: float = 0.0,
 ) -> StepDerivatives:
-    """One step from each state, and the derivatives of its end by state and forces: those of the method's own equations
-    (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A step that begins anew, as in a `rollout`
-    whose forces change at every step.
+    """One step from each state, and the exact derivatives of its end by state and forces.
+
+    They are of the method's own equations (Chung & Hulbert 1993; Runge-Kutta), by the exact ones of the dynamics. A
+    step that begins anew, as in a `rollout` whose forces change at every step.
 
     Args:
         arm: without ball joints or dry friction.

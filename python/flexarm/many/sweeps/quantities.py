@@ -179,7 +179,7 @@ def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tu
 @dataclass(frozen=True)
 class RunSummary:
     """The `Job.summary` of a sweep: quantities of each run and, with `trajectories`, every `every`-th row of q and v.
-    The arguments are those of `Sweep`."""
+    The arguments are those of `SweepPlan`."""
 
     outputs: tuple[str | Callable[[Result], float], ...]
     link: int | str

@@ -18,7 +18,7 @@ from ...data.draw.sweep import MISSING, plot_sweep
 from ...data.store.files import named, readable, write_whole
 from ...data.store.scenarios import read_scenarios
 from ..batch.rollout import BatchInterrupted
-from .vary import Sweep
+from .vary import SweepPlan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,13 +77,13 @@ class SweepResult:
     def complete(self) -> bool:
         return bool(self.done.all())
 
-    def trajectory(self, i: int) -> tuple[Array, Array, Array]:
-        """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, if the plan stores them."""
+    def trajectory(self, index: int) -> tuple[Array, Array, Array]:
+        """t (nt,), q (nt, nq) and v (nt, nv) of a scenario, if the plan stores them."""
         if self.folder is None or not self.plan.trajectories:
             raise ValueError("trajectories = false: this sweep did not keep them")
         path = self.folder / FILE
         with readable("trajectories", path, "the file of a sweep"):
-            i = range(len(self))[i]
+            i = range(len(self))[index]
             _, fixed, rows, _ = read_scenarios(path, slice(i, i + 1))
             return fixed["t"], np.array(rows["q"][0]), np.array(rows["v"][0])
 

@@ -104,7 +104,7 @@ def sweep(
     return result
 
 
-def _job(scene: Scene, plan: Sweep) -> tuple[Job, int]:
+def _job(scene: Scene, plan: SweepPlan) -> tuple[Job, int]:
     """The batch of the sweep's scenarios, with a summary of each run."""
     check_quantities(scene.arm, plan.outputs, plan.link)
     outputs = ("q", "v", "tau") if any(quantity(x).forces for x in plan.outputs) else ("q", "v")

@@ -151,7 +151,7 @@ def _product(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepPlan:
     """A sweep: parameters that vary, and quantities of each run.
 
     Args:
