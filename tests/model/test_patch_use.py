@@ -10,7 +10,7 @@ import pytest
 from arms import STEEL, close, paper_link
 from flexarm.cli import main
 from numpy.polynomial import legendre
-from parts.test_patch import D31, FIBRE, GHOST, MOMENT, PAIR, PZT, B, E, H, L, T, clamped_free, strip
+from model.test_patch import D31, FIBRE, GHOST, MOMENT, PAIR, PZT, B, E, H, L, T, clamped_free, strip
 
 # -- drives, sensors, linear models ----------------------------------------------------------------------------------
 

@@ -65,9 +65,9 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
         return frozenset(range(arm.nv))
     held = set(arm.by_rate("drive", split_drives(drive)[0]))
     held |= set(np.flatnonzero(tau).tolist()) if tau is not None and np.shape(tau) == (arm.nv,) else set()
-    for k, link in enumerate(arm.links):
-        if np.any(link.joint.stiffness) or np.any(link.joint.coulomb):
-            held |= {arm._core.first(k) + i for i in range(link.joint.nv)}
+    for k in arm.movable:
+        if np.any(arm.links[k].joint.stiffness) or np.any(arm.links[k].joint.coulomb):
+            held |= set(arm.joint_rates(k))
     return frozenset(held)
 
 
@@ -81,10 +81,11 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
-        rest._core.first(j - k) + i
-        for j in range(k + 1, len(arm.links))
-        for i in range(arm.links[j].joint.nv)
-        if arm._core.first(j) + i not in held
+        own
+        for j in arm.movable
+        if j > k
+        for own, i in zip(rest.joint_rates(j - k), arm.joint_rates(j), strict=True)
+        if i not in held
     ]
     if free:
         A -= M[:6, free] @ np.linalg.pinv(M[np.ix_(free, free)]) @ M[free, :6]
@@ -104,7 +105,7 @@ def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float
     return out
 
 
-def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
+def _stiffened(k: int, beam: Beam, where: slice, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
     """Of each strain of a beam that carries the inertia A, and of bending under a force and a moment at the end."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
@@ -142,7 +143,7 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
         f, g = carried @ u, whole @ u
         given, total = float(f @ exact @ f), float(g @ exact @ g)
         share, weight = float(f @ missing @ f) / max(given, 1e-300), given / max(total, 1e-300)
-        start = arm._core.first(k) + arm.links[k].joint.nv + at.start
+        start = where.start + at.start
         yield _Stiffened(k, strain, share, weight, mass > beam.mass, towards @ reach, start)
         if any(pull) and len(moved) == 2:
             share = float(np.abs(missing[0]) @ pull / (np.abs(exact[0]) @ pull))
@@ -180,12 +181,12 @@ def coarse(
 
 def _stiff(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
     """Of an arm's beams, but for those with patches and those that are curved."""
-    for k, link in enumerate(arm.links):
-        beam, carries = link.beam, k + 1 < len(arm.links) or bool(link.tip is not None and link.tip.mass)
-        plain = beam is not None and beam.ne and beam.mass and not (beam.patches or beam.curvature)
-        if beam is not None and plain and (carries or k in pulls):
+    for k, beam, _, at in arm.beams():
+        tip = arm.links[k].tip
+        carries = k + 1 < len(arm.links) or bool(tip is not None and tip.mass)
+        if beam.mass and not (beam.patches or beam.curvature) and (carries or k in pulls):
             A = _carried(arm, k, beam, held) if carries else np.zeros((6, 6))
-            yield from _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
+            yield from _stiffened(k, beam, at, A, pulls.get(k, (0.0, 0.0)))
 
 
 def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:

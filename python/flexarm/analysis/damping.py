@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, at_least, not_negative, number, whole
 from ..model.parts.chain import Chain
 from ..model.parts.link import Link
 from .modes import Modes, SmallMotions, small_motions
@@ -21,18 +21,10 @@ _SAME = 1e-6  # by which frequencies may differ, as a part, that count as equal
 _MOST = 0.5  # damping ratio: what is given is of modes that ring
 
 
-def elastic(arm: Chain) -> list[tuple[int, slice]]:
-    """The links with elastic coordinates, and where the rates of these stand in v."""
-    ends = [(k, arm._core.first(k) + link.joint.nv, link.beam) for k, link in enumerate(arm.links)]
-    return [(k, slice(at, at + beam.ne)) for k, at, beam in ends if beam is not None and beam.ne]
-
-
 def with_damping(arm: Chain, D: Array) -> list[Link]:
     """The links, with what stands in D (nv, nv) for each beam added to its damping."""
     links = list(arm.links)
-    for k, at in elastic(arm):
-        beam = links[k].beam
-        assert beam is not None
+    for k, beam, _, at in arm.beams():
         more = D[at, at] + (np.array(beam.damping) if beam.damping else 0.0)
         links[k] = replace(links[k], beam=replace(beam, damping=(0.5 * (more + more.T)).tolist()))
     return links
@@ -64,15 +56,15 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array) -> list[tuple[slic
     """Vectors u of which u u^T is a damping matrix of one beam, and where its coordinates stand in v. For each of some
     modes, and each beam, that which damps the mode and others as little as the beam can: of an arm with one beam, not
     at all."""
-    parts, M = elastic(arm), found.mass
-    at = np.concatenate([np.arange(s.start, s.stop) for _, s in parts])
+    parts, M = [at for *_, at in arm.beams()], found.mass
+    at = np.concatenate([np.arange(s.start, s.stop) for s in parts])
     moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: what remains of the inertia
     G = np.zeros_like(M)
     G[np.ix_(at, at)] = M[np.ix_(at, at)]
     if moving.size:
         G[np.ix_(at, at)] -= M[np.ix_(at, moving)] @ np.linalg.solve(M[np.ix_(moving, moving)], M[np.ix_(moving, at)])
     out = []
-    for _, s in parts:
+    for s in parts:
         out += [(s, u) for u in (G @ shapes)[s].T if np.linalg.norm(u) > 1e-12 * np.linalg.norm(G[s])]
     return out
 
@@ -86,9 +78,9 @@ def modal_damping(
     wanted = _wanted(ratios, modes.frequencies)
     if np.iscomplexobj(modes.shapes):
         raise ValueError("modal_damping: the forces here are not those of a potential; its modes have no real shapes")
-    if not elastic(arm):
+    if not any(arm.beams()):
         raise ValueError("modal_damping: the arm has no beam that bends")
-    reached = {k for k in wanted for _, s in elastic(arm) if np.abs(modes.shapes[s, k]).max() > 1e-9}
+    reached = {k for k in wanted for *_, s in arm.beams() if np.abs(modes.shapes[s, k]).max() > 1e-9}
     for k in sorted(wanted.keys() - reached):
         raise ValueError(f"ratios[{k}]: mode {k} bends no beam, so that no damping of beams reaches it")
     rings = np.flatnonzero(modes.frequencies)
@@ -173,7 +165,7 @@ def _any(found: SmallMotions, unit: Array, frequencies: Array, named: NDArray[np
     not couple a mode that has a name with another of the same frequency: then neither would be a mode."""
     from scipy.optimize import least_squares  # slow to import
 
-    parts = [s for _, s in elastic(found.arm)]
+    parts = [s for *_, s in found.arm.beams()]
     C = [np.linalg.cholesky(found.mass[s, s]) for s in parts]
     Y = [c.T @ unit[s] for c, s in zip(C, parts, strict=True)]  # by beam (ne, modes)
     weight, n, most = _weights(unit, named), len(frequencies), max(float((y**2).sum(axis=0).max()) for y in Y)
@@ -227,15 +219,10 @@ def _power(shape: Array, D: Array) -> float:
 
 def rayleigh_damping(arm: Chain, mass: float, stiffness: float) -> list[Link]:
     """See Arm.rayleigh_damping."""
-    mass, stiffness = number("mass", mass), number("stiffness", stiffness)
-    for name, value in (("mass", mass), ("stiffness", stiffness)):
-        if not (0 <= value < np.inf):
-            raise ValueError(f"{name} = {value}: must not be negative")
+    mass, stiffness = not_negative("mass", mass), not_negative("stiffness", stiffness)
     M = arm._core.mass_matrix(arm.zero)
     D = np.zeros((arm.nv, arm.nv))
-    for k, at in elastic(arm):
-        beam = arm.links[k].beam
-        assert beam is not None
+    for _, beam, _, at in arm.beams():
         D[at, at] = mass * M[at, at] + stiffness * np.asarray(beam._core.stiffness)
     return with_damping(arm, D)
 
@@ -273,11 +260,8 @@ def fit_decay(t: ArrayLike, y: ArrayLike, modes: int = 1) -> Decay:
     """
     from scipy.optimize import least_squares  # slow to import
 
-    t, n = array("t", t), whole("modes", modes)
-    y = array("y", y)
+    t, y, n = array("t", t), array("y", y), at_least("modes", modes, 1)
     rows = y[:, None] if y.ndim == 1 else y
-    if n < 1:
-        raise ValueError(f"modes = {modes}: must be at least 1")
     if t.ndim != 1 or rows.ndim != 2 or len(rows) != len(t):
         raise ValueError(f"t, y have shapes {t.shape}, {y.shape}: must be (nt,) and (nt,) or (nt, k)")
     if len(t) < 8 * n:

@@ -351,9 +351,9 @@ def _weight(arm: Chain) -> float:
 
 def elastic_rates(arm: Chain) -> NDArray[np.bool_]:
     """Which rates are elastic coordinates', (nv,)."""
-    elastic = np.ones(arm.nv, dtype=bool)
-    for k, link in enumerate(arm.links):
-        elastic[arm._core.first(k) : arm._core.first(k) + link.joint.nv] = False
+    elastic = np.zeros(arm.nv, dtype=bool)
+    for *_, at in arm.beams():
+        elastic[at] = True
     return elastic
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite, number, whole
 from ..data.draw.modes import plot_modes
+from ..data.draw.style import Figure
 from ..model.parts.beam import Beam
 from ..model.parts.chain import Chain
 from ..view.body import length
@@ -18,9 +19,6 @@ from ..view.view import View, animate_mode
 from .equilibrium import locked_rates, steady_state
 from .linear import turning
 from .printed import modes_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -83,8 +81,7 @@ class Modes:
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
-        moving = [k for k, link in enumerate(self.arm.links) if link.joint.nv]
-        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in moving]
+        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in self.arm.movable]
         return plot_modes(np.delete(s, at), moved, labels, joints)
 
     def _joints(self) -> Array:
@@ -254,7 +251,7 @@ def motions_about(arm: Chain, q: Array, v: Array, loads: Any = ()) -> SmallMotio
 
 def locked_modes(arm: Chain) -> Modes:
     """About zero, with all joints locked, without gravity."""
-    return modes(arm._alike(arm.links), lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+    return modes(arm._alike(arm.links), lock=arm.movable)
 
 
 def modes(

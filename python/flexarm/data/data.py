@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,11 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, choice, number
 from .._console import aligned
 from . import signal
+from .draw.style import Figure
 from .draw.trajectory import plot_panels
 from .files import write_columns
 from .signal import DataWarning
 from .units import Unit, unit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 METHODS = ("linear", "cubic")
 _QUANTITIES = {

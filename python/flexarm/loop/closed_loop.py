@@ -5,19 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, number, whole
+from .._check import Array, array, choice, instance, number, whole
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
-from ..analysis.linear import forces_of, rows_of
+from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
 from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, fields_of, numbered
 from ..data.draw.loop import plot_loop
+from ..data.draw.style import Figure
 from ..model.acting.control import Controller
 from ..model.acting.load import Load, at_time
 from ..model.acting.sampled import LinearController
@@ -27,9 +28,6 @@ from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
 from .margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
 from .table import table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
 
@@ -305,12 +303,7 @@ class ClosedLoop:
         Raises:
             ImportError: python-control is missing.
         """
-        try:
-            import control
-        except ImportError as e:
-            raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
-        names = {kind: [x.replace(".", "_") for x in getattr(self, kind)] for kind in ("inputs", "outputs")}
-        return control.ss(self.A, self.B, self.C, self.D, 0 if self.period is None else self.period, **names)
+        return state_space(self, "inputs", "outputs", period=self.period or 0.0)
 
 
 def _indices(field: str, given: Any, labels: Sequence[str]) -> list[int]:
@@ -384,8 +377,7 @@ def closed_loop(
         ValueError: bad arguments; a controller that acts on a locked joint; gains of wrong shapes; sampling rates that
             have no common period; a law that has no derivative at the state.
     """
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Arm)
     controls = [control] if isinstance(control, Controller) else control
     if not isinstance(controls, (list, tuple)) or not all(isinstance(c, Controller) for c in controls):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")

@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array
+from .._check import Array, array, instance, not_negative, positive
 from ..analysis.equilibrium import equilibrium
 from ..analysis.linear import linearize, solve_mass
 from ..model.acting.control import StateFeedback, all_joints, force_columns, listed, measured_rows
-from ..model.acting.motor import finite, positive
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
@@ -58,8 +57,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
     import scipy.linalg as la  # slow to import
 
     joints, nv = all_joints(arm), arm.nv
-    movable = [k for k, link in enumerate(arm.links) if link.joint.nv]
-    at = equilibrium(arm, q, None, movable, ())
+    at = equilibrium(arm, q, None, arm.movable, ())
     zero = np.zeros(nv)
     tau = arm._core.inverse_dynamics(at, zero, zero)
     columns = np.array(force_columns(arm, actuate)).T
@@ -86,8 +84,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
 
 
 def _actuators(arm: Chain, actuate: Sequence[Any] | None) -> list[Any]:
-    if not isinstance(arm, Chain):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Chain, "an Arm")
     if actuate is not None:
         return listed("actuate", actuate)
     joints = [(k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)]
@@ -98,10 +95,7 @@ def _efforts(at: Rest, actuate: Sequence[Any], effort: ArrayLike | None) -> Arra
     """The largest acceptable |u - u0| of each actuator."""
     n = len(actuate)
     if effort is not None:
-        found = array("effort", effort)
-        if found.shape not in ((), (n,)) or not (found > 0.0).all():
-            raise ValueError(f"effort = {effort!r}: must be positive, one number or {n}, one for each of actuate")
-        return np.broadcast_to(found, (n,)).astype(float)
+        return _sizes("effort", effort, n, "of actuate")
     columns, joints = np.array(force_columns(at.arm, actuate)), all_joints(at.arm)
     out = np.zeros(n)
     for k, column in enumerate(columns):
@@ -110,6 +104,14 @@ def _efforts(at: Rest, actuate: Sequence[Any], effort: ArrayLike | None) -> Arra
             raise ValueError(f"effort: give it, the largest size accepted of each; {actuate[k]!r} has no default")
         out[k] = abs(column) @ at.M @ abs(column) * _BRYSON * ((at.frequency or _SLOWER * _RIGID) / _SLOWER) ** 2
     return out
+
+
+def _sizes(field: str, value: ArrayLike, n: int, of: str) -> Array:
+    """Positive numbers, one for all or one for each of n."""
+    found = array(field, value)
+    if found.shape not in ((), (n,)) or not (found > 0.0).all():
+        raise ValueError(f"{field} = {value!r}: must be positive, one number or {n}, one for each {of}")
+    return np.broadcast_to(found, (n,)).astype(float)
 
 
 def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
@@ -230,9 +232,9 @@ def _regulator(at: Rest, W: Array, effort: Array, rate: float | None, delay: flo
 
 
 def _times(rate: Any, delay: Any) -> tuple[float | None, float]:
-    late = finite("delay", delay)
-    if late < 0.0 or (rate is None and late):
-        raise ValueError(f"delay = {delay}: must be zero, or positive with a rate, in seconds")
+    late = not_negative("delay", delay, "s")
+    if rate is None and late:
+        raise ValueError(f"delay = {delay}: must be zero, or positive with a rate")
     hertz = None if rate is None else positive("rate", rate)
     if hertz is not None and late * hertz > 100.0:
         raise ValueError(f"delay = {delay}: is {late * hertz:.3g} samples at rate = {rate}; at most 100")
@@ -283,16 +285,6 @@ def lqr(
     )  # fmt: skip
 
 
-def _noises(measure: Sequence[Any], rows: Sequence[int], noise: ArrayLike | None) -> Array:
-    ny = sum(rows)
-    if noise is None:
-        return np.repeat([_NOISE[entry[0]] for entry in measure], rows)
-    found = array("noise", noise)
-    if found.shape not in ((), (ny,)) or not (found > 0.0).all():
-        raise ValueError(f"noise = {noise!r}: must be positive, one number or {ny}, one for each number measured")
-    return np.broadcast_to(found, (ny,)).astype(float)
-
-
 def lqg(
     arm: Chain, q: ArrayLike | None = None, *, measure: Sequence[Any], noise: ArrayLike | None = None,
     disturbance: ArrayLike | None = None, weights: Weights | None = None, effort: ArrayLike | None = None,
@@ -328,10 +320,9 @@ def lqg(
     at = rest(arm, q, entries)
     C, n = np.hstack([by_q, by_v]) @ at.T, len(at.A)
     size = _efforts(at, entries, effort)
-    sigma = _noises(seen, [len(p[0]) for p in parts], noise)
-    pushes = size / _CALM if disturbance is None else array("disturbance", disturbance)
-    if pushes.shape not in ((), size.shape) or not (pushes > 0.0).all():
-        raise ValueError(f"disturbance = {disturbance!r}: must be positive, one number or one for each of actuate")
+    usual = np.repeat([_NOISE[entry[0]] for entry in seen], [len(p[0]) for p in parts])
+    sigma = usual if noise is None else _sizes("noise", noise, usual.size, "number measured")
+    pushes = size / _CALM if disturbance is None else _sizes("disturbance", disturbance, size.size, "of actuate")
     K, plant = _regulator(at, _cost(at, weights, size), size, hertz, late)
     slowest, force = at.frequency or _RIGID, at.B * pushes
     V = _BAND * force @ force.T

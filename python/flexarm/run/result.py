@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..analysis.findings import Findings, RunWarning
 from ..arm.arm import Arm
 from ..data.compare import Comparison
 from ..data.data import Data
+from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..model.acting.load import Load
@@ -21,9 +22,6 @@ from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
 from . import watch as monitors
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(repr=False)

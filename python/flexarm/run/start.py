@@ -62,11 +62,9 @@ def sagging(
     volts = voltage_forces(arm, acting(arm, drive or {}, t)[1])
     sag = steady_state(arm, q, v, at_time(arm, loads, t), volts)
     size = off = 0.0
-    for k, link in enumerate(arm.links):
-        if link.beam is not None and link.beam.ne:
-            at = arm._core.first_q(k) + link.joint.nq + np.arange(link.beam.ne)
-            K = np.asarray(link.beam._core.stiffness)
-            size, off = size + float(sag[at] @ K @ sag[at]), off + float((q - sag)[at] @ K @ (q - sag)[at])
+    for _, beam, at, _ in arm.beams():
+        K = np.asarray(beam._core.stiffness)
+        size, off = size + float(sag[at] @ K @ sag[at]), off + float((q - sag)[at] @ K @ (q - sag)[at])
     return sag, float(np.sqrt(off / size)) if size > 0.0 else np.inf
 
 

@@ -62,8 +62,8 @@ def first_frequency(arm: Arm) -> float:
 def softened(arm: Arm, result: Rows) -> str:
     """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
     it returns "", also of a run that failed before its first row."""
-    for k, link in enumerate(arm.links):
-        if link.beam is None or link.beam.order != 1 or not link.beam.ne or not len(result.q):
+    for k, beam, *_ in arm.beams() if len(result.q) else ():
+        if beam.order != 1:
             continue
         spin = float(np.linalg.norm(arm.velocity(result.q[-1], result.v[-1], k, 0.0)[3:]))
         frequency = first_frequency(arm)
@@ -83,16 +83,11 @@ def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[st
     """
     out: dict[tuple[str, int], Array] = {}
     for k, link in enumerate(arm.links):
-        beam = link.beam
-        if beam is None:
-            continue
-        if np.isfinite(frequency) and frequency > 0:
+        if link.beam is not None and np.isfinite(frequency) and frequency > 0:
             w = arm.velocity(result.q, result.v, k, 0.0)[:, 3:]
             out["spin", k] = np.linalg.norm(w, axis=1) / frequency
-        if not beam.ne:
-            continue
-        first = arm._core.first_q(k) + link.joint.nq
-        qe = result.q[:, first : first + beam.ne]
+    for k, beam, place, _ in arm.beams():
+        qe = result.q[:, place]
         out["rotation", k] = rotation(beam, qe)
         out["strain", k] = np.linalg.norm(arm.strain(result.q, k, 0.0)[:, :3], axis=1)
         energy = 0.5 * np.asarray(beam._core.stiffness).diagonal() * qe**2
@@ -124,12 +119,11 @@ class Watch:
         """Limits of an arm that no plan was made for: energy in the highest modes, and the speed of turning where a
         beam has order 0 or 1, which know nothing of stiffening."""
         limits = {}
-        for k, link in enumerate(arm.links):
-            if link.beam is not None and link.beam.ne:
-                if link.beam.basis != "legendre":  # whose polynomials are no modes
-                    limits["top", k] = _DEFAULTS["top"]
-                if link.beam.order in (0, 1):
-                    limits["spin", k] = _DEFAULTS["spin"]
+        for k, beam, *_ in arm.beams():
+            if beam.basis != "legendre":  # whose polynomials are no modes
+                limits["top", k] = _DEFAULTS["top"]
+            if beam.order in (0, 1):
+                limits["spin", k] = _DEFAULTS["spin"]
         return Watch(limits, first_frequency(arm))
 
     @staticmethod

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..._check import Array
-from .style import BLUE, INK, RED, label_axes, new_figure, short
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, RED, Axes, Figure, label_axes, new_figure, short
 
 _FEW = 4  # columns in one stack of panels
 _TALL = 12.0  # inches: height of most figures, at most

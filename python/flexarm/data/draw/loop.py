@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import Array
-from .style import BLUE, INK, PALETTE, RED, label_axes, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, PALETTE, RED, Axes, Figure, label_axes, new_figure
 
 _FEW = 4  # loops whose names fit in a diagram
 _SLOW = 8  # slowest poles, which set the limits of the s-plane

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..._check import Array
-from .style import PALETTE, label_axes, legend, new_figure, short, words
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import PALETTE, Figure, label_axes, legend, new_figure, short, words
 
 _DASHES = ("-", "--", "-.", ":")
 _LETTERS = 32  # of a name along an axis

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ..._check import Array
-from .style import BLUE, INK, RED, label_axes, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, RED, Figure, label_axes, new_figure
 
 
 class Curves(NamedTuple):

@@ -10,12 +10,11 @@ import numpy as np
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, choice
+from ..._check import Array, array, choice, instance, not_negative, positive
 from ..parts.chain import Chain
 from .control import Controller, Run, all_joints
 from .drive import Motion
 from .following import Fitted, check_motion, fitted, kinks_of, motions_of
-from .motor import finite, positive
 
 ELASTIC = ("static", "zero")
 
@@ -36,12 +35,6 @@ def _model_arm(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, lis
     if len(own) != len(rates):
         raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
     return model, own
-
-
-def _model(model: Any) -> Any:
-    if model is not None and not isinstance(model, Chain):
-        raise ValueError(f"model = {model!r}: must be an Arm or None")
-    return model
 
 
 def per_joint(field: str, value: Any, count: int) -> Array:
@@ -79,7 +72,7 @@ class FeedForward(Controller):
         self, reference: Any, *, inertia: bool = True, elastic: str = "static", model: Any = None
     ) -> None:  # fmt: skip
         self.reference, self.inertia, self.elastic = reference, bool(inertia), choice("elastic", elastic, ELASTIC)
-        self.model = _model(model)
+        self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
 
     def _columns(self, arm: Chain) -> list[Array]:
         return [np.eye(arm.nv)[i] for i in all_joints(arm)]
@@ -139,7 +132,7 @@ class ComputedTorque(Controller):
         self, kp: Any, kv: Any = None, *, reference: Any, rate: float, delay: float = 0.0, elastic: str = "static",
         limit: Any = None, model: Any = None,
     ) -> None:  # fmt: skip
-        self.model = _model(model)
+        self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
         self.kp = array("kp", kp)
         if not (self.kp >= 0.0).all():
             raise ValueError(f"kp = {kp!r}: must not be negative (1/s²)")
@@ -147,9 +140,7 @@ class ComputedTorque(Controller):
         for name in ("kp", "kv"):
             if getattr(self, name).ndim > 1:
                 raise ValueError(f"{name} = {locals()[name]!r}: must be one number, or one for each joint's freedom")
-        self.reference, self.rate, self.delay = reference, positive("rate", rate), finite("delay", delay)
-        if self.delay < 0.0:
-            raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
+        self.reference, self.rate, self.delay = reference, positive("rate", rate), not_negative("delay", delay, "s")
         self.elastic = choice("elastic", elastic, ELASTIC)
         self.limit = None if limit is None else array("limit", limit)
         if self.limit is not None and not (self.limit > 0.0).all():

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, finite_number, instance, number, positive
 from ..parts.arguments import arguments
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
@@ -23,7 +23,7 @@ from ..parts.joints import Prismatic
 from ..parts.link import Link
 from .drive import Motion, Torque
 from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
-from .motor import Motor, finite, positive
+from .motor import Motor
 from .voltage import is_patch
 
 
@@ -35,8 +35,8 @@ def listed(name: str, value: Any) -> list[Any]:
 
 def limit_of(value: Any, motor: Any = None, count: int | None = None) -> Any:
     """The limit of |u|, or of each of `count` outputs: the lower of the given limit and the motor's."""
-    if motor is not None and not isinstance(motor, Motor):
-        raise ValueError(f"motor = {motor!r}: must be a Motor or None")
+    if motor is not None:
+        instance("motor", motor, Motor)
     most = np.inf if motor is None or motor.limit is None else motor.limit
     if count is None or np.ndim(value) == 0:
         return min(np.inf if value is None else positive("limit", value), most)
@@ -141,7 +141,7 @@ class _JointLaw(Controller):
         self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, reference_rate: Any, limit: Any,
         motor: Motor | None,
     ) -> None:  # fmt: skip
-        self.kp, self.kv = finite("kp", kp), finite("kv", kv)
+        self.kp, self.kv = finite_number("kp", kp), finite_number("kv", kv)
         if freedom is None and isinstance(link, (tuple, list)):  # files have lists
             link, freedom = link
         self.link, self.freedom = link, freedom
@@ -232,10 +232,10 @@ class StrainFeedback(_JointLaw):
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, reference_rate, limit, motor)
-        self.ks, self.x, self.beam = finite("ks", ks), finite("x", x), beam
+        self.ks, self.x, self.beam = finite_number("ks", ks), finite_number("x", x), beam
         self.strain = choice("strain", strain, STRAIN_NAMES)
         equilibrium = isinstance(static, str)
-        self.static = choice("static", static, ("equilibrium",)) if equilibrium else finite("static", static)
+        self.static = choice("static", static, ("equilibrium",)) if equilibrium else finite_number("static", static)
         self.pose = pose if pose is None else array("pose", pose)
         if self.pose is not None and not equilibrium:
             raise ValueError('pose: is for static = "equilibrium"')

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, finite_number, positive
 
 
 def sample_times(t: ArrayLike) -> Array:
@@ -235,11 +235,8 @@ class SpinUp:
     time: float
 
     def __post_init__(self) -> None:
-        speed, time = number("speed", self.speed), number("time", self.time)
-        if not (np.isfinite(speed) and 0 < time < np.inf):
-            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
-        object.__setattr__(self, "speed", speed)
-        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "speed", finite_number("speed", self.speed))
+        object.__setattr__(self, "time", positive("time", self.time, "s"))
 
     def __call__(self, t: float) -> tuple[float, float, float]:
         speed, time = self.speed, self.time

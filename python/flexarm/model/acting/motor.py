@@ -6,22 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, number
+from ..._check import Array, finite_number, not_negative, positive
 from ..parts.chain import Chain
-
-
-def finite(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not np.isfinite(x):
-        raise ValueError(f"{name} = {value}: must be finite")
-    return x
-
-
-def positive(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not 0.0 < x < np.inf:
-        raise ValueError(f"{name} = {value}: must be positive and finite")
-    return x
 
 
 def torque_limits(arm: Chain) -> Array:
@@ -67,10 +53,8 @@ class Motor:
         resistance: float | None = None,
         rotor_inertia: float = 0.0,
     ) -> None:
-        self.torque_constant, self.gear_ratio = (
-            positive("torque_constant", torque_constant),
-            finite("gear_ratio", gear_ratio),
-        )
+        self.torque_constant = positive("torque_constant", torque_constant)
+        self.gear_ratio = finite_number("gear_ratio", gear_ratio)
         if self.gear_ratio == 0.0:
             raise ValueError("gear_ratio = 0.0: must not be zero")
         self.efficiency = positive("efficiency", efficiency)
@@ -78,9 +62,7 @@ class Motor:
             raise ValueError(f"efficiency = {efficiency}: must be at most 1")
         self.limit = None if limit is None else positive("limit", limit)
         self.resistance = None if resistance is None else positive("resistance", resistance)
-        self.rotor_inertia = finite("rotor_inertia", rotor_inertia)
-        if self.rotor_inertia < 0.0:
-            raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
+        self.rotor_inertia = not_negative("rotor_inertia", rotor_inertia)
 
     @property
     def reflected_inertia(self) -> float:

@@ -6,7 +6,8 @@ from typing import Any
 
 import flexarm._core as _core
 
-from .motor import Motor, finite, positive
+from ..._check import finite_number, positive
+from .motor import Motor
 from .sampled import LinearController, as_floats
 
 
@@ -38,7 +39,7 @@ class PID(LinearController):
         tracking_time: float | None = None,
     ) -> None:  # fmt: skip
         link = tuple(link) if isinstance(link, list) else link  # (link, freedom) from a file
-        kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
+        kp, ki, kd = finite_number("kp", kp), finite_number("ki", ki), finite_number("kd", kd)
         tf = None if filter_time is None else positive("filter_time", filter_time)
         led_back = None if tracking_time is None else positive("tracking_time", tracking_time)
         rate, delay, limit = as_floats(rate, delay, limit)

@@ -8,7 +8,8 @@ from typing import Any
 
 import flexarm._core as _core
 
-from .motor import Motor, finite, positive
+from ..._check import finite_number, positive
+from .motor import Motor
 from .sampled import LinearController, as_floats
 
 
@@ -53,7 +54,8 @@ class PPF(_Resonant):
         actuate: Sequence[Any] = (-1,), rate: float | None = None, reference: float = 0.0, delay: float = 0.0,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        w, zeta, g = positive("frequency", frequency), positive("damping_ratio", damping_ratio), finite("gain", gain)
+        w, zeta = positive("frequency", frequency), positive("damping_ratio", damping_ratio)
+        g = finite_number("gain", gain)
         rate, delay, limit = as_floats(rate, delay, limit)
         self._given_as = {"frequency": w, "damping_ratio": zeta, "gain": g, "rate": rate, "reference": reference,
                           "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
@@ -91,7 +93,7 @@ class IRC(_Resonant):
         rate: float | None = None, reference: float = 0.0, delay: float = 0.0, limit: float | None = None,
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        k, d = finite("gain", gain), finite("feedthrough", feedthrough)
+        k, d = finite_number("gain", gain), finite_number("feedthrough", feedthrough)
         system = _core.integral_resonant(k, d)[:4]
         self.gain, self.feedthrough = k, d
         rate, delay, limit = as_floats(rate, delay, limit)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, number
+from ..._check import Array, array, not_negative, number, positive
 from ..parts.chain import Chain
 from .control import (
     Controller,
@@ -28,7 +28,7 @@ from .control import (
 )
 from .drive import Motion, Torque, sample_times
 from .following import along, check_motion, plus, scaled
-from .motor import Motor, positive, reach_of
+from .motor import Motor, reach_of
 from .seen import Seen
 
 _MOST = 1e8  # most samples of a run
@@ -145,9 +145,7 @@ class Sampled(Controller):
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
-        self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
-        if not 0.0 <= self.delay < np.inf:
-            raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
+        self.law, self.rate, self.delay = law, positive("rate", rate), not_negative("delay", delay, "s")
         self.measure = None if measure is None else [_entry(e) for e in listed("measure", measure)]
         self.actuate = [_entry(e) for e in listed("actuate", actuate)]
         self.motor, self.limit = motor, limit_of(limit, motor, len(self.actuate))

@@ -11,7 +11,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import array, number, tilde
+from ..._check import array, instance, number, tilde
 from .material import Material
 from .part import ModelWarning, Part
 
@@ -71,8 +71,6 @@ class Shape(SymmetricSection):
     def __post_init__(self) -> None:
         super().__post_init__()
         maker, numbers, pairs = self._shape
-        for f in numbers:
-            self._set(f, number(f, getattr(self, f)))
         for f in (*pairs, "shear_correction"):
             if f in pairs or getattr(self, f) is not None:
                 self._set(f, _pair(f, getattr(self, f)))
@@ -254,8 +252,6 @@ class GeneralSection(SymmetricSection):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for f in ("area", "second_moment_y", "second_moment_z", "torsion_constant"):
-            self._set(f, number(f, getattr(self, f)))
         self._set("shear_correction", _pair("shear_correction", self.shear_correction))
         k = _both(self.shear_correction)
         sizes = (self.area, self.second_moment_y, self.second_moment_z, self.torsion_constant)
@@ -315,10 +311,8 @@ class SectionMatrix(Section):
         Raises:
             ValueError: naming the field and the value.
         """
-        if not isinstance(section, SymmetricSection):
-            raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
-        if not isinstance(material, Material):
-            raise ValueError(f"material = {material!r}: must be a Material")
+        instance("section", section, SymmetricSection, "a doubly symmetric one, as Rectangle")
+        instance("material", material, Material)
         if material.shear_modulus is None and material.poisson_ratio is None:
             raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
         s, E, G = section._core, material.youngs_modulus, material._core.shear_modulus

@@ -42,7 +42,7 @@ __all__ = ["ROBOTS", "SCENES", "Scene", "load", "scene_from_dict", "shallow"]
 
 #: Readers of robots' files, by suffix.
 ROBOTS = {".urdf": "from_urdf", ".xml": "from_mjcf", ".mjcf": "from_mjcf"}
-SCENES = Path(__file__).parents[1] / "scenes"
+SCENES = Path(__file__).parents[2] / "scenes"
 
 
 _SHOWN = 6  # most entries of a list in print(scene)

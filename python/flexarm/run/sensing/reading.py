@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +11,8 @@ from numpy.typing import ArrayLike
 from ..._check import Array, array, choice, named, number, whole
 from ..._console import write_csv
 from ...data.data import Data
+from ...data.draw.style import Figure
 from ...data.draw.trajectory import plot_samples
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WINDOWS = ("hann", "boxcar")
 
