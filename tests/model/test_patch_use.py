@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from arms import STEEL, close, paper_link
 from flexarm.cli import main
-from numpy.polynomial import legendre
 from model.test_patch import D31, FIBRE, GHOST, MOMENT, PAIR, PZT, B, E, H, L, T, clamped_free, strip
+from numpy.polynomial import legendre
 
 # -- drives, sensors, linear models ----------------------------------------------------------------------------------
 

@@ -84,7 +84,7 @@ def modal_damping(
     for k in sorted(wanted.keys() - reached):
         raise ValueError(f"ratios[{k}]: mode {k} bends no beam, so that no damping of beams reaches it")
     rings = np.flatnonzero(modes.frequencies)
-    mass = np.array([_power(modes.shapes[:, k], found.mass) for k in rings])
+    mass = np.einsum("ik,ij,jk->k", modes.shapes[:, rings], found.mass, modes.shapes[:, rings])
     unit = modes.shapes[:, rings] / np.sqrt(2 * modes.frequencies[rings] * mass)  # of which x D x is a ratio
     named = np.array([int(np.flatnonzero(rings == k)[0]) for k in wanted])
     few = _sums(_patterns(arm, found, modes.shapes[:, list(wanted)]), unit, named)
@@ -211,10 +211,6 @@ def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:
     alike = np.abs(shapes.T @ M @ damped.shapes) ** 2
     size = np.einsum("ik,ij,jk->k", damped.shapes.conj(), M, damped.shapes).real
     return np.asarray(damped.damping[(alike / size).argmax(axis=1)])
-
-
-def _power(shape: Array, D: Array) -> float:
-    return float(shape @ D @ shape)
 
 
 def rayleigh_damping(arm: Chain, mass: float, stiffness: float) -> list[Link]:

@@ -116,7 +116,8 @@ class _Balance:
         self.sizes = _sizes(arm)[free]
         self.tries = 0  # Newton steps taken
         self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
-        self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
+        balls = [i for _, rates in arm.ball_rates() for i in range(arm.nv)[rates]]
+        self.rows = ~np.isin(np.flatnonzero(free), balls)  # where a potential means a symmetric Jacobian anywhere
 
     def residual(self, q: Array) -> Array:
         r: Array = self._left_over(self.arm, q, self.v, self.loads) - self.tau[self.free]
@@ -153,13 +154,6 @@ class _Balance:
         d = np.sqrt(np.abs(np.diag(K)))
         least = 1e-6 * float(np.abs(K).max(initial=0.0))
         return bool((np.abs(off) <= 1e-9 * np.maximum(np.outer(d, d), least)).all())
-
-
-def _ball_rates(arm: Chain) -> NDArray[np.bool_]:
-    balls = np.zeros(arm.nv, dtype=bool)
-    for _, rates in arm.ball_rates():
-        balls[rates] = True
-    return balls
 
 
 class _Solver:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, finite, number, whole
+from .._check import Array, array, at_least, finite, number, whole, within
 from ..data.draw.modes import plot_modes
 from ..data.draw.style import Figure
-from ..model.parts.beam import Beam
 from ..model.parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
@@ -64,8 +63,7 @@ class Modes:
         Raises:
             ValueError: a count below 1, or no mode that moves the arm's axis.
         """
-        if whole("count", count) < 1:
-            raise ValueError(f"count = {count}: must be at least 1")
+        at_least("count", count, 1)
         shapes = sample(self.arm, self, 41)
         first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
         path = np.insert(shapes.position, first, self._joints(), axis=0)  # each joint ahead of its link
@@ -106,10 +104,8 @@ class Modes:
             ValueError: no such mode, an amplitude that is not above zero.
         """
         n = len(self.frequencies)
-        if not -n <= whole("k", k) < n:
-            raise ValueError(f"k = {k}: must be from {-n} to {n - 1}, the modes that were found")
-        places = [(n, x) for n, b in enumerate(self.arm.links) for x in (*_slices(b.beam, 9), None)]
-        motion = np.array([self.arm.jacobian(self.q, n, x) @ self.shapes[:, k] for n, x in places])
+        within("k", whole("k", k), -n, n - 1, ", the modes that were found")
+        motion = np.array([self.arm.jacobian(self.q, *at) @ self.shapes[:, k] for at in _places(self.arm, 9)])
         moved, turned = (float(np.linalg.norm(part, axis=1).max()) for part in (motion[:, :3], motion[:, 3:]))
         if amplitude is None:
             share = min(0.1 * length(self.arm) / max(moved, 1e-300), 0.5 / max(turned, 1e-300))
@@ -140,20 +136,17 @@ class ModeShapes:
     displacement: NDArray[Any]
 
 
-def _slices(beam: Beam | None, points: int) -> list[float]:
-    """Places along a beam, evenly spaced (m); none of none."""
-    return [] if beam is None else [float(x) for x in np.linspace(0.0, beam.length, points)]
+def _places(arm: Chain, points: int) -> list[tuple[int, float | None]]:
+    """Links and places along their beams, evenly spaced (m), with the end of each link, None."""
+    along = [np.linspace(0.0, x.beam.length, points).tolist() if x.beam else [] for x in arm.links]
+    return [(k, x) for k, places in enumerate(along) for x in (*places, None)]
 
 
 def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
     """See Arm.mode_shapes."""
     if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
         raise ValueError("modes: must be what this arm's `modes` returned")
-    if whole("points", points) < 2:
-        raise ValueError(f"points = {points}: must be at least 2")
-    places: list[tuple[int, float | None]] = []
-    for k, link in enumerate(arm.links):
-        places += [(k, x) for x in (*_slices(link.beam, points), None)]
+    places = _places(arm, at_least("points", points, 2))
     position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
     moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
     return ModeShapes(

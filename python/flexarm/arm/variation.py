@@ -20,9 +20,7 @@ from .._threads import each
 from ..model.acting.control import Controller, limit_of
 from ..model.acting.drive import Motion, Torque
 from ..model.acting.load import Load
-from ..model.acting.motor import Motor
 from ..model.acting.voltage import Voltage
-from ..model.parts.arguments import arguments
 from ..model.parts.part import Part
 from .arm import Arm
 
@@ -71,8 +69,6 @@ def fields_of(part: Any) -> dict[str, Any]:
     if isinstance(part, (Motion, Torque, Voltage)):
         value = {"value": part(0.0)} if part.constant else {}
         return {**value, "scale": 1.0, "offset": 0.0, "delay": 0.0}
-    if isinstance(part, Motor):
-        return {name: getattr(part, name) for name in arguments(Motor)}
     if isinstance(part, Controller):
         return part._arguments() if part.rebuilt else {k: v for k, v in vars(part).items() if not k.startswith("_")}
     return {}
@@ -81,7 +77,7 @@ def fields_of(part: Any) -> dict[str, Any]:
 def _nested(value: Any) -> bool:
     if isinstance(value, (tuple, list)):
         return bool(value) and all(_nested(x) for x in value)
-    return isinstance(value, (Part, Load, Motion, Torque, Voltage, Motor, Controller))
+    return isinstance(value, (Part, Load, Motion, Torque, Voltage, Controller))
 
 
 def _leaves(part: Any, prefix: str) -> Iterator[str]:
@@ -110,6 +106,32 @@ def numbered(setup: Setup, path: str) -> str:
             if isinstance(key, (int, str)) and arm._link(key) == arm._link(words[0], f"'{path}': link"):
                 words[0] = str(key)
     return ".".join([root, *words])
+
+
+def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> tuple[Any, Any]:
+    """The value at a path, None if there is none, and the part that holds it; `more`: other roots, such as q0."""
+    root, *names = numbered(setup, path).split(".")
+    here: Any = None
+    like: Any = None
+    tree: dict[str, Any] = {
+        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
+        "gravity": setup.arm.gravity, **(more or {}),
+    }  # fmt: skip
+    if root == "drive":
+        for key, law in setup.drive.items():
+            own = drive_name(key).split(".")
+            if names[: len(own)] == own:
+                here, names = law, names[len(own) :]
+    else:
+        here = tree.get(root)
+    for name in names:
+        like, here = here, fields_of(here).get(name)
+    return here, like
+
+
+def can_vary(at: str, known: Sequence[str]) -> bool:
+    """Whether a path, or that of the array of which it is an entry, is a known one."""
+    return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
 
 
 def known_paths(setup: Setup) -> list[str]:
@@ -141,7 +163,7 @@ class Variation:
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
         for path, value in (parameters or {}).items():
             at = self._at[path] = numbered(setup, path)
-            if at not in known and re.sub(r"(\.\d+){1,2}$", "", at) not in known:
+            if not can_vary(at, known):
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")
@@ -313,8 +335,6 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         return np.array(out) if isinstance(part, np.ndarray) else tuple(out)
     if isinstance(part, Part):
         return replace(part, **new)  # type: ignore[type-var]
-    if isinstance(part, Motor):
-        return Motor(**{**fields_of(part), **new})
     if isinstance(part, Load):
         scale = new.pop("scale", None)
         load = Load(**{**part.given, **new}) if new else part

@@ -17,7 +17,6 @@ TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps what
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-chart")
     budget = "wall time to spend (%(default)g s); runs that would exceed it are skipped and listed"

@@ -19,7 +19,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
 
 

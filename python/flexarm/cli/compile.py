@@ -17,7 +17,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     p.add_argument("-o", "--output", metavar="FILE", help="file to write (SCENE.json, in this folder)")
 

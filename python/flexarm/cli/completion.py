@@ -20,7 +20,6 @@ SHELLS = ("bash", "zsh", "fish", "tcsh")
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
 
 

@@ -15,7 +15,6 @@ TEXT = "Needs no scene, network or display."
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.output(p, "flexarm-demo")
 
 

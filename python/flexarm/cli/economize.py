@@ -17,7 +17,6 @@ TEXT = "Writes lean.toml (a scene file with the lean model), economize.png, econ
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-economize")
     p.add_argument("--tol", type=float, default=1e-3, help="error allowed, over the quantity's span (%(default)s)")

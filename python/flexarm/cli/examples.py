@@ -38,7 +38,6 @@ def summary(script: Path) -> str:
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("names", metavar="EXAMPLE", nargs="*", help="which to copy")
     p.add_argument("--all", action="store_true", help="copy all of them")
     options.output(p, ".")

@@ -26,7 +26,6 @@ _EXAMPLE = "such as 'link.0.tip.mass', with a start '=0.1', or with a start and 
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     p.add_argument("data", metavar="DATA", nargs="+", help="measured runs: CSV, HDF5, .mat or .npz files")
     p.add_argument("-p", "--parameter", metavar="PATH[=START[:LOW:HIGH]]", action="append", required=True,

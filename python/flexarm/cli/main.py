@@ -3,7 +3,7 @@
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
-TEXT for --help, `arguments(parser)`, and `run(args)`, which returns the exit code.
+TEXT for --help, `arguments(parser)`, which adds its arguments, and `run(args)`, which returns the exit code.
 """
 
 from __future__ import annotations

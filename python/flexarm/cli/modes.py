@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._check import at_least
 from .._console import empty_table, json_text, print_table
 from ..analysis.modes import Modes
 from ..model.acting.drive import Motion
@@ -19,7 +20,6 @@ TEXT = "About rest at the scene's initial position, or about a steady spin. Freq
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     speed = "steady speed of a joint (rad/s; m/s if prismatic), such as 0=10, or --speed=-1=10 of the last link; "
     speed += "repeat for more joints"
@@ -91,8 +91,7 @@ def _mode_rows(modes: Modes, coordinates: Sequence[str], count: int) -> list[dic
 
 def run(args: argparse.Namespace) -> int:
     """Computes and prints."""
-    if args.count < 1:
-        raise ValueError(f"-n {args.count}: must be at least 1")
+    at_least("-n", args.count, 1)
     scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)

@@ -21,7 +21,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-place")
     p.add_argument("--link", type=options.link, default=-1, help="number or name; -1 is the last (%(default)s)")

@@ -20,7 +20,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("rig", metavar="RIG", choices=RIGS, help=f"the arm: {', '.join(RIGS)}")
     options.output(p, "flexarm-validate")
     p.add_argument("--fit", choices=SHIPPED, default=SHIPPED[0], help="the recording that is fitted to (%(default)s)")

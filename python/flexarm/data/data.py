@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, number
+from .._check import Array, array, choice, number, positive
 from .._console import aligned
 from . import signal
 from .draw.style import Figure
-from .draw.trajectory import plot_panels
+from .draw.trajectory import by_unit, plot_panels
 from .files import write_columns
 from .signal import DataWarning
 from .units import Unit, unit
@@ -161,9 +161,7 @@ class Data:
         choice("method", method, METHODS)
         new = array("t", t)
         if new.ndim == 0:
-            if not new > 0:
-                raise ValueError(f"t = {new:g}: one number is a step (s), which must be positive")
-            new = signal.even_times(self.t[0], self.t[-1], float(new))
+            new = signal.even_times(self.t[0], self.t[-1], positive("t", new, "s, one number is a step"))
         if new.ndim != 1 or not new.size:
             raise ValueError(f"t has shape {new.shape}: must be times, (n,), or one step")
         slack = 1e-9 * max(1.0, float(np.abs(self.t).max()))
@@ -199,8 +197,8 @@ class Data:
         """
         if not isinstance(other, Data):
             raise ValueError(f"other = {type(other).__name__}: must be fa.Data")
-        if max_lag is not None and not number("max_lag", max_lag) > 0:
-            raise ValueError(f"max_lag = {max_lag}: must be positive (s)")
+        if max_lag is not None:
+            positive("max_lag", max_lag, "s")
         there = column if other_column is None else other_column
         pairs = (self.t, self[column]), (other.t, other[there])
         for (t, y), name in zip(pairs, (column, there), strict=True):
@@ -234,18 +232,8 @@ class Data:
             choice("columns", name, self.columns)
         if not shown:
             raise ValueError("columns: there are none to plot")
-        groups: dict[str, list[str]] = {}
-        for name in shown:
-            groups.setdefault(self.units[name], []).append(name)
-        panels = []
-        for si, names in groups.items():
-            what = names[0] if len(names) == 1 else _QUANTITIES.get(si, "")
-            title = f"{what} ({si})".strip() if si not in ("", "1") else what
-            panels.append((title, [(name, self.columns[name]) for name in names]))
-        figure = plot_panels(self.t, panels)
-        if self.name:
-            figure.suptitle(self.name, fontsize=12, parse_math=False)
-        return figure
+        curves = ((name, self.units[name], self.columns[name]) for name in shown)
+        return plot_panels(self.t, by_unit(curves, lambda unit, _: _QUANTITIES.get(unit, "")), self.name)
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame: its index is t (s), its columns have the names here, and `.attrs["units"]` their units;

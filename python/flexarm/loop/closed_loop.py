@@ -16,7 +16,7 @@ from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
 from ..arm.arm import Arm
-from ..arm.variation import Setup, Variation, fields_of, numbered
+from ..arm.variation import Setup, Variation, value_at
 from ..data.draw.loop import plot_loop
 from ..data.draw.style import Figure
 from ..model.acting.control import Controller
@@ -230,24 +230,14 @@ class ClosedLoop:
 
     def _value(self, path: str) -> float:
         """The present value of the parameter."""
-        roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
-        root, *names = numbered(self._setup, path).split(".")
-        part: Any = roots.get(root)
-        if names[1:] == ["rate"] and names[0].isdigit() and int(names[0]) < len(self.control):
-            law = self.control[int(names[0])]
-            if isinstance(law, LinearController) and law.A.size and not law.rebuilt:
-                raise ValueError(
-                    f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
-                    "ask closed_loop of each (the rate of .pid, .ppf and .irc can vary)"
-                )
-        for name in names:
-            fields = fields_of(part)
-            if name not in fields:
-                break
-            part = fields[name]
-        else:
-            if np.ndim(part) == 0 and part is not None and not isinstance(part, (str, tuple)):
-                return number(path, part)
+        value, law = value_at(self._setup, path)
+        if path.endswith(".rate") and isinstance(law, LinearController) and law.A.size and not law.rebuilt:
+            raise ValueError(
+                f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
+                "ask closed_loop of each (the rate of .pid, .ppf and .irc can vary)"
+            )
+        if np.ndim(value) == 0 and value is not None and not isinstance(value, (str, tuple)):
+            return number(path, value)
         Variation(self._setup, {path: np.zeros(1)})  # its error suggests similar names
         raise ValueError(f"over = {path!r}: is no number that can vary")
 

@@ -74,11 +74,28 @@ def unstable(
         q: the start, (nq,). times, loads: of the run.
         samplers: its sampled laws, as the core was given them, which know what they were asked; None: they are asked.
     """
-    try:
-        with np.errstate(all="ignore"):
-            return _unstable(arm, q, prescribed, times, loads, controls, time, failed, samplers)
-    except (ValueError, np.linalg.LinAlgError):  # a state that has no linear model: the run's own words must do
+    if 2 * (arm.nv - len(prescribed)) > _MOST:
         return None
+    start = float(times[0])
+    # ValueError and LinAlgError: a state that has no linear model, of which the run says enough by itself
+    with np.errstate(all="ignore"), suppress(ValueError, np.linalg.LinAlgError):
+        plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
+        running, own, memory = running_laws(arm, controls, times, loads)
+        running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
+        given = [law for laws in own for law in laws] if samplers is None else samplers
+        held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
+        of = _Growths(
+            max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
+            0.05 * _GROWN / max(time, float(times[-1] - times[0])),
+        )  # fmt: skip
+        with suppress(ValueError):
+            return _named(Hybrid(plant, running, held, memory), of)
+        # rates without a common period: the laws without samples, then each of the others beside them
+        for chosen in ([], *([x] for x in held)):
+            with suppress(ValueError):
+                if found := _named(Hybrid(plant, running, chosen, memory), of):
+                    return found
+    return None
 
 
 def _seen_laws(
@@ -100,33 +117,6 @@ def _seen_laws(
         if law is not None and (failed or np.isinf(law.limit).all()):
             found.append(law)
     return found
-
-
-def _unstable(
-    arm: Chain, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any], time: float,
-    failed: bool, samplers: Sequence[Any] | None,
-) -> LoopWarning | None:  # fmt: skip
-    if 2 * (arm.nv - len(prescribed)) > _MOST:
-        return None
-    start = float(times[0])
-    plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
-    running, own, memory = running_laws(arm, controls, times, loads)
-    running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
-    given = [law for laws in own for law in laws] if samplers is None else samplers
-    held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
-    of = _Growths(
-        max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
-        0.05 * _GROWN / max(time, float(times[-1] - times[0])),
-    )  # fmt: skip
-    try:
-        return _named(Hybrid(plant, running, held, memory), of)
-    except ValueError:  # rates without a common period: those without samples, then each of the others beside them
-        pass
-    for chosen in ([], *([x] for x in held)):
-        with suppress(ValueError):
-            if found := _named(Hybrid(plant, running, chosen, memory), of):
-                return found
-    return None
 
 
 def _guilty(loop: Hybrid, own: Sequence[int], of: _Growths) -> list[int]:

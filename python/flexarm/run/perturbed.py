@@ -3,7 +3,6 @@ equations of motion at a given state follows from them by differences."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array
-from ..arm.variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
+from ..arm.variation import Setup, Variation, can_vary, drive_name, known_paths, numbered, value_at
 from .parameter import Neighbour, Parameter
 from .problem import Problem
 from .start import start
@@ -111,30 +110,9 @@ def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:
     raise ValueError(f"parameters: there is no drive '{path}'; drives are {known}")
 
 
-def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
-    """What stands at a path, and what holds it."""
-    root, *names = numbered(setup, path).split(".")
-    here: Any = None
-    like: Any = None
-    tree: dict[str, Any] = {
-        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity,
-    }  # fmt: skip
-    if root == "drive":
-        for key, law in setup.drive.items():
-            own = drive_name(key).split(".")
-            if names[: len(own)] == own:
-                here, names = law, names[len(own) :]
-    else:
-        here = (tree | start).get(root)
-    for name in names:
-        like, here = here, fields_of(here).get(name)
-    return here, like
-
-
 def components(setup: Setup, path: str, start: dict[str, Array]) -> list[str]:
     """The paths of the single numbers at a path: itself, or one for each of its components."""
-    here, _ = _at(setup, path, start)
+    here, _ = value_at(setup, path, start)
     if isinstance(here, (tuple, list, np.ndarray)) and np.ndim(here) == 1 and all(np.isreal(x) for x in here):
         return [f"{path}.{k}" for k in range(len(here))]
     return [path]
@@ -142,9 +120,9 @@ def components(setup: Setup, path: str, start: dict[str, Array]) -> list[str]:
 
 def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, float]:
     """The number at a path, and its size."""
-    here, like = _at(setup, path, start)
+    here, like = value_at(setup, path, start)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
-        if not {(at := numbered(setup, path)), re.sub(r"(\.\d+){1,2}$", "", at)} & set(known_paths(setup)):
+        if not can_vary(numbered(setup, path), known_paths(setup)):
             Variation(setup, {path: [1.0]})  # whose message has a path that is like it
         raise ValueError(f"parameters: '{path}' is no single number that can vary")
     size = abs(float(here))

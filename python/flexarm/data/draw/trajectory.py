@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from ..._check import Array
 from .style import PALETTE, Figure, label_axes, legend, new_figure, short, words
@@ -11,35 +11,37 @@ _DASHES = ("-", "--", "-.", ":")
 _LETTERS = 32  # of a name along an axis
 
 
-def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]]]]) -> Figure:
-    """Curves over time (s), (nt,): panels (name of the axis, [(label, values (nt,)), ...]), one below the other."""
+#: name of the axis, [(label, values (nt,)), ...]
+Panel = tuple[str, list[tuple[str, Array]]]
+
+
+def by_unit(curves: Iterable[tuple[str, str, Array]], named: Callable[[str, str], str]) -> list[Panel]:
+    """A panel for each unit of curves (label, unit, values); `named` tells from a unit and the first label how several
+    curves are called together."""
+    groups: dict[str, list[tuple[str, Array]]] = {}
+    for label, unit, y in curves:
+        groups.setdefault(unit, []).append((label, y))
+    panels = []
+    for unit, own in groups.items():
+        name = own[0][0] if len(own) == 1 else named(unit, own[0][0])
+        panels.append((f"{short(name, _LETTERS)} ({unit})".strip() if unit not in ("", "1") else name, own))
+    return panels
+
+
+def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool = False) -> Figure:
+    """Curves over time (s), (nt,), one panel below the other; `held`: each value stands until the next."""
     fig = new_figure(9.0, 0.8 + 2.6 * len(panels))
     grid = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     marker = "o" if len(t) == 1 else None
     for ax, (ylabel, curves) in zip(grid, panels, strict=True):
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y, label=words(label), color=colour, linestyle=dash, marker=marker, linewidth=1.4)
-        label_axes(ax, short(ylabel, _LETTERS))
+            look = {"marker": marker, "drawstyle": "steps-post" if held else "default"}
+            ax.plot(t, y, label=words(label), color=colour, linestyle=dash, linewidth=1.4, **look)
+        label_axes(ax, short(ylabel, _LETTERS + 12))
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
         legend(ax, len(curves))
     grid[-1].set_xlabel("Time (s)")
-    return fig
-
-
-def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[str], title: str) -> Figure:
-    """Samples y (n, k) over time (s), each held until the next; a panel for each unit."""
-    units = list(dict.fromkeys(all_units))
-    fig = new_figure(9.0, 1.0 + 2.8 * len(units))
-    panels = fig.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
-    for ax, unit in zip(panels, units, strict=True):
-        own = [k for k, u in enumerate(all_units) if u == unit]
-        for i, k in enumerate(own):
-            colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y[:, k], dash, label=words(labels[k]), color=colour, linewidth=1.2, drawstyle="steps-post")
-        name = labels[own[0]] if len(own) == 1 else labels[own[0]].rsplit(" ", 1)[0]
-        name = short(name, _LETTERS)
-        label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
-        legend(ax, len(own) if len(own) > 1 else 0)
-    fig.suptitle(words(title), fontsize=12, wrap=True)
+    if title:
+        fig.suptitle(words(title), fontsize=12, wrap=True)
     return fig

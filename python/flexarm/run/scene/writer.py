@@ -13,11 +13,10 @@ from ...arm.arm import Arm
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Scalar, SpinUp
 from ...model.acting.load import Load
-from ...model.acting.motor import Motor
 from ...model.acting.sampled import is_samples
 from ...model.acting.voltage import is_patch
-from ...model.parts.arguments import arguments
 from ...model.parts.chain import Chain
+from ...model.parts.part import Part
 from .grammar import SAMPLES
 
 _SAMPLES = 2001  # samples of a callable
@@ -25,8 +24,8 @@ _SAMPLES = 2001  # samples of a callable
 
 def _plain(value: Any) -> Any:
     """A value as Python's own numbers, lists and tables, without None."""
-    if isinstance(value, Motor):
-        value = {name: getattr(value, name) for name in arguments(Motor)}
+    if isinstance(value, Part):
+        return value.to_dict()
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, np.ndarray):

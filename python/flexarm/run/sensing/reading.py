@@ -12,7 +12,7 @@ from ..._check import Array, array, choice, named, number, whole
 from ..._console import write_csv
 from ...data.data import Data
 from ...data.draw.style import Figure
-from ...data.draw.trajectory import plot_samples
+from ...data.draw.trajectory import by_unit, plot_panels
 
 WINDOWS = ("hann", "boxcar")
 
@@ -53,7 +53,9 @@ class Reading:
 
     def plot(self) -> Figure:
         """A figure of the samples over time, each held until the next."""
-        return plot_samples(self.t, self.y, self.labels, self.units, self.name)
+        curves = zip(self.labels, self.units, self.y.T, strict=True)
+        panels = by_unit(curves, lambda _, label: label.rsplit(" ", 1)[0])
+        return plot_panels(self.t, panels, self.name, held=True)
 
     def save(self, path: str | Path) -> None:
         """Writes a CSV file: t and the components, all digits, under one header line."""
