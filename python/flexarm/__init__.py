@@ -83,7 +83,7 @@ from .model.acting import pid as _pid, resonant as _resonant  # noqa: F401  (Lin
 from .model.acting.mpc import MPC as MPC, MPCWarning as MPCWarning
 from .model.acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .model.acting.shaping import Shaper as Shaper, input_shaper as input_shaper
-from .model.acting.voltage import Voltage as Voltage
+from .model.acting.drive import Voltage as Voltage
 from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
 from .loop.design import lqg as lqg, lqr as lqr
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel

@@ -12,7 +12,7 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array
-from ..model.acting.voltage import split_drives
+from ..model.acting.drive import split_drives
 from ..model.parts.beam import STRAINS, Beam
 from ..model.parts.chain import Chain
 from ..model.parts.joints import Axes

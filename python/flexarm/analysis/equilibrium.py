@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,47 +104,33 @@ def _sizes(arm: Chain) -> Array:
 
 
 class _Balance:
-    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian.
-
-    `share`, from 0 to 1, is of all that acts: gravity, loads, tau, and the square of the rates. Springs and elastic
-    forces act wholly."""
+    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian."""
 
     def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
-        self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
+        self.zero, self.at = np.zeros(arm.nv), np.ix_(free, free)
         self.sizes = _sizes(arm)[free]
-        self.tries = 0  # Newton steps taken
+        self.tries = 0  # Newton steps of the last iteration
         self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
         balls = [i for _, rates in arm.ball_rates() for i in range(arm.nv)[rates]]
         self.rows = ~np.isin(np.flatnonzero(free), balls)  # where a potential means a symmetric Jacobian anywhere
 
-    def residual(self, q: Array) -> Array:
-        r: Array = self._left_over(self.arm, q, self.v, self.loads) - self.tau[self.free]
-        if self.share < 1.0:
-            nothing = self._left_over(self.unloaded, q, self.zero, ())
-            r = self.share * r + (1.0 - self.share) * nothing
-        return r
+    def part(self, share: float) -> _Balance:
+        """The same under a share of all that acts: gravity, loads, tau, and the square of the rates. Springs and
+        elastic forces act wholly."""
+        arm = self.arm._alike(self.arm.links, [share * g for g in self.arm.gravity])
+        loads = (self.loads[0], share * self.loads[1]) if self.loads else ()
+        return _Balance(arm, np.sqrt(share) * self.v, share * self.tau, self.free, loads)
 
-    def _left_over(self, arm: Chain, q: Array, v: Array, loads: Any) -> Array:
-        r: Array = arm._core.inverse_dynamics(q, v, self.zero, *loads)[self.free]
+    def residual(self, q: Array) -> Array:
+        r: Array = (self.arm._core.inverse_dynamics(q, self.v, self.zero, *self.loads) - self.tau)[self.free]
         return r
 
     def jacobian(self, q: Array, E: Array) -> Array:
-        def stiffness(arm: Chain, v: Array, loads: Any) -> Array:
-            places, wrenches = loads or ([], np.zeros((0, 6)))
-            by_q = arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, by_v=False)[0]
-            K: Array = (by_q @ E)[self.at]
-            return K
-
-        K = stiffness(self.arm, self.v, self.loads)
-        if self.share < 1.0:
-            K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
+        places, wrenches = self.loads or ([], np.zeros((0, 6)))
+        by_q = self.arm._core.inverse_derivatives(q, self.v, self.zero, places, wrenches, by_v=False)[0]
+        K: Array = (by_q @ E)[self.at]
         return K
-
-    @cached_property
-    def unloaded(self) -> Chain:
-        """The same arm without gravity."""
-        return type(self.arm)(self.arm.links)
 
     def has_potential(self, K: Array) -> bool:
         """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
@@ -233,9 +218,9 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     """Newton's iteration from q; see `balance`."""
     arm, free = b.arm, b.free
     moved = np.zeros(arm.nv)
-    r, forces, steps = b.residual(q), 0.0, 0
-    while steps < tries:
-        steps, b.tries = steps + 1, b.tries + 1
+    r, forces = b.residual(q), 0.0
+    for steps in range(1, tries + 1):
+        b.tries = steps
         M: Array = arm._core.mass_matrix(q)[b.at]
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
@@ -298,15 +283,16 @@ def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
         return found, ""
-    share, step, at, most = 0.0, 0.25, q.copy(), b.tries + _MOST_TRIES
-    while share < 1.0 and step >= _LEAST_SHARE and b.tries < most:
+    share, step, at, tries = 0.0, 0.25, q.copy(), 0
+    while share < 1.0 and step >= _LEAST_SHARE and tries < _MOST_TRIES:
         step = min(step, 1.0 - share)
-        b.share = share + step
-        found, failed = _newton(b, at, descend, _TRIES_IN_STEPS)
+        part = b.part(share + step) if share + step < 1.0 else b
+        found, failed = _newton(part, at, descend, _TRIES_IN_STEPS)
+        tries += part.tries
         if failed:
             step *= 0.5
             continue
-        share, at, step = b.share, found, 2.0 * step
+        share, at, step = share + step, found, 2.0 * step
     if share >= 1.0:
         return at, ""
     far = b.arm.in_names(b.arm._core.farthest_out(at, b.zero))

@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array
 from .._threads import each
 from ..model.acting.control import Controller, limit_of
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from ..model.acting.voltage import Voltage
 from ..model.parts.part import Part
 from .arm import Arm
 

@@ -14,9 +14,9 @@ from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.computed import ComputedTorque, FeedForward
 from ..model.acting.control import Controller, StateFeedback, StrainFeedback, _JointLaw
+from ..model.acting.drive import is_patch
 from ..model.acting.load import Load
 from ..model.acting.sampled import Sampled
-from ..model.acting.voltage import is_patch
 from ..model.parts.beam import STRAINS, Beam
 from ..model.parts.joints import Fixed
 from ..model.parts.link import Link

@@ -14,7 +14,6 @@ from .._check import Array, array, choice, instance, number, whole
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
-from ..analysis.plant import Plant
 from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, value_at
 from ..data.draw.loop import plot_loop
@@ -27,6 +26,7 @@ from .hybrid import Complex, Hybrid
 from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
 from .margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
+from .plant import Plant
 from .table import table
 
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from functools import cached_property
+from math import gcd, lcm
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..analysis.periods import SAME, common_period
-from ..analysis.plant import Plant
 from .laws import Channel, HeldLaw, RunningLaw, Tap, acted_on, with_names
+from .plant import Plant
 
-_LATE = 300  # that are under way at once, behind delays
+_LATE = 300  # samples that are under way at once, behind delays
+_MOST = 1000  # samples in a common period
+_SAME = 1e-9  # parts of a period by which times are the same
 Complex = NDArray[np.complex128]
 
 
@@ -164,7 +167,7 @@ class Hybrid:
         first = 0
 
         def phase(t: float) -> tuple[float, int]:
-            lag = -int(np.floor(t / P + SAME))
+            lag = -int(np.floor(t / P + _SAME))
             return max(t + lag * P, 0.0), lag
 
         for j, law in enumerate(self.held):
@@ -174,26 +177,26 @@ class Hybrid:
                 events[(t, 1, (j, k))] = None
                 for i, tap in enumerate(law.taps):
                     looked = t if tap.rate is None else np.floor(t * tap.rate + 1e-6) / tap.rate
-                    if looked >= t - SAME * P and not tap.delay:
+                    if looked >= t - _SAME * P and not tap.delay:
                         continue
                     at, lag = phase(looked - tap.delay)
                     name = ("look", first + i, round(at / P, 9))
                     events[(at, 0, name)] = None
-                    lag -= int(at > t + SAME * P)
+                    lag -= int(at > t + _SAME * P)
                     reads[j, k, i] = name, lag
                     chains[name] = max(chains.get(name, 0), lag + 1)
                 for d, (delay, outputs) in enumerate(late):
                     at, lag = phase(t + delay)
                     lag = -lag  # periods behind the sample's
-                    if lag == 0 and at <= t + SAME * P:
+                    if lag == 0 and at <= t + _SAME * P:
                         continue
-                    index = lag - int(t > at + SAME * P)
+                    index = lag - int(t > at + _SAME * P)
                     events[(at, 2, (j, d, k, index))] = None
                     chains["wait", j, d, k] = len(outputs) * (index + 1)
             first += len(law.taps)
         if sum(chains.values()) > max(_LATE, 2 * len(events)):
             raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
-        scale = 1.0 / (SAME * P)
+        scale = 1.0 / (_SAME * P)
         return sorted(events, key=lambda e: (round(e[0] * scale), e[1], str(e[2]))), chains, reads
 
     def _period(
@@ -227,7 +230,7 @@ class Hybrid:
         now = 0.0
 
         def flow(span: float) -> None:
-            if span <= SAME * P:
+            if span <= _SAME * P:
                 return
             key = round(span / P, 12)
             if key not in flows:
@@ -382,3 +385,22 @@ def _needed(Z: Array, C: Array) -> NDArray[np.int_]:
         if used.all():
             return keep
         keep = keep[used]
+
+
+def common_period(rates: dict[str, float]) -> float:
+    """The shortest time (s) in which all of some rates (Hz) have a whole number of samples.
+
+    Raises:
+        ValueError: there is none with up to 1000 samples.
+    """
+    fastest = max(rates.values())
+    parts = [Fraction(rate / fastest).limit_denominator(_MOST) for rate in rates.values()]
+    if all(abs(float(x) * fastest - rate) <= _SAME * rate for x, rate in zip(parts, rates.values(), strict=True)):
+        common = Fraction(gcd(*(x.numerator for x in parts)), lcm(*(x.denominator for x in parts)))
+        if 1 / common <= _MOST:
+            return float(1 / common) / fastest
+    named = ", ".join(f"{name} = {rate:.10g}" for name, rate in rates.items())
+    raise ValueError(
+        f"{named} (Hz): have no common period of up to {_MOST} samples; give rates with whole ratios, such as 1000 "
+        "and 250"
+    )

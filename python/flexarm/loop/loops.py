@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from .._check import Array
 from ..analysis.findings import Finding, LoopWarning
-from ..analysis.plant import Plant
 from ..model.acting.load import at_time
 from ..model.parts.chain import Chain
 from .hybrid import Hybrid
 from .laws import HeldLaw, held_law, running_laws
+from .plant import Plant
 
 _MOST = 400  # states of a linear model that is looked at
 _LEAST = 0.001  # share of its gains at which a loop is tried

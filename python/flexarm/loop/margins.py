@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array
-from ..analysis.printed import margins_table, short
 from .hybrid import Complex, Hybrid, logarithm
 from .laws import Channel, HeldLaw
+from .table import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
 _BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import flexarm._core as _core
 
 from .._check import choice, number, whole
-from .parameter import Parameter, core_parameters
+from .perturbed import Parameter, core_parameters
 from .problem import Problem
 from .steps import Pace
 

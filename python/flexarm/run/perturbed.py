@@ -1,19 +1,63 @@
-"""The neighbours of a problem: the same with one parameter a little larger or smaller. What a parameter does to the
-equations of motion at a given state follows from them by differences."""
+"""What the derivatives of a run are by: parameters, and the neighbours of a problem, the same with one parameter a
+little larger or smaller. What a parameter does to the equations of motion at a given state follows from them by
+differences."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import flexarm._core as _core
+
 from .._check import Array
 from ..arm.variation import Setup, Variation, can_vary, drive_name, known_paths, numbered, value_at
-from .parameter import Neighbour, Parameter
 from .problem import Problem
 from .start import start
+
+
+class Neighbour(NamedTuple):
+    """The problem with the parameter changed by `offset`; `weight` times what it gives, summed over all neighbours, is
+    the derivative by the parameter. `setup` is what the problem is made of."""
+
+    weight: float
+    offset: float
+    problem: Problem
+    setup: Setup
+
+
+class Parameter(NamedTuple):
+    """A number that a problem depends on: its dotted path, its value, its size (where it is zero, that of its like),
+    and the problem's neighbours."""
+
+    path: str
+    value: float
+    scale: float
+    neighbours: list[Neighbour]
+
+    @property
+    def forces_only(self) -> bool:
+        """Whether it changes no more than controllers and the start."""
+        return self.path.partition(".")[0] in ("control", "q0", "v0")
+
+
+def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core.Parameter]:
+    """Parameters, as the core takes them.
+
+    Raises:
+        ValueError: one changes when a controller samples.
+    """
+    when = [(s.first, s.period, s.delay) for s in run.sampled]
+    for p in parameters:
+        if any(when != [(s.first, s.period, s.delay) for s in n.problem.sampled] for n in p.neighbours):
+            raise ValueError(
+                f"parameters: '{p.path}' changes when a controller samples, by which a run has no derivative"
+            )
+    return [_core.Parameter(p.scale, p.forces_only, [_core.Neighbour(n.weight, n.offset, n.problem.core)
+            for n in p.neighbours]) for p in parameters]  # fmt: skip
+
 
 #: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)

@@ -15,14 +15,22 @@ import flexarm._core as _core
 from .._check import Array, array, choice
 from .._threads import cores, each
 from ..arm.variation import Setup
-from ..model.acting.drive import Torque
+from ..model.acting.drive import Torque, Voltage
 from ..model.acting.motor import torque_limits
 from ..model.acting.sampled import PythonLaw
-from ..model.acting.voltage import Voltage
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
-from .parameter import Neighbour, Parameter, core_parameters
-from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
+from .perturbed import (
+    STEP,
+    Neighbour,
+    Parameter,
+    check_paths,
+    components,
+    core_parameters,
+    drive_of,
+    problems,
+    start_of,
+)
 from .problem import Problem
 from .result import Result
 

@@ -18,11 +18,10 @@ from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..loop import loops
 from ..model.acting.control import Controller
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from ..model.acting.voltage import Voltage
 from .integrators import Integrator, integrator_of
-from .parameter import Parameter
+from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source

@@ -11,9 +11,8 @@ import numpy as np
 from .._check import Array, array, choice, outside
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
-from ..model.acting.drive import Motion
+from ..model.acting.drive import Motion, is_patch, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time
-from ..model.acting.voltage import is_patch, split_drives, voltage_forces
 
 WORDS = ("equilibrium", "trim")
 NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more

@@ -13,9 +13,8 @@ import flexarm._core as _core
 from .._check import Array, array, number
 from ..arm.arm import Arm
 from ..model.acting.control import PD, Controller, Run, StrainFeedback
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.drive import Motion, Torque, Voltage, is_patch, split_drives
 from ..model.acting.load import Load
-from ..model.acting.voltage import Voltage, is_patch, split_drives
 from .integrators import Implicit, Integrator
 from .problem import Problem
 from .result import Result

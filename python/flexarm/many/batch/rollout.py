@@ -20,10 +20,9 @@ from ...arm.arm import Arm
 from ...arm.variation import Setup
 from ...loop import loops
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque
+from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.following import smooth
 from ...model.acting.load import Load
-from ...model.acting.voltage import Voltage
 from ...run.integrators import INTEGRATORS, Integrator
 from ...run.problem import Problem
 from ...run.steps import TURNED, beyond_explicit

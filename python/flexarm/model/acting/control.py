@@ -21,10 +21,9 @@ from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from ..parts.joints import Prismatic
 from ..parts.link import Link
-from .drive import Motion, Torque
+from .drive import Motion, Torque, is_patch
 from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
 from .motor import Motor
-from .voltage import is_patch
 
 
 def listed(name: str, value: Any) -> list[Any]:

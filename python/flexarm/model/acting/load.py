@@ -63,7 +63,7 @@ class Load(Law):
         if any(callable(value) for value in (force, moment)):
             if t is not None:
                 raise ValueError("t: goes with samples, not with a callable")
-            self.law: Any = _Wrench(_component("force", force), _component("moment", moment))
+            self.law: Any = _Wrench(force=force, moment=moment)
             return
         times = np.array([0.0, 1.0]) if t is None else sample_times(t)
         self.constant = t is None
@@ -104,22 +104,19 @@ class Load(Law):
 
 
 class _Wrench:
-    def __init__(self, force: Callable[[float], Array], moment: Callable[[float], Array]) -> None:
-        self.parts = (force, moment)
+    """Force and moment, callables or constant."""
+
+    def __init__(self, **parts: Any) -> None:
+        still = np.zeros(3)
+        self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
 
     def __call__(self, t: float) -> list[float]:
-        return [float(x) for part in self.parts for x in part(t)]
+        at = (array(f"Load {k} at t = {t}", x(t), (3,)) if callable(x) else x for k, x in self.parts.items())
+        return [float(value) for part in at for value in part]
 
 
 def _argument(name: str, value: Any) -> Any:
     return value if value is None or callable(value) else array(name, value)
-
-
-def _component(name: str, value: Any) -> Callable[[float], Array]:
-    if callable(value):
-        return lambda t: array(f"Load {name} at t = {t}", value(t), (3,))
-    constant = array(name, np.zeros(3) if value is None else value, (3,))
-    return lambda t: constant
 
 
 _NONE = np.zeros((0, 6))

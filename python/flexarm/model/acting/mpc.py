@@ -18,11 +18,10 @@ from ..._check import Array, array, at_least, flag, instance, not_negative, numb
 from ..parts.chain import Chain
 from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
-from .drive import Motion, Torque
+from .drive import Motion, Torque, split_drives
 from .motor import reach_of
 from .sampled import is_samples
 from .tracked import CallableReference, each, extended_by, projection, rows_of
-from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
            "a state that is not finite, or that no arm reaches")  # fmt: skip

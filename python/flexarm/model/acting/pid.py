@@ -43,18 +43,11 @@ class PID(LinearController):
         tf = None if filter_time is None else positive("filter_time", filter_time)
         led_back = None if tracking_time is None else positive("tracking_time", tracking_time)
         rate, delay, limit = as_floats(rate, delay, limit)
-        period = None if rate is None else 1.0 / rate
-        self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
-                          "filter_time": tf, "delay": delay, "limit": limit, "motor": motor,
-                          "tracking_time": led_back}  # fmt: skip
-        *system, windup = _core.pid(kp, ki, kd, tf, led_back, period)
-        super().__init__(
-            tuple(system), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
-            limit=limit, motor=motor, anti_windup=windup,
-        )  # fmt: skip
-
-    def _arguments(self) -> dict[str, Any]:
-        return self._given_as
+        *system, windup = _core.pid(kp, ki, kd, tf, led_back, None if rate is None else 1.0 / rate)
+        given = {"rate": rate, "reference": reference, "delay": delay, "limit": limit, "motor": motor}
+        super().__init__(tuple(system), measure=[("joint", link)], actuate=[link], anti_windup=windup, **given)
+        own = {"kp": kp, "ki": ki, "kd": kd, "link": link, "filter_time": tf, "tracking_time": led_back}
+        self._given_as = {**own, **given}
 
 
 LinearController.pid = PID

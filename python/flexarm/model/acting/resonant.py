@@ -17,16 +17,14 @@ class _Resonant(LinearController):
     """The base of PPF and IRC: one measurement, one force, and a constant reference."""
 
     rebuilt = True
-    _given_as: dict[str, Any]
 
-    def _arguments(self) -> dict[str, Any]:
-        return {**self._given_as, "measure": self.measure, "actuate": self.actuate}
-
-    def _make(self, system: tuple[Any, ...], reference: float, **given: Any) -> None:
+    def _make(self, own: dict[str, float], system: tuple[Any, ...], **given: Any) -> None:
+        """`own`: arguments that the other controllers lack."""
         for name in ("measure", "actuate"):
             if not isinstance(given[name], (list, tuple)) or len(given[name]) != 1:
                 raise ValueError(f"{name} = {given[name]!r}: must be a list of one entry")
-        LinearController.__init__(self, system, reference=reference, **given)
+        LinearController.__init__(self, system, **given)
+        self._given_as = {**own, **given, "measure": self.measure, "actuate": self.actuate}
 
 
 class PPF(_Resonant):
@@ -57,16 +55,13 @@ class PPF(_Resonant):
         w, zeta = positive("frequency", frequency), positive("damping_ratio", damping_ratio)
         g = finite_number("gain", gain)
         rate, delay, limit = as_floats(rate, delay, limit)
-        self._given_as = {"frequency": w, "damping_ratio": zeta, "gain": g, "rate": rate, "reference": reference,
-                          "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
+        if rate is not None and w / rate >= pi:
+            raise ValueError(f"rate = {rate:.10g}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
+        system = _core.positive_position(w, zeta, g, None if rate is None else 1.0 / rate)[:4]
         self.frequency, self.damping_ratio, self.gain = w, zeta, g
-        period = None
-        if rate is not None:
-            period = 1.0 / rate
-            if w * period >= pi:
-                raise ValueError(f"rate = {rate:.10g}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
-        self._make(_core.positive_position(w, zeta, g, period)[:4], reference, rate=rate, measure=measure,
-                   actuate=actuate, delay=delay, limit=limit, motor=motor)  # fmt: skip
+        own = {"frequency": w, "damping_ratio": zeta, "gain": g}
+        self._make(own, system, rate=rate, reference=reference, measure=measure, actuate=actuate, delay=delay,
+                   limit=limit, motor=motor)  # fmt: skip
 
 
 class IRC(_Resonant):
@@ -94,13 +89,11 @@ class IRC(_Resonant):
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
         k, d = finite_number("gain", gain), finite_number("feedthrough", feedthrough)
-        system = _core.integral_resonant(k, d)[:4]
-        self.gain, self.feedthrough = k, d
         rate, delay, limit = as_floats(rate, delay, limit)
-        self._given_as = {"gain": k, "feedthrough": d, "rate": rate, "reference": reference, "delay": delay,
-                          "limit": limit, "motor": motor}  # fmt: skip
-        self._make(system, reference, rate=rate, measure=measure, actuate=actuate, delay=delay, limit=limit,
-                   motor=motor)  # fmt: skip
+        self.gain, self.feedthrough = k, d
+        own, system = {"gain": k, "feedthrough": d}, _core.integral_resonant(k, d)[:4]
+        self._make(own, system, rate=rate, reference=reference, measure=measure, actuate=actuate, delay=delay,
+                   limit=limit, motor=motor)  # fmt: skip
 
 
 LinearController.ppf = PPF

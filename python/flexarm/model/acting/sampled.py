@@ -246,6 +246,7 @@ class LinearController(Sampled):
     """
 
     type = "linear"
+    _given_as: dict[str, Any] | None = None  #: the arguments of a subclass that has others
     #: see PID, PPF and IRC
     pid: ClassVar[Any]
     ppf: ClassVar[Any]
@@ -274,6 +275,8 @@ class LinearController(Sampled):
         self.memory = self.A.shape[0] if self.continuous else 0
 
     def _arguments(self) -> dict[str, Any]:
+        if self._given_as is not None:
+            return self._given_as
         given = super()._arguments()
         return {**given, "rate": None if self.continuous else self.rate} if "rate" in given else given
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, finite
+from ..analysis.linear import turning
+from ..analysis.modes import shift
 from ..model.parts.chain import Chain
-from .linear import turning
-from .modes import shift
 
 _SLOWEST = 1.0  # 1/s: displacements of a mode are scaled by its frequency, or by this where that is lower
 
