@@ -18,7 +18,7 @@ from flexarm.data.store import files, scenarios
 from flexarm.data.store.scenarios import ScenarioFile
 from flexarm.many.batch.executor import Executor, Future
 from flexarm.many.batch.storage import REASON_BYTES, in_bytes
-from sweeps.test_sweep import LENGTH, STIFF, plan, scene
+from many.test_sweep import LENGTH, STIFF, plan, scene
 
 TIMES = np.linspace(0, 0.02, 5)
 
@@ -406,7 +406,7 @@ def test_what_the_disk_says_is_said_in_words(tmp_path, monkeypatch):
 LIMITED = """
 import resource, sys
 sys.path.insert(0, {tests!r})
-from store.test_store import *
+from data_in_out.test_store import *
 folder = Path({folder!r})
 def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
@@ -657,7 +657,7 @@ def test_nobody_is_locked_out_by_one_that_was_killed(tmp_path):
     code = f"""
 import os, signal, sys
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-from store.test_store import *
+from data_in_out.test_store import *
 def stop(share):
     if share > 0.3: os.kill(os.getpid(), signal.SIGKILL)
 run(Path({str(path)!r}), executor=Serial(), progress=stop)

@@ -616,7 +616,7 @@ import sys
 sys.path.insert(0, {tests!r})
 import os, signal
 from flexarm.data.store.scenarios import ScenarioFile
-from batch.test_batch import *
+from many.test_batch import *
 put, count = ScenarioFile._put, 0
 def dying(self, name, indices, block):
     global count

@@ -293,7 +293,7 @@ def test_killed_in_the_middle_it_goes_on_from_there(tmp_path):
     code = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[2])
-import sweeps.test_sweep as t
+import many.test_sweep as t
 def stop(done, total):
     if done >= 3: os.kill(os.getpid(), signal.SIGKILL)
 t.sweep(t.scene(), t.plan(), out=sys.argv[1], batch=1, progress=stop)

@@ -1,4 +1,4 @@
-"""Shape functions that are too few, or of the wrong basis, for what a beam carries."""
+"""Shape functions that are too few, or of the wrong basis, for the load of a beam."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 /
 
 @dataclass(frozen=True)
 class _Stiffened:
-    """How much a strain's shape functions miss of how a beam gives way to what it carries.
+    """The compliance of a loaded beam that the shape functions of one strain leave out.
 
     Attributes:
-        share: of the end's static compliance to the inertia of what it carries, in the first mode.
-        weight: what that inertia does beside the beam's own.
+        share: of the end's static compliance to the inertia of the load, in the first mode.
+        weight: the load's part of the deflection, beside that of the beam's own inertia.
         heavy: whether that is heavier than the beam.
-        carried: displacement (m) of what it carries by a unit of each of the strain's coordinates, (n,).
+        carried: displacement (m) of the load by a unit of each of the strain's coordinates, (n,).
         first: where these stand in the arm's v.
-        under: what pulls.
+        under: the load, in words.
     """
 
     link: int
@@ -50,8 +50,8 @@ class _Stiffened:
     under: str = "what it carries"
 
 
-#: of each strain: what it moves of the end, of x y z and the rotations about them; the second's sign by the first; and
-#: the section's integral
+#: of each strain: the components of the end that it moves, of x y z and the rotations about them; the second's sign by
+#: the first; and the section's integral
 _MOVES = {
     "bending_y": ([1, 5], 1.0, "second_moment_z"),
     "bending_z": ([2, 4], -1.0, "second_moment_y"),
@@ -165,16 +165,16 @@ def coarse(
     loads: Any = None,
     run: tuple[Array, Array, Array] | None = None,
 ) -> Iterator[Finding]:
-    """Beams whose shape functions are too few for what they carry, or of the wrong basis.
+    """Beams whose shape functions are too few for their load, or of the wrong basis.
 
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
-    0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A finding each
-    where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
-    or what is left out under a load on the end, is more than `_OFF` of the beam's length. A strain that stays
+    0.5 %, three 0.2 %; under a moment, of a body driven beyond the next joint, they converge as 1 / n. A finding each
+    where more is left out than in `_MISSING` under a load heavier than the beam, and, of a run (t, q, v), where that,
+    or the part left out under a force on the end, is more than `_OFF` of the beam's length. A strain that stays
     zero while the arm moves is right.
     """
     pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
-    with suppress(ValueError):  # what they carry is beyond rounding
+    with suppress(ValueError):  # their loads are beyond rounding
         for s in _stiff(arm, _held_rates(arm, drive, control, tau), pulls):
             yield from _found(arm, s, run)
 

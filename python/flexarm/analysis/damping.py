@@ -16,13 +16,13 @@ from .modes import Modes, SmallMotions, small_motions
 
 _ROUNDS = 20  # of Newton's iteration
 _CLOSE, _NEAR = 1e-12, 1e-9  # ratio to which it is brought, and with which it is content
-_OTHERS = 1e-3  # what modes that are not named weigh
+_OTHERS = 1e-3  # weight of modes that are not named
 _SAME = 1e-6  # by which frequencies may differ, as a part, that count as equal
-_MOST = 0.5  # damping ratio: what is given is of modes that ring
+_MOST = 0.5  # damping ratio: those given are of modes that ring
 
 
 def with_damping(arm: Chain, D: Array) -> list[Link]:
-    """The links, with what stands in D (nv, nv) for each beam added to its damping."""
+    """The links, with each beam's block of D (nv, nv) added to its damping."""
     links = list(arm.links)
     for k, beam, _, at in arm.beams():
         more = D[at, at] + (np.array(beam.damping) if beam.damping else 0.0)
@@ -58,7 +58,7 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array) -> list[tuple[slic
     at all."""
     parts, M = [at for *_, at in arm.beams()], found.mass
     at = np.concatenate([np.arange(s.start, s.stop) for s in parts])
-    moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: what remains of the inertia
+    moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: the rest of the inertia
     G = np.zeros_like(M)
     G[np.ix_(at, at)] = M[np.ix_(at, at)]
     if moving.size:
@@ -110,7 +110,7 @@ def _refused(wanted: Mapping[int, float], now: Array) -> str:
     return f"ratios = {dict(wanted)}: {why}; the nearest that can be is ratios={nearest}"
 
 
-#: How a damping matrix (nv, nv) is found, by what it shall add to the ratios of all modes that ring.
+#: Finds a damping matrix (nv, nv) by the ratios that it shall add to all modes that ring.
 _Solve = Callable[[Array], Array]
 
 
@@ -128,7 +128,7 @@ def _fitted(
         D = solve(aim)
         now = _ratios(found, modes.shapes[:, numbers], D[at])
         off = np.abs(now - goal).max()
-        first = first or (D, now, goal)  # what is out of reach is only farther off with an aim beyond it
+        first = first or (D, now, goal)  # out of reach: an aim beyond it leads only farther off
         if off < _CLOSE or (k > 2 and off > 0.5 * np.abs(first[1] - goal).max()):
             break
         aim[named] += goal - now
@@ -229,9 +229,9 @@ class Decay:
 
     Attributes:
         frequencies: undamped, |s| (rad/s), ascending, (n,).
-        damping: ratios -Re(s)/|s|, (n,); what `Arm.modal_damping` takes.
+        damping: ratios -Re(s)/|s|, (n,); `Arm.modal_damping` takes them.
         amplitudes: at the first sample, (n,) or (n, k) where there are k signals.
-        residual: root mean square of what is left, over that of the signals (without their means).
+        residual: root mean square of the misfit, over that of the signals (without their means).
     """
 
     frequencies: Array
@@ -301,7 +301,7 @@ def _pencil(y: Array, n: int, step: float) -> Array:
     y, step = y[::every], step * every
     L = len(y) // 3
     H = np.vstack([np.lib.stride_tricks.sliding_window_view(column, L + 1) for column in y.T])
-    rank = min(2 * n + 1, L)  # with what the mean leaves
+    rank = min(2 * n + 1, L)  # with the rest of the mean
     rows = np.linalg.svd(H, full_matrices=False)[2][:rank].conj()
     z = np.linalg.eigvals(np.linalg.pinv(rows[:, :-1].T) @ rows[:, 1:].T)
     s = np.log(z[np.abs(z) > 0].astype(complex)) / step

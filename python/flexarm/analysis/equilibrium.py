@@ -25,7 +25,7 @@ _SADDLES = 8  # that are left so, at most
 
 
 class Trim(NamedTuple):
-    """A pose in balance, with what holds it.
+    """A pose in balance, with the forces that hold it.
 
     Attributes:
         q: the coordinates (nq,), elastic ones in balance.
@@ -255,7 +255,7 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
                 break
             if downhill and slope < 0 > step @ r_new:
                 break
-            # what is stiff makes r grow in a step that is right (Deuflhard's test: does the next step shrink?)
+            # stiff coordinates make r grow in a step that is right (Deuflhard's test: does the next step shrink?)
             shorter = 1.0 - 0.25 * share / 2.0**halving
             if not downhill and np.abs(b.sizes * solve(r_new)).max() <= shorter * np.abs(turn).max():
                 break
@@ -275,8 +275,8 @@ def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
     No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
     less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
     or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
-    last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and what went
-    wrong if anything did.
+    last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and an
+    error in words, or "".
     """
     if not b.free.any():
         return q.copy(), ""

@@ -25,7 +25,7 @@ class Modes:
     """Small free motions about a steady state, in ascending frequency.
 
     Attributes:
-        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of what oscillates. Zero for a rigid-body
+        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of oscillations. Zero for a rigid-body
             motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once
             for each of its real roots (damping 1): then n is above the number of free coordinates.
         damping: ratios -Re(s)/|s|, shape (n,); negative when unstable.
@@ -207,7 +207,7 @@ class SmallMotions:
         return whole
 
     def undamped(self) -> Modes:
-        """The modes without damping, and without what gyroscopic forces do."""
+        """The modes without damping, and without gyroscopic forces."""
         return replace(self, G=np.zeros_like(self.G)).solve()
 
 
@@ -218,7 +218,7 @@ def small_motions(
     lock: Iterable[Any] | None = None,
     loads: Any = (),
 ) -> SmallMotions:
-    """See Arm.modes, for what the arguments are."""
+    """See Arm.modes, for the arguments."""
     q0 = arm._place("q", q)
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():

@@ -20,7 +20,7 @@ _GRID = 201
 
 @dataclass(frozen=True, repr=False)
 class PatchPlacement:
-    """What `placement` returns. Mode 0 is the lowest that bends the beam.
+    """The result of `placement`. Mode 0 is the lowest that bends the beam.
 
     Attributes:
         x: centres of the places tried (m from the clamp), (n,).
@@ -101,12 +101,12 @@ def placement(
     """Control authority of a patch on an arm's modes over its place along a beam, and the best place.
 
     The modes are those of the arm as it is, at zero and at rest; the patch's own stiffness and mass do not change them
-    here. Give the arm the patch at `.best`, as `.patch`, to see what they do.
+    here. Give the arm the patch at `.best`, as `.patch`, to see their effect.
 
     Args:
         arm: the arm, whose link has a beam.
         link: where to bond it; -1 is the last.
-        patch: what to bond: its own start and end tell its length alone; its profile moves with it.
+        patch: the patch to bond: its own start and end tell its length alone; its profile moves with it.
         length: another length of the patch (m); not with a profile.
         modes: how many modes, from the lowest up; those that leave this beam straight are passed over.
         weights: of the modes, not negative, their sum above zero; None: all alike.

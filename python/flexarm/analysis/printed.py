@@ -14,7 +14,7 @@ _ROWS = 16  # that are shown
 
 
 def modes_table(frequencies: Array, damping: Array, eigenvalues: Any, share: Array, names: tuple[str, ...]) -> str:
-    """What `print` shows of Modes: numbers from 0, as `shapes` and `animate` count them."""
+    """The text of Modes: numbers from 0, as `shapes` and `animate` count them."""
     rows = [["mode", "rad/s", "Hz", "damping ratio", "most of its energy in"]]
     for k in range(min(len(frequencies), _ROWS)):
         where = int(share[:, k].argmax())
@@ -25,7 +25,7 @@ def modes_table(frequencies: Array, damping: Array, eigenvalues: Any, share: Arr
 
 
 def model_table(model: Any) -> str:
-    """What `print` shows of a LinearModel: its size, its inputs and outputs, and its eigenvalues."""
+    """The text of a LinearModel: its size, its inputs and outputs, and its eigenvalues."""
     s: NDArray[np.complex128] = model.eigenvalues
     counts = f"{len(s)} states, {len(model.inputs)} inputs, {len(model.outputs)} outputs"
     lines = [f"dx/dt = A x + B u, y = C x + D u: {counts}"]

@@ -89,7 +89,7 @@ def rotation(beam: Beam, qe: Array) -> Array:
 
 def _quiet(arm: Chain, q: Array) -> bool:
     """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
-    are within what is good for them."""
+    are within their ranges."""
     if (known := _QUIET.get(arm._core)) is None:
         rows, limits = [], []
         for _, beam, at, _ in arm.beams():
@@ -147,7 +147,7 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 
 
 def range_warning(arm: Chain, found: Iterable[float], still: bool = False) -> RangeWarning:
-    """Words what `worst_range` found. `still`: it is about one state, without times."""
+    """The warning for a result of `worst_range`. `still`: it is about one state, without times."""
     found = link, time, rotation, others = tuple(map(float, found))
     since, beam = "" if still else f"from t = {time:.6g} s ", arm.links[int(link)].beam
     assert beam is not None

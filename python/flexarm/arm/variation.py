@@ -23,14 +23,14 @@ from ..model.acting.load import Load
 from ..model.parts.part import Part
 from .arm import Arm
 
-_KEPT = 256  # parts kept of each place of the tree, so that what repeats is built once
+_KEPT = 256  # parts kept of each place of the tree, so that equal ones are built once
 
 _Tree = dict[str, Any]  # by name: a tree, or the values (B, ...)
 
 
 @dataclass
 class Setup:
-    """What a scenario is made of."""
+    """The arm of a scenario, and the actions on it."""
 
     arm: Arm
     drive: dict[Any, Any] = field(default_factory=dict)
@@ -58,7 +58,7 @@ _OPTIONAL = (
 
 
 def fields_of(part: Any) -> dict[str, Any]:
-    """What a part is made of, by name."""
+    """The fields of a part, by name."""
     if isinstance(part, (tuple, list, np.ndarray)):
         return {str(k): p for k, p in enumerate(part)}
     if isinstance(part, Part):
@@ -149,7 +149,7 @@ class Variation:
     """The scenarios of one setup and its parameters.
 
     Args:
-        setup: what they have in common.
+        setup: common to all.
         parameters: values (B, ...) or (1, ...) by path.
     """
 
@@ -178,7 +178,7 @@ class Variation:
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
         if not self.one_setup:
-            self.scenario(0)  # so that what is wrong with all is named at the door
+            self.scenario(0)  # so that an error of all is raised here
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -186,7 +186,7 @@ class Variation:
         return {f"parameters['{path}']": len(v) for path, v in self.values.items()}
 
     def initial(self, name: str, value: Array) -> Array:
-        """q0 or v0 (B or 1, n), with what the parameters say of it."""
+        """q0 or v0 (B or 1, n), with the values of parameters."""
         whole = self.values.get(name)
         if whole is not None:
             if whole.ndim != 2 or whole.shape[1] != value.shape[1]:
@@ -203,7 +203,7 @@ class Variation:
         return value
 
     def scenario(self, i: int) -> Setup:
-        """What scenario i is made of."""
+        """The setup of scenario i."""
         base = self.setup
         arm = self._memo("arm", {"link": self._trees["link"], "gravity": self._trees["gravity"]}, i, self._arm)
         drive = base.drive
@@ -223,7 +223,7 @@ class Variation:
     def scenarios(
         self, indices: Sequence[int] | NDArray[np.int64], workers: int = 1, stop: Callable[[], bool] = lambda: False
     ) -> list[Setup]:
-        """What these scenarios are made of: one for each, or one that is that of all. Beams are built by threads. Once
+        """The setups of these scenarios: one for each, or one for all. Beams are built by threads. Once
         `stop` says so, KeyboardInterrupt."""
         if self.one_setup:
             return [self.setup]
@@ -239,7 +239,7 @@ class Variation:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_parts": {}, "_lock": None}  # what is kept for speed stays behind
+        return {**self.__dict__, "_parts": {}, "_lock": None}  # a copy begins without the cache
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.Lock())
@@ -274,7 +274,7 @@ class Variation:
         return node
 
     def _memo(self, where: str, tree: Any, i: int, build: Callable[[int], Any]) -> Any:
-        """build(i), or what it gave for the same values before."""
+        """build(i), or its earlier result for the same values."""
         key = b"".join(_values_at(tree, i))
         with self._lock:
             kept = self._parts.setdefault(where, OrderedDict())

@@ -1,4 +1,4 @@
-"""`flexarm batch SCENE SWEEP`: its options and what it prints."""
+"""`flexarm batch SCENE SWEEP`: its options and its output."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
 
 
 def _executor(where: str, workers: int | None) -> Any:
-    """What makes the executor, or None for threads."""
+    """The maker of the executor, or None for threads."""
     if workers is not None:
         at_least("--workers", workers, 1)
     if where == "threads":

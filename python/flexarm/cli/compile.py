@@ -1,11 +1,10 @@
-"""`flexarm compile SCENE`: its options and what it prints."""
+"""`flexarm compile SCENE`: its options and its output."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from .._console import json_text
 from ..run.scene.scene import load
 from . import options
 
@@ -26,5 +25,5 @@ def run(args: argparse.Namespace) -> int:
     scene = load(args.scene)
     file = Path(args.output or f"{Path(args.scene).stem}.json")
     scene.compile(file)
-    print(json_text({"file": str(file)}) if args.json else f"{scene.name}: {file}")
+    options.told(args, {"file": str(file)}, f"{scene.name}: {file}")
     return 0

@@ -1,4 +1,4 @@
-"""`flexarm demo`: its options and what it prints."""
+"""`flexarm demo`: its options and its output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`flexarm identify SCENE DATA.csv ...`: its options and what it prints."""
+"""`flexarm identify SCENE DATA.csv ...`: its options and its output."""
 
 from __future__ import annotations
 
@@ -136,9 +136,7 @@ def run(args: argparse.Namespace) -> int:
         c.plot().savefig(folder / f"validation-{k}.png", dpi=plots.DPI)
         about["files"].append(f"validation-{k}.png")
     (folder / "fit.json").write_text(json_text(about) + "\n", encoding="utf-8")
-    print(json_text(about) if args.json else text)
-    if not args.json:
-        print(f"\nPicture, table and fitted scene are in {folder}{os.sep}")
+    options.told(args, about, text, f"\nPicture, table and fitted scene are in {folder}{os.sep}")
     if interrupted:
         complain(str(interrupted).replace(".fit is the best so far", f"the best so far is in {folder}{os.sep}"))
         return 130

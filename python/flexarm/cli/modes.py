@@ -1,4 +1,4 @@
-"""`flexarm modes SCENE`: its options and what it prints."""
+"""`flexarm modes SCENE`: its options and its output."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from .._console import empty_table, json_text, print_table
 from ..analysis.modes import Modes
 from ..model.acting.drive import Motion
 from ..run.scene.scene import Scene
+from ..run.start import state
 from . import options
 
 SUMMARY = "natural frequencies of a scene's arm"
@@ -56,16 +57,6 @@ def _locks(given: Sequence[str] | None, scene: Scene) -> list[Any]:
     return lock
 
 
-def _place(scene: Scene) -> Any:
-    """The scene's initial coordinates, prescribed joints where their motion starts."""
-    q = scene.start()
-    for link, law in scene.drive.items():
-        if isinstance(law, Motion):
-            rate = scene.arm.joint_rate(link, "drive: link")
-            q[scene.arm.coordinate_of(rate)] = law(float(scene.t[0]))[0]
-    return q
-
-
 def _joint(scene: Scene, link: Any) -> str:
     return scene.arm.joint_names[scene.arm._link(link[0] if isinstance(link, tuple) else link)]
 
@@ -95,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
     scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)
-    modes = scene.arm.modes(q=_place(scene), speed=speed, lock=lock)
+    q, _ = state(scene.arm, scene.q0, None, scene.drive, scene.loads, float(scene.t[0]))
+    modes = scene.arm.modes(q=q, speed=speed, lock=lock)
     rows = _mode_rows(modes, scene.arm.coordinates, args.count)
     if args.json:
         keys = {"scene": scene.name, "speed": speed, "lock": lock, "stable": modes.stable}

@@ -1,4 +1,4 @@
-"""`flexarm view SCENE|RUN`: its options and what it prints."""
+"""`flexarm view SCENE|RUN`: its options and its output."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _LAG_SHARE = 0.1  # of the time compared, within which a lag is looked for
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A run beside what was measured, at the times of the measurement. `print(comparison)` is a table.
+    """A run beside measured data, at the times of the measurement. `print(comparison)` is a table.
 
     Attributes:
         measured, simulated: Data with the same times, names and units.

@@ -37,9 +37,9 @@ class Data:
     Attributes:
         t: times (s), (nt,), increasing; not always in equal steps.
         columns: values by name, (nt,) each, in SI.
-        units: the SI unit of each column; "" where it is not known, "1" of a plain number. What is given in another
+        units: the SI unit of each column; "" where it is not known, "1" of a plain number. Values in another
             one, such as "deg" or "mm/s^2", is converted when Data is made.
-        name: what tables and figures are called by, such as the file.
+        name: of tables and figures, such as the file.
 
     Raises:
         ValueError: no rows, times that do not increase, a column of another length, nan (with row and column), an
@@ -75,7 +75,7 @@ class Data:
         for key, value in (("t", t), ("columns", columns), ("units", units)):
             object.__setattr__(self, key, value)
 
-    # -- what it holds -------------------------------------------------------------------------------------------------
+    # -- its contents --------------------------------------------------------------------------------------------------
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,7 +152,7 @@ class Data:
                 the first time on.
             method: "linear", which never leaves the range of the samples; or "cubic", a spline, better for smooth
                 signals that are sampled less than ten times in a period, but it overshoots at steps.
-            antialias: whether to take out what is too fast for the new times.
+            antialias: whether to take out motion too fast for the new times.
 
         Raises:
             ValueError: times outside of the data, that do not increase, a step that is not positive.
@@ -161,7 +161,9 @@ class Data:
         choice("method", method, METHODS)
         new = array("t", t)
         if new.ndim == 0:
-            new = signal.even_times(self.t[0], self.t[-1], positive("t", new, "s, one number is a step"))
+            if not new > 0:
+                raise ValueError(f"t = {new:g}: one number is a step (s), which must be positive")
+            new = signal.even_times(self.t[0], self.t[-1], float(new))
         if new.ndim != 1 or not new.size:
             raise ValueError(f"t has shape {new.shape}: must be times, (n,), or one step")
         slack = 1e-9 * max(1.0, float(np.abs(self.t).max()))

@@ -61,7 +61,7 @@ def load_data(
         rate: samples a second (Hz), where there are no times: they begin at 0.
         units: units by name that count instead of the heading's, such as {"tau_m": "N m"}; "" is none.
         key: the group of a HDF5 file, or the variable of a .mat; None: all there is.
-        missing: what to do about nan, inf and empty cells: "error", or "drop" the rows with one in any column kept.
+        missing: the answer to nan, inf and empty cells: "error", or "drop" the rows with one in any column kept.
 
     Returns:
         Data: `.t`, `["name"]`, `.units`, in the order of the file.
@@ -71,7 +71,7 @@ def load_data(
             with another number of cells; no numbers, nan (all with row or line, and column); times that do not
             increase; unknown units.
         (DataWarning: gaps in time, with the longest, where; arrays of a file that are no columns (complex, text, three
-        axes, sparse, links), with the reason, unless `columns` says what is wanted.)
+        axes, sparse, links), with the reason, unless `columns` names the wanted ones.)
     """
     choice("missing", missing, MISSING)
     if isinstance(columns, str):
@@ -179,8 +179,8 @@ def _made(
     left: Mapping[str, str] = NONE, *,
     wanted: Iterable[str] | None, time: str | None, rate: float | None, given: dict[str, str], missing: str,
 ) -> Data:  # fmt: skip
-    """Data of columns (heading, unit or None, how to get the values); `left` tells of what is no column why. Refused or
-    ValueError for what is wrong."""
+    """Data of columns (heading, unit or None, how to get the values); `left`: why others are no columns. Raises Refused
+    or ValueError."""
     for name in [] if wanted is None else (wanted := list(wanted)):
         if name in left:
             raise Refused(f"columns: '{name}' {left[name]}")

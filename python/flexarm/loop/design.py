@@ -20,7 +20,7 @@ from ..model.acting.control import StateFeedback, all_joints, force_columns, lis
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
-_BRYSON = 0.1  # rad, m: what deviation of a joint is accepted, if nothing is said
+_BRYSON = 0.1  # rad, m: deviation of a joint that is accepted by default
 _SLOWER = 3.0  # than the lowest frequency with the joints held is the loop that the effort accepted aims at
 _RIGID = 10.0  # rad/s: of an arm that does not bend
 _NOISE = {"joint": 1e-4, "rate": 1e-2, "strain": 1e-4, "patch_voltage": 1e-2, "charge": 1e-9}  # SI
@@ -38,7 +38,7 @@ class Rest(NamedTuple):
 
     arm: Chain
     q: Array
-    tau: Array  # what holds it, of all actuators
+    tau: Array  # forces of all actuators that hold it
     u0: Array
     A: Array
     B: Array
@@ -49,7 +49,7 @@ class Rest(NamedTuple):
 
 
 def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
-    """The arm with its joints at q, its elastic coordinates in static balance there, and what holds it.
+    """The arm with its joints at q, its elastic coordinates in static balance there, and the forces that hold it.
 
     Raises:
         ValueError: balls; no static balance; an arm that the actuators do not hold there.
@@ -136,7 +136,7 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
 
 class Sampling(NamedTuple):
     """A plant z' = A z + B u between samples: z+ = F z + G u + H p, where p are outputs on their way, the newest first,
-    p+ = [u; p] without the oldest; and what [z; p; u] costs in a sample."""
+    p+ = [u; p] without the oldest; and the cost of [z; p; u] in a sample."""
 
     F: Array
     G: Array
@@ -211,7 +211,7 @@ def _riccati(
             continue
         poles = np.linalg.eigvals(A - B @ K)
         grows = np.abs(poles) - 1.0 if sampled else poles.real / slowest
-        left = grows > -10.0 * least  # undamped and out of reach: what swings may
+        left = grows > -10.0 * least  # undamped and out of reach: an oscillation may
         drifts = np.abs(poles - 1.0 if sampled else poles / slowest) < 1e-4
         if not left.any() or (least and grows.max() < 1e-5 and not drifts[left].any()):
             return np.asarray(K), np.asarray(P)
@@ -252,9 +252,9 @@ def lqr(
     Args:
         arm: the arm, with its gravity; u0 holds it at q.
         q: where its joints are to rest (nq,), `arm.zero` if None; elastic coordinates are put into static balance.
-        weights: what may deviate by how much: outputs as of `Arm.linearize`, each with the largest deviation accepted,
-            such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. What weighs the tip damps
-            what bends.
+        weights: the weighed outputs as of `Arm.linearize`, each with the largest deviation accepted,
+            such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. A weight of the tip damps
+            bending.
         effort: the largest u - u0 accepted, a number or one for each of `actuate` (N, N m, V); None: of joints, what
             makes a rigid arm three times slower than the lowest frequency with the joints held. For patches you must
             give it.
@@ -290,8 +290,8 @@ def lqg(
     disturbance: ArrayLike | None = None, weights: Weights | None = None, effort: ArrayLike | None = None,
     actuate: Sequence[Any] | None = None, rate: float | None = None, delay: float = 0.0, limit: float | None = None,
 ) -> LinearController:  # fmt: skip
-    """The regulator of `lqr` with a Kalman filter for what is not measured (LQG). Sampled, the force of a sample knows
-    that sample; a limit is known to the filter (`anti_windup`).
+    """The regulator of `lqr` with a Kalman filter for the states that are not measured (LQG). Sampled, the force of a
+    sample knows that sample; a limit is known to the filter (`anti_windup`).
 
     Args:
         arm, q, weights, effort, actuate, rate, delay, limit: as of `lqr`.
@@ -303,8 +303,8 @@ def lqg(
             as the regulator.
 
     Returns:
-        A LinearController with 2 nv states, and one more for each output on its way; its reference is what is measured
-        at rest, its u0 what holds the arm there.
+        A LinearController with 2 nv states, and one more for each output on its way; its reference is the measurement
+        at rest, its u0 holds the arm there.
 
     Raises:
         ValueError: as of `lqr`; a motion that does not decay and that is not measured.

@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 
 
 class _Rows:
-    """What a loop's numbers are made of: rows over its states at the beginning of a period, and over inputs."""
+    """The numbers of a loop as linear functions: rows over its states at the beginning of a period, and over inputs."""
 
     def __init__(self, sizes: dict[Any, int], inputs: int) -> None:
         self.at: dict[Any, slice] = {}
@@ -40,12 +40,12 @@ class _Rows:
         self.S[self.at[name]] = value
 
     def push(self, name: Any, value: Array) -> None:
-        """Puts value ahead of what is in a chain."""
+        """Puts value at the head of a chain."""
         old = self[name]
         self[name] = np.vstack([value, old[: len(old) - len(value)]])
 
     def entry(self, name: Any, index: int, size: int) -> Array:
-        """What was put into a chain `index` values ago."""
+        """The value put into a chain `index` values ago."""
         return self[name][index * size : (index + 1) * size].copy()
 
 
@@ -129,7 +129,7 @@ class Hybrid:
         return A, B, C, D
 
     def _outputs(self, A: Array, B: Array, taps: Sequence[Any]) -> tuple[Array, Array]:
-        """Rows by the states and by the inputs of what has by_q, by_v, by_a."""
+        """Rows by the states and by the inputs of taps with by_q, by_v, by_a."""
         nq, nv, n = self.plant.arm.nq, self.plant.arm.nv, self.plant.A.shape[0]
         by_q = np.array([x.by_q for x in taps]).reshape(-1, nq)
         by_v, by_a = (np.array([getattr(x, name) for x in taps]).reshape(-1, nv) for name in ("by_v", "by_a"))
@@ -157,7 +157,7 @@ class Hybrid:
     @cached_property
     def _events(self) -> tuple[list[tuple[float, int, Any]], dict[Any, int], dict[Any, tuple[Any, int]]]:
         """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
-        the chains that keep what a later event needs; and by (law, sample, tap) the look that it reads and how many
+        the chains that keep values for later events; and by (law, sample, tap) the look that it reads and how many
         periods ago that was."""
         P = self.period
         assert P is not None
@@ -202,8 +202,8 @@ class Hybrid:
     def _period(
         self, factors: Array, broken: Sequence[int] = (), forces: Array | None = None, outputs: Sequence[Any] = ()
     ) -> tuple[Array, Array, Array, Array, NDArray[np.int_]]:
-        """Z, B, C, D over a period: S+ = Z S + B w, y = C S + D w. w: of each of the `broken` channels what it gives in
-        each of its samples, then `forces` (nv, m), held; y: what those channels would have given, negative, then
+        """Z, B, C, D over a period: S+ = Z S + B w, y = C S + D w. w: of each of the `broken` channels its output in
+        each of its samples, then `forces` (nv, m), held; y: the outputs that those channels compute, negative, then
         `outputs` at the beginning. Last, which of all states S are: those that something later depends on."""
         import scipy.linalg as la  # slow to import
 
@@ -285,14 +285,14 @@ class Hybrid:
         end, out = rows.S[keep], np.vstack([returned, said])
         return end[:, keep], end[:, size:], out[:, keep], out[:, size:], keep
 
-    # -- what is asked of it -------------------------------------------------------------------------------------------
+    # -- models, poles, motions ----------------------------------------------------------------------------------------
 
     def with_held(self, held: Sequence[HeldLaw]) -> Hybrid:
         """The same with other sampled laws."""
         return Hybrid(self.plant, self._running, held, self._memory)
 
     def alone(self, control: int) -> Hybrid:
-        """With the laws of one controller, and what else is no loop; a sampled one has those without samples beside
+        """With the laws of one controller, and those that are no loop; a sampled one has those without samples beside
         it."""
         held = [x for x in self.held if x.control == control]
         running = [x for x in self._running if held or x.control == control or not x.acts]
@@ -311,7 +311,8 @@ class Hybrid:
         return A, B, *self._outputs(A, B, outputs)
 
     def opened(self, broken: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-        """A, B, C, D of the loop gain, from what channels give to what they would give, negative; the others closed.
+        """A, B, C, D of the loop gain, from outputs of channels to the outputs that they compute, negative; the others
+        closed.
 
         Raises:
             ValueError: continuous and sampled channels mixed.

@@ -21,11 +21,11 @@ from .plant import Plant
 
 _MOST = 400  # states of a linear model that is looked at
 _LEAST = 0.001  # share of its gains at which a loop is tried
-_GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
+_GROWN = 2.0  # logarithm of the growth in the time of a run from which a loop is named
 
 
 class _Growths(NamedTuple):
-    """1/s: of the arm without control; what a run must grow by to have grown; and what is as good as none."""
+    """1/s: of the arm without control; the least of a run that has grown; and one that is as good as none."""
 
     bare: float
     grown: float
@@ -51,7 +51,7 @@ def _stable_shares(growth: Callable[[float], float], quiet: float) -> tuple[floa
 
 
 def _remedy(growth: Callable[[float], float], of: _Growths) -> str:
-    """growth(factor) of the gains: what factor makes it stable, in words."""
+    """The factor of the gains that makes the loop stable, in words; growth(factor) is its growth."""
     shares = _stable_shares(growth, of.quiet)
     if shares is None and growth(-1.0) <= of.quiet:
         return "with the other sign of its gains it is stable"
@@ -72,7 +72,7 @@ def unstable(
 
     Args:
         q: the start, (nq,). times, loads: of the run.
-        samplers: its sampled laws, as the core was given them, which know what they were asked; None: they are asked.
+        samplers: its sampled laws, as the core was given them, with their questions and answers; None: they are asked.
     """
     if 2 * (arm.nv - len(prescribed)) > _MOST:
         return None
@@ -200,7 +200,7 @@ def _text(pole: complex) -> str:
 
 def has_grown(v: Array) -> NDArray[np.bool_]:
     """Whether rates (..., nt, n) are in the last fifth of the rows far above those of the first tenth, and near the
-    largest of all: what settles is not growing."""
+    largest of all: a motion that settles is not growing."""
     rows = v.shape[-2]
     parts = v[..., : max(2, rows // 10), :], v[..., -max(2, rows // 5) :, :], v
     first, last, most = (np.maximum(x.max(axis=-2, initial=0.0), -x.min(axis=-2, initial=0.0)) for x in parts)

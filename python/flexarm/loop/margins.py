@@ -44,7 +44,7 @@ class Margins:
     delay: float
 
     def __str__(self) -> str:
-        """What `print` shows: a small table, the phase in degrees, the delay in milliseconds."""
+        """A small table, the phase in degrees, the delay in milliseconds."""
         return "\n".join(margins_table([self]))
 
 
@@ -139,7 +139,7 @@ def stable(s: Complex) -> bool:
 
 
 def excess(s: Complex) -> Array:
-    """Growths (1/s), less what rounding makes of poles that stand still."""
+    """Growths (1/s), less the rounding of poles that stand still."""
     finite = s[np.isfinite(s)]
     return np.asarray(finite.real - _ALMOST * np.abs(finite) - 1e-6)
 
@@ -214,7 +214,7 @@ def _delay_by_poles(hybrid: Hybrid, channel: Channel, values: Array) -> float:
 
 def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[float, float] | None:
     """The first of values, refined, at which poles(value) (1/s) become unstable, or stable; and the frequency (rad/s)
-    of the pole that crosses. None: they do not, as far as values are what poles takes.
+    of the pole that crosses. None: they do not, at the values that poles takes.
 
     Raises:
         ValueError: poles takes not even the second.
@@ -252,7 +252,7 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
 
         width = 1e-5 * abs(b - a) + 1e-4 * abs(at)
         ends = at - width, at + width
-        if near(ends[0]) * near(ends[1]) < 0.0:  # without what is allowed for rounding
+        if near(ends[0]) * near(ends[1]) < 0.0:  # without the allowance for rounding
             at = float(brentq(near, *ends, xtol=1e-14 * abs(at), rtol=1e-12))
         return at, abs(pole.imag)
     return None

@@ -86,7 +86,7 @@ def ppf(
     delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
 ) -> PPF:  # fmt: skip
     """Positive position feedback for one mode of an arm at rest: see `LinearController.ppf`. Stable for all modes,
-    because its static gain is `share` of what would not be (Fanson & Caughey, AIAA Journal 28, 1990). Of the mode
+    because its static gain is `share` of the stability limit (Fanson & Caughey, AIAA Journal 28, 1990). Of the mode
     alone, with its part a of that share, frequency w / sqrt(1 - a) and damping ratio sqrt(a) give both pairs of poles
     the damping ratio sqrt(a / (1 - a)) / 2, the most there is.
 
@@ -101,7 +101,7 @@ def ppf(
         rate, delay, limit, motor: as of LinearController; they are not part of the design.
 
     Raises:
-        ValueError: what is not collocated, a mode that is not seen, a motion that nothing holds.
+        ValueError: measure and actuate that are not collocated, a mode that is not seen, a motion that nothing holds.
     """
     seen, part = _seen(arm, q, measure, actuate, lock, mode), _share(share)
     own = part * seen.share / seen.static

@@ -44,7 +44,7 @@ def table(loop: Any) -> str:
 
 
 def margins_table(margins: Sequence[Any]) -> list[str]:
-    """The lines of what `print` shows of Margins: its head, then one for each."""
+    """The lines of Margins as a table: its head, then one for each."""
     width = max(12, *(len(m.name) + 2 for m in margins))
     out = [f"{'loop at':<{width}}{'gain, from':>12}{'to':>10}{'phase (deg)':>14}{'at (rad/s)':>12}{'delay (ms)':>12}"]
     for m in margins:
@@ -56,7 +56,7 @@ def margins_table(margins: Sequence[Any]) -> list[str]:
 
 
 def short(x: float, none: str = "-") -> str:
-    """Four digits; `none` of what is not finite."""
+    """Four digits; `none` of inf and nan."""
     return none if not np.isfinite(x) else f"{x + 0.0 if abs(x) > 1e-12 else 0.0:.4g}"
 
 

@@ -30,7 +30,7 @@ def _within(name: str, value: float, least: int, most: int) -> None:
 
 
 class Integrator:
-    """What moves an arm in time: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
+    """A method of time integration: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
 
     name: ClassVar[str]
     fixed: ClassVar[bool] = True  # whether it takes the steps that it is given

@@ -20,7 +20,7 @@ Titles = dict[str, list[tuple[str, str]]]
 
 
 class Rows(Protocol):
-    """What is asked of a result here."""
+    """The parts of a Result that this file reads."""
 
     arm: Arm
     t: Array
@@ -52,7 +52,8 @@ def titles(arm: Arm) -> Titles:
 
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
-    """Titles and values, (nt, k), of what follows from q: the tips' deflections and the end's place. None without q."""
+    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections and the end's place. None
+    without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -120,7 +121,7 @@ def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str]
 
 
 def _signal(result: Rows, own: Data, name: str, what: Any) -> tuple[Array, Array, str]:
-    """Times, values and unit of what a column is compared with."""
+    """Times, values and unit of the signal that a column is compared with."""
     where = f"columns['{name}']"
     if isinstance(what, str):
         choice(where, what, own)

@@ -1,6 +1,5 @@
-"""What the derivatives of a run are by: parameters, and the neighbours of a problem, the same with one parameter a
-little larger or smaller. What a parameter does to the equations of motion at a given state follows from them by
-differences."""
+"""Parameters of a run's derivatives, and the neighbours of a problem: the same with one parameter a little larger or
+smaller. The derivative of the equations of motion by a parameter, at a given state, is a difference of these."""
 
 from __future__ import annotations
 
@@ -19,8 +18,8 @@ from .start import start
 
 
 class Neighbour(NamedTuple):
-    """The problem with the parameter changed by `offset`; `weight` times what it gives, summed over all neighbours, is
-    the derivative by the parameter. `setup` is what the problem is made of."""
+    """The problem with the parameter changed by `offset`; `weight` times its values, summed over all neighbours, is
+    the derivative by the parameter. `setup` is that of the problem."""
 
     weight: float
     offset: float
@@ -59,13 +58,13 @@ def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core
             for n in p.neighbours]) for p in parameters]  # fmt: skip
 
 
-#: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
+#: Steps of a difference, and its weights: of fourth order, central and (at a bound of the parameter) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
 _AHEAD = (0, 1, 2, 3, 4), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
 STEP = 3e-4  # of a difference, in parts of the parameter's scale
-_LEAST = 1e-3  # scale of what is nearly zero, as a fit may make it: a smaller step would be lost in rounding
-_SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
+_LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
+_SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
 
 def problems(
@@ -75,12 +74,12 @@ def problems(
     """The neighbours of a problem by each parameter.
 
     Args:
-        setup: the arm, and what acts on it.
+        setup: the arm, and the actions on it.
         parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
         t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
         part: step of the differences, in parts of a parameter's size.
-        of: what `setup` was made of, and by which values (1, ...) of parameters: these are the values then, such as the
-            scale of a drive, which is 1 in `setup` itself.
+        of: the setup that `setup` was made of, and by which values (1, ...) of parameters: these are the values then,
+            such as the scale of a drive, which is 1 in `setup` itself.
 
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.

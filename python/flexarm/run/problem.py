@@ -1,4 +1,4 @@
-"""What is to be simulated: the arguments of a run, checked, as the core takes them."""
+"""The arguments of a run, checked, as the core takes them."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _LOOKS = 201  # at a command
 
 
 class Problem(Acts):
-    """What is to be simulated, checked, as the core takes it.
+    """A run before it begins: its arguments, checked, as the core takes them.
 
     Attributes:
         controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
-        tell: told during the run what makes it very slow; None: that is not looked for.
+        tell: called during the run with the warning that it is very slow; None: that is not looked for.
     """
 
     tell: Callable[[RunWarning], None] | None = None
@@ -99,7 +99,7 @@ class Problem(Acts):
         return ""
 
     def result(self, out: dict[str, Any]) -> Result:
-        """Makes a Result of what the core gave, and leaves the controllers' states out."""
+        """Makes a Result of the core's output, and leaves the controllers' states out."""
         arm, done = self.arm, len(out["q"])
         sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
         kept: dict[str, Any] = {k: out[k] for k in sizes}
@@ -113,7 +113,7 @@ class Problem(Acts):
         return found
 
     def missed(self) -> Iterator[RunWarning | None]:
-        """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
+        """Warnings of pulses of callables that no step has seen: of drives, loads and references of control."""
         if all(calls is None for calls in self.core.asked):
             return
         names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]

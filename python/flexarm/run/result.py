@@ -1,4 +1,4 @@
-"""What a simulation returns."""
+"""The result of a simulation."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Result:
         t: times (s), (nt,).
         q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
-        friction: dry friction of the joints (N, N m), (nt, nv): what opposes sliding, or holds what sticks; None where
-            no joint has any.
+        friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
+            where no joint has any.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
             switches (of joints between sticking and sliding), wall_time (s).
@@ -154,7 +154,7 @@ class Result:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
         of the arm's end, "end x", "end y", "end z" (m). Units are those of joints; elastic coordinates have "", since
-        theirs depend on the beam's basis. What a batch did not keep is left out.
+        theirs depend on the beam's basis. Rows that a batch did not keep are left out.
 
         Raises:
             ValueError: no rows.
@@ -208,7 +208,7 @@ class Result:
         return {**self.__dict__, "_source": None}
 
     def check(self, watch: monitors.Watch | None = None) -> Findings:
-        """What could be better: a list of findings, which prints one on a line, the warnings of the run first. Then
+        """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
         numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
         too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
         which hardly move the arm. A result of a file does not know its drives and loads.
@@ -265,7 +265,7 @@ class Result:
         (write_hdf5 if kind in HDF5 else write_npz)(file, arrays, names, about)
 
     def _packed(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """All arrays by name, and what JSON tells of the rest."""
+        """All arrays by name, and the rest for JSON."""
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         if self.friction is not None:
@@ -276,7 +276,7 @@ class Result:
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Reads what `save` wrote as .npz or .h5; tables (.csv, .mat) keep no arm: `fa.load_data` reads their columns.
+        """Reads a file of `save`, .npz or .h5; tables (.csv, .mat) keep no arm: `fa.load_data` reads their columns.
 
         Raises:
             ValueError: no such file, another kind of file, a damaged one.

@@ -65,7 +65,7 @@ def source(
     setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
     integrator: str | Integrator = "ida", events: Any = None, alive: Any = None, of: Any = None, **options: Any,
 ) -> Source:  # fmt: skip
-    """What a run is made of, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
+    """The source of a run, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
     chosen = integrator if isinstance(integrator, Integrator) and not options else integrator_of(integrator, **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
@@ -184,7 +184,7 @@ def simulate(
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
 
     Warns:
-        Of what makes the numbers wrong; `Result.check` lists it too, and what could be better.
+        If the numbers are wrong; `Result.check` lists that too, and possible improvements.
         RangeWarning: a beam bent further than its order is good for, or turned inside out, at the output times.
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.

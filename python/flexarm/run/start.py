@@ -21,7 +21,7 @@ NEAR = 0.02  # of the sag: a start that is as near is in balance, and something 
 def start(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, tau: Any = None
 ) -> Array:
-    """q (nq,) of what a q0 says: numbers, joints by name, or where the arm is in balance at time t (s); zero if None.
+    """q (nq,) of a q0: numbers, joints by name, or where the arm is in balance at time t (s); zero if None.
 
     Raises:
         ValueError: bad numbers or names, or no balance was found.
@@ -77,7 +77,7 @@ def check_one_start(q0: Any, paths: Iterable[str]) -> None:
 def warn_of_one_balance(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
 ) -> None:
-    """StateWarning where runs that differ in these parameters all start from what is the balance of one of them."""
+    """StateWarning where runs that differ in these parameters all start from the balance of one of them."""
     moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load")]
     if q0 is None or isinstance(q0, (str, Mapping)) or np.ndim(q0) != 1 or not moved:
         return

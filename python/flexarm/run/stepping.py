@@ -35,11 +35,11 @@ class Simulation:
         t: time (s). q: (nq,). v, a: (nv,). tau: generalised forces (N, N m), those applied and the reactions of
             prescribed motions, (nv,). friction: dry friction of the joints, (nv,). All are copies.
         arm, integrator: as given. steps: how many were taken.
-        t_events, q_events, v_events: what has occurred, as in `Result`.
+        t_events, q_events, v_events: the events so far, as in `Result`.
         terminated: whether a terminal event has ended the last `step`. The state is that of its time, and the next
             `step` goes on from there: to where the arm goes on from, if you set it, or as if nothing was.
 
-    Sampled controllers keep their clock, and what sticks goes on sticking.
+    Sampled controllers keep their clock, and joints that stick go on sticking.
 
     Raises:
         ValueError: bad arguments, a start without accelerations.
@@ -175,7 +175,7 @@ class Simulation:
         return self.arm.frame(self.q, link, x)
 
     def state(self) -> Any:
-        """All that the rest of the run follows from, but for what Python functions and an MPC remember by themselves.
+        """All that the rest of the run follows from, but for the memory of Python functions and of an MPC.
         `restore` goes on from it to the last bit, here or in a simulation of the same problem."""
         return self._core.state()
 

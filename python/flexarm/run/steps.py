@@ -1,4 +1,4 @@
-"""Whether the steps of a run are right: short enough for what moves, and not far too many."""
+"""Whether the steps of a run are right: short enough for the motion, and not far too many."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
 TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _AS_FAST = 0.9  # of a run's largest rate: rates that are like it
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
-_LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
-_SOME = 1e4  # steps of a run that is done, from which on it is looked at what they follow
+_LOUD = 1e-6  # of the energy of the modes that steps follow: a faster mode with more stops an iteration
+_SOME = 1e4  # steps of a run that is done, from which on the modes that they follow are sought
 _MANY = 2e5  # steps of a whole run, from which on loops of control are looked at
 _ENDLESS = 2e7  # steps that are too many, whatever they follow
-_APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
+_APART = 300.0  # parts of the lowest frequency: faster modes hardly move the arm
 _FOLLOWED = (0.003, 20.0)  # step times frequency of a mode that holds the steps down
 _PART = 0.2  # parts of all that a callable does, from which on a departure counts
-_OWN = 3.0  # parts of what it does around, below which a departure is but curvature
+_OWN = 3.0  # parts of its change nearby, below which a departure is but curvature
 
 
 def explicit_limit(
@@ -132,8 +132,8 @@ def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarnin
 
 
 def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
-    """What a message goes on with where a run begins with accelerations a (nv,) out of balance: what rings, too fast
-    for the steps; else ""."""
+    """More words for the error of a run that begins with accelerations a (nv,) out of balance: the mode that rings, too
+    fast for the steps; else ""."""
     joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
     try:
         modes = arm._alike(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
@@ -170,7 +170,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
     if not modes.frequencies[order[0]] > 0.0:
         return None
     shape = np.abs(modes.shapes[:, order[-1]])
-    inertia = np.diag(arm.mass_matrix(arm.zero))  # what of the motion is whose
+    inertia = np.diag(arm.mass_matrix(arm.zero))  # each coordinate's part of the motion
     most = max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)
     return modes.frequencies[order], arm.coordinates[most]
 
@@ -214,7 +214,7 @@ class Pace:
     """Told now and then how many steps "ida" has taken; warns once.
 
     Args:
-        grown: what to say of control loops, told the time since the start; a warning or None.
+        grown: the warning about control loops, by the time since the start; or None.
         tell: called with the warning.
     """
 

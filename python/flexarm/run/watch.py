@@ -1,5 +1,5 @@
-"""What is found in a run that is done: quantities that left their range, motors asked for too much, and what of its
-model is probably a mistake or too coarse."""
+"""Findings about a run that is done: quantities that left their range, motors asked for too much, and parts of its
+model that are probably a mistake or too coarse."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DEFAULTS = {"top": 0.01, "spin": 0.5}  # of a beam with modes to spare; where o
 
 
 def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator[Finding]:
-    """The prescribed motion that takes most beyond what the motor of its joint gives."""
+    """The prescribed motion that passes the limit of its joint's motor by most."""
     most = torque_limits(arm) if prescribed else np.zeros(0)
     over = [(float(np.abs(result.tau[:, i]).max(initial=0.0)) / most[i], i) for i in prescribed]
     share, i = max(over, default=(0.0, -1))
@@ -103,7 +103,7 @@ def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[st
 
 @dataclass(frozen=True)
 class Watch:
-    """What `Result.check(watch)` looks at, at the output times.
+    """Limits for `Result.check(watch)`, at the output times.
 
     Attributes:
         limits: by (what, link), such as ("rotation", 0), the largest value that is still in range: "rotation" (rad),
@@ -128,8 +128,8 @@ class Watch:
 
     @staticmethod
     def around(result: Rows, margin: float = 1.5) -> Watch:
-        """Limits `margin` times what a run has reached; below a hundredth of a radian, of a first frequency and of the
-        energy, and where the run is but at rest, nothing is said."""
+        """Limits `margin` times the largest values of a run; below a hundredth of a radian, of a first frequency and of
+        the energy, and where the run is but at rest, nothing is said."""
         w = first_frequency(result.arm)
         limits = {}
         for (what, k), values in readings(result.arm, result, w).items():
@@ -138,7 +138,7 @@ class Watch:
         return Watch({key: x for key, x in limits.items() if x > 0.0}, w)
 
     def left(self, result: Rows) -> list[RangeWarning]:
-        """What has left its range, in the order of time."""
+        """A warning for each quantity that has left its range, in the order of time."""
         found = []
         limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
         for (what, k), values in readings(result.arm, result, self.frequency).items():

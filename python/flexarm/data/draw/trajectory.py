@@ -25,7 +25,7 @@ def by_unit(curves: Iterable[tuple[str, str, Array]], named: Callable[[str, str]
     panels = []
     for unit, own in groups.items():
         name = own[0][0] if len(own) == 1 else named(unit, own[0][0])
-        panels.append((f"{short(name, _LETTERS)} ({unit})".strip() if unit not in ("", "1") else name, own))
+        panels.append((f"{name} ({unit})".strip() if unit not in ("", "1") else name, own))
     return panels
 
 
@@ -39,7 +39,7 @@ def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool =
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             look = {"marker": marker, "drawstyle": "steps-post" if held else "default"}
             ax.plot(t, y, label=words(label), color=colour, linestyle=dash, linewidth=1.4, **look)
-        label_axes(ax, short(ylabel, _LETTERS + 12))
+        label_axes(ax, short(ylabel, _LETTERS))
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
         legend(ax, len(curves))
     grid[-1].set_xlabel("Time (s)")

@@ -20,7 +20,7 @@ from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque, split_drives
 from .motor import reach_of
-from .sampled import is_samples
+from .sampled import columns_of, is_samples
 from .tracked import CallableReference, each, extended_by, projection, rows_of
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
@@ -298,11 +298,7 @@ class MPC(Controller):
                 return [m.law for m in motions]
             return lambda t: np.array([m(t)[:2] for m in motions], dtype=float).T
         if is_samples(given) and not callable(given):
-            times, r = array("reference: t", given[0]), array("reference: r", given[1])
-            columns = r[:, None] if r.ndim == 1 else r
-            if columns.ndim != 2 or len(columns) != times.size or columns.shape[1] not in (1, ny):
-                raise ValueError(f"reference: r has shape {r.shape}: must be ({times.size},) or ({times.size}, {ny})")
-            return [Torque(times, columns[:, k % columns.shape[1]]).law for k in range(ny)]
+            return [law.law for law in columns_of(given[0], given[1], ny)]
         if callable(given):
             return CallableReference(given, ny)
         fixed = array("reference", given)

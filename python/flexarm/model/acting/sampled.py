@@ -195,11 +195,11 @@ class Sampled(Controller):
         return braking_laws(arm, self.motor, units.T), laws
 
 
-def _columns_of(t: Any, r: Any, ny: int) -> list[Any]:
+def columns_of(t: Any, r: Any, ny: int) -> list[Any]:
     """Samples (t, r) of a reference, linear in between, as ny laws of time."""
     times, values = sample_times(array("reference: t", t)), array("reference: r", r)
-    if values.shape == times.shape:
-        values = np.repeat(values[:, None], ny, axis=1)
+    if values.shape in (times.shape, (times.size, 1)):
+        values = np.repeat(values.reshape(-1, 1), ny, axis=1)
     if values.shape != (times.size, ny):
         raise ValueError(f"reference: r has shape {values.shape}: must be {times.size} numbers, one for each of t")
     return [Torque(times, column) for column in values.T]
@@ -297,7 +297,7 @@ class LinearController(Sampled):
                 return laws
             return lambda t: np.array([law(t) for law in laws])
         if is_samples(reference):
-            laws = _columns_of(reference[0], reference[1], ny)
+            laws = columns_of(reference[0], reference[1], ny)
             laws[0].check_span("reference", times)
             return laws
         if callable(reference):

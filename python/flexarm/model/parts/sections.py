@@ -49,10 +49,11 @@ class Section(Part):
         return None
 
 
+@dataclass(frozen=True)
 class SymmetricSection(Section):
     """A section with two axes of symmetry, y and z."""
 
-    _core: _core.Section
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def _face(self, axis: str) -> Face | None:
         return self._core.faces["yz".index(axis)]
@@ -119,7 +120,6 @@ class Rectangle(Shape):
     shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "rectangle"
     _shape: ClassVar = ("rectangle", ("y", "z"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,6 @@ class Circle(Shape):
     shear_correction: float | Sequence[float] = 9 / 10
     type: ClassVar[str] = "circle"
     _shape: ClassVar = ("circle", ("radius", "inner_radius"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,6 @@ class Tube(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "tube"
     _shape: ClassVar = ("tube", ("radius", "thickness"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,6 @@ class Ellipse(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "ellipse"
     _shape: ClassVar = ("ellipse", ("y", "z"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -200,7 +197,6 @@ class Box(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "box"
     _shape: ClassVar = ("box", ("y", "z"), ("thickness",))
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -227,7 +223,6 @@ class IBeam(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "i_beam"
     _shape: ClassVar = ("i_beam", ("y", "z", "flange", "web"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -248,7 +243,6 @@ class GeneralSection(SymmetricSection):
     torsion_constant: float
     shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "general"
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, number, positive, whole, within
+from ..._check import Array, array, number, positive, whole
 from ...model.parts.part import Part
 
 _MANY = 100  # equal steps, from which on one recursion computes all
@@ -41,7 +41,8 @@ class LowPass(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("frequency", self.frequency, "Hz")
-        within("order", self.order, 1, 2)
+        if self.order not in (1, 2):
+            raise ValueError(f"order = {self.order}: must be 1 or 2")
         if self.damping_ratio is None:
             self._set("damping_ratio", float(np.sqrt(0.5)) if self.order == 2 else None)
         elif self.order == 1:
@@ -180,7 +181,7 @@ def as_low_pass(field: str, value: Any) -> LowPass:
     if isinstance(value, LowPass):
         return value
     try:
-        frequency = number(field, value)
+        number(field, value)
     except ValueError:
         raise ValueError(f"{field} = {value!r}: must be a cut-off in Hz, or a LowPass") from None
-    return LowPass(positive(field, frequency, "Hz"))
+    return LowPass(positive(field, value, "Hz"))
