@@ -21,10 +21,10 @@ from ..model.parts.sections import SectionMatrix
 from .findings import Finding
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance
-_OFF = 1e-3  # of a beam's length
+_TIP_ERROR = 1e-3  # of a beam's length
 _LOAD = "the load there"
-_LOOKS = 5  # at a load, in a run
-_OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
+_INSTANTS = 5  # at a load, in a run
+_MODAL_MASS = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float
         k = arm._link(load.link)
         beam = arm.links[k].beam
         if beam is not None and load.along is None and load.x in (None, beam.length):
-            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _LOOKS)]).max(axis=0)
+            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _INSTANTS)]).max(axis=0)
             force, moment = out.get(k, (0.0, 0.0))
             out[k] = force + float(np.linalg.norm(most[:3])), moment + float(np.linalg.norm(most[3:]))
     return out
@@ -134,7 +134,7 @@ def _stiffened(k: int, beam: Beam, where: slice, A: Array, pull: tuple[float, fl
         whole = carried.copy()
         if len(moved) == 2:
             carried = carried * np.array([[1.0, sign], [sign, 1.0]])
-            whole = carried + np.diag([_OWN * beam.mass, 0.0])
+            whole = carried + np.diag([_MODAL_MASS * beam.mass, 0.0])
             towards = np.array([1.0, carried[0, 1] / mass])
         u = np.eye(len(moved))[0]
         for _ in range(3):  # to the first mode
@@ -150,7 +150,7 @@ def _stiffened(k: int, beam: Beam, where: slice, A: Array, pull: tuple[float, fl
             yield _Stiffened(k, strain, share, 1.0, False, reach[0], start, _LOAD)
 
 
-def _late(s: _Stiffened, away: float, rate: float, time: float) -> float:
+def _tip_error(s: _Stiffened, away: float, rate: float, time: float) -> float:
     """Displacement (m) that is wrong of one up to `away` (m), at rates up to `rate` (m/s): at once, and because half
     as much is wrong of the frequency, at which it gets out of phase."""
     time = 0.0 if s.under == _LOAD else time  # which has no inertia
@@ -170,16 +170,16 @@ def coarse(
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
     0.5 %, three 0.2 %; under a moment, of a body driven beyond the next joint, they converge as 1 / n. A finding each
     where more is left out than in `_MISSING` under a load heavier than the beam, and, of a run (t, q, v), where that,
-    or the part left out under a force on the end, is more than `_OFF` of the beam's length. A strain that stays
+    or the part left out under a force on the end, is more than `_TIP_ERROR` of the beam's length. A strain that stays
     zero while the arm moves is right.
     """
     pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
     with suppress(ValueError):  # their loads are beyond rounding
-        for s in _stiff(arm, _held_rates(arm, drive, control, tau), pulls):
-            yield from _found(arm, s, run)
+        for s in _all_stiffened(arm, _held_rates(arm, drive, control, tau), pulls):
+            yield from _findings(arm, s, run)
 
 
-def _stiff(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
+def _all_stiffened(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
     """Of an arm's beams, but for those with patches and those that are curved."""
     for k, beam, _, at in arm.beams():
         tip = arm.links[k].tip
@@ -189,7 +189,7 @@ def _stiff(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float
             yield from _stiffened(k, beam, at, A, pulls.get(k, (0.0, 0.0)))
 
 
-def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:
+def _findings(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:
     if (beam := arm.links[s.link].beam) is not None:
         n, off, still = len(s.carried), 0.0, False
         if run is not None and len(run[1]):
@@ -197,10 +197,10 @@ def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) ->
             at = arm.coordinate_of(s.first)
             away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
             still = not (away or rate) and bool(np.any(v))
-            off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
+            off = _tip_error(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
         limit = _MISSING[s.strain]
-        if (s.heavy and s.share > limit and not still) or off > _OFF:
-            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
+        if (s.heavy and s.share > limit and not still) or off > _TIP_ERROR:
+            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _TIP_ERROR else ""
             few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
             better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"
             what = f"{n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end gives way under {s.under}"

@@ -20,8 +20,8 @@ _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
-_ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
-_SADDLES = 8  # that are left so, at most
+_OFF_SADDLE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_MOST_SADDLES = 8  # that are left so, at most
 
 
 class Trim(NamedTuple):
@@ -42,7 +42,7 @@ def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
     q0 = arm._single(q=arm.zero if q is None else q)[0]
     b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv) if volts is None else volts, ~joints, loads)
     found, wrong = balance(b, q0, descend=True)
-    if not wrong and b.doubtful:
+    if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, False)
     if wrong:
         raise ValueError(f"q, gravity, loads: no balance of the beams was found with the joints held there: {wrong}")
@@ -111,7 +111,7 @@ class _Balance:
         self.zero, self.at = np.zeros(arm.nv), np.ix_(free, free)
         self.sizes = _sizes(arm)[free]
         self.tries = 0  # Newton steps of the last iteration
-        self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
+        self.perhaps_unstable = False  # whether the potential of the last step was not plainly convex there
         balls = [i for _, rates in arm.ball_rates() for i in range(arm.nv)[rates]]
         self.rows = ~np.isin(np.flatnonzero(free), balls)  # where a potential means a symmetric Jacobian anywhere
 
@@ -231,9 +231,9 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
         downhill = descend and b.has_potential(K)
         if downhill:
             step, convex = _descent_step(M, K, r, forces)
-            b.doubtful = not convex
+            b.perhaps_unstable = not convex
         else:
-            b.doubtful, solve = False, _Solver(M, K)
+            b.perhaps_unstable, solve = False, _Solver(M, K)
             step = -solve(r)
         if not np.isfinite(step).all():
             break
@@ -316,7 +316,7 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     softest /= np.sqrt(softest @ M @ softest)
     softest *= np.sign(softest[np.abs(softest).argmax()])
     aside = np.zeros(b.arm.nv)
-    aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()
+    aside[b.free] = _OFF_SADDLE * softest / np.abs(b.sizes * softest).max()
     beside = displaced(b.arm, q, E, aside)
     d = 1.0 / np.sqrt(np.diag(M))
     forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
@@ -364,7 +364,7 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     E = b.arm._core.rates(q, b.zero)[2]
     stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
     beside = _way_down(b, q)
-    for _ in range(0 if stayed else _SADDLES):
+    for _ in range(0 if stayed else _MOST_SADDLES):
         if beside is None:
             break
         lower, wrong = _newton(b, beside, True, _TRIES)
@@ -392,7 +392,7 @@ def equilibrium(
     forces = np.where(free, forces, 0.0)
     b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
-    if not wrong and b.doubtful:
+    if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, q is not None)
     if wrong:
         remedy = "hold a joint with lock or tau"

@@ -26,7 +26,7 @@ TRUNCATION = 1e-6
 _RESOLVED = 1.0
 
 
-_QUIET: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
+_BOUNDS: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
 
 
 def _places(beam: Beam) -> Array:
@@ -87,10 +87,10 @@ def rotation(beam: Beam, qe: Array) -> Array:
     return out
 
 
-def _quiet(arm: Chain, q: Array) -> bool:
+def _within_bounds(arm: Chain, q: Array) -> bool:
     """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
     are within their ranges."""
-    if (known := _QUIET.get(arm._core)) is None:
+    if (known := _BOUNDS.get(arm._core)) is None:
         rows, limits = [], []
         for _, beam, at, _ in arm.beams():
             most = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
@@ -101,7 +101,7 @@ def _quiet(arm: Chain, q: Array) -> bool:
                 row[at] = sizes
                 rows.append(row)
                 limits.append(limit)
-        known = _QUIET[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
+        known = _BOUNDS[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
     if not len(q):
         return True
     return bool(np.logical_and.reduce(known[0].dot(np.maximum.reduce(np.abs(q))) <= known[1]))  # all(), max(): slower
@@ -129,7 +129,7 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
     where none is, what `_unresolved` finds. But first what `_inside_out` finds, whose third number is not above 0. It
     costs next to nothing while all is well."""
-    if _quiet(arm, q):
+    if _within_bounds(arm, q):
         return None
     if (turned := _inside_out(arm, t, q)) is not None:
         return turned

@@ -23,7 +23,7 @@ from ..model.acting.load import Load
 from ..model.parts.part import Part
 from .arm import Arm
 
-_KEPT = 256  # parts kept of each place of the tree, so that equal ones are built once
+_CACHED = 256  # parts kept of each place of the tree, so that equal ones are built once
 
 _Tree = dict[str, Any]  # by name: a tree, or the values (B, ...)
 
@@ -282,7 +282,7 @@ class Variation:
             mine = made is None
             if made is None:
                 made = kept[key] = Future()
-            if len(kept) > _KEPT:
+            if len(kept) > _CACHED:
                 kept.popitem(last=False)
         if mine:
             try:

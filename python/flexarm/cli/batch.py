@@ -7,7 +7,6 @@ import functools
 import os
 from typing import Any
 
-from .._check import at_least
 from .._console import complain, empty_table, json_text, output_folder, print_table
 from ..many.sweeps.result import SweepInterrupted
 from ..many.sweeps.sweep import sweep
@@ -39,8 +38,8 @@ def arguments(p: argparse.ArgumentParser) -> None:
 
 def _executor(where: str, workers: int | None) -> Any:
     """The maker of the executor, or None for threads."""
-    if workers is not None:
-        at_least("--workers", workers, 1)
+    if workers is not None and workers < 1:
+        raise ValueError(f"--workers {workers}: must be at least 1")
     if where == "threads":
         return None
     if where == "processes":

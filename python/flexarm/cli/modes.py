@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from .._check import at_least
 from .._console import empty_table, json_text, print_table
 from ..analysis.modes import Modes
 from ..model.acting.drive import Motion
@@ -82,7 +81,8 @@ def _mode_rows(modes: Modes, coordinates: Sequence[str], count: int) -> list[dic
 
 def run(args: argparse.Namespace) -> int:
     """Computes and prints."""
-    at_least("-n", args.count, 1)
+    if args.count < 1:
+        raise ValueError(f"-n {args.count}: must be at least 1")
     scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)

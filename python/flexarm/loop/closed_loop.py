@@ -325,7 +325,7 @@ def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) 
     """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
     running, sampled, memory = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
-    held = [held_law(arm, k, c, own, q, v, t, loads, seen=False)
+    held = [held_law(arm, k, c, own, q, v, t, loads, recorded=False)
             for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
     return Hybrid(plant, running, [x for x in held if x is not None], memory)
 

@@ -24,8 +24,8 @@ _BRYSON = 0.1  # rad, m: deviation of a joint that is accepted by default
 _SLOWER = 3.0  # than the lowest frequency with the joints held is the loop that the effort accepted aims at
 _RIGID = 10.0  # rad/s: of an arm that does not bend
 _NOISE = {"joint": 1e-4, "rate": 1e-2, "strain": 1e-4, "patch_voltage": 1e-2, "charge": 1e-9}  # SI
-_CALM = 30.0  # parts of the effort that disturb
-_BAND = 1e-3  # s: white noise has a mean over this time of the size given
+_DISTURBANCE = 30.0  # parts of the effort that disturb
+_MEAN_TIME = 1e-3  # s: white noise has a mean over this time of the size given
 _LEAST = 1e-6  # parts of the largest weight, and of the lowest frequency, that make a problem solvable
 
 #: an entry of `outputs` of linearize: the largest deviation accepted
@@ -322,14 +322,14 @@ def lqg(
     size = _efforts(at, entries, effort)
     usual = np.repeat([_NOISE[entry[0]] for entry in seen], [len(p[0]) for p in parts])
     sigma = usual if noise is None else _sizes("noise", noise, usual.size, "number measured")
-    pushes = size / _CALM if disturbance is None else _sizes("disturbance", disturbance, size.size, "of actuate")
+    pushes = size / _DISTURBANCE if disturbance is None else _sizes("disturbance", disturbance, size.size, "of actuate")
     K, plant = _regulator(at, _cost(at, weights, size), size, hertz, late)
     slowest, force = at.frequency or _RIGID, at.B * pushes
-    V = _BAND * force @ force.T
+    V = _MEAN_TIME * force @ force.T
     common: dict[str, Any] = {"measure": seen, "actuate": entries, "limit": limit, "u0": at.u0}
     common["reference"] = by_q @ at.q
     if plant is None:
-        W = la.block_diag(V, _BAND * np.diag(sigma**2))
+        W = la.block_diag(V, _MEAN_TIME * np.diag(sigma**2))
         L = _riccati(la.solve_continuous_are, at.A.T, C.T, W, False, slowest, "measure")[0].T
         A = at.A - at.B * size @ K - L @ C
         return LinearController(

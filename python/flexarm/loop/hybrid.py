@@ -15,7 +15,7 @@ from .._check import Array
 from .laws import Channel, HeldLaw, RunningLaw, Tap, acted_on, with_names
 from .plant import Plant
 
-_LATE = 300  # samples that are under way at once, behind delays
+_MOST_DELAYED = 300  # samples that are under way at once, behind delays
 _MOST = 1000  # samples in a common period
 _SAME = 1e-9  # parts of a period by which times are the same
 Complex = NDArray[np.complex128]
@@ -194,8 +194,8 @@ class Hybrid:
                     events[(at, 2, (j, d, k, index))] = None
                     chains["wait", j, d, k] = len(outputs) * (index + 1)
             first += len(law.taps)
-        if sum(chains.values()) > max(_LATE, 2 * len(events)):
-            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
+        if sum(chains.values()) > max(_MOST_DELAYED, 2 * len(events)):
+            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_MOST_DELAYED} can be")
         scale = 1.0 / (_SAME * P)
         return sorted(events, key=lambda e: (round(e[0] * scale), e[1], str(e[2]))), chains, reads
 

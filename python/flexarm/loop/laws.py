@@ -14,8 +14,8 @@ import flexarm._core as _core
 from .._check import Array
 from ..model.acting.control import Run, gain_of, measured_rows, padded
 from ..model.acting.motor import reach_of, torque_limits
+from ..model.acting.record import LawRecord
 from ..model.acting.sampled import LinearController, PythonLaw, Sampled, count_of, note
-from ..model.acting.seen import Seen
 from ..model.parts.chain import Chain
 
 _SMALL = 1e-6  # rad, m, and per second: steps of differences of sensors and laws
@@ -195,10 +195,10 @@ def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[
 
 
 def held_law(
-    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, seen: bool
+    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, recorded: bool
 ) -> HeldLaw | None:
-    """The law of a controller that samples, about a state; `sampled`: its laws as the core takes them. With `seen`, a
-    callable is fitted to its answers in a run; None if these do not suffice.
+    """The law of a controller that samples, about a state; `sampled`: its laws as the core takes them. With `recorded`,
+    a callable is fitted to its answers in a run; None if these do not suffice.
 
     Raises:
         NoLinearLaw: it has no derivative there, or a memory that is not linear.
@@ -215,8 +215,8 @@ def held_law(
         if c.B.shape[1] != len(taps):
             raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
         matrices = _felt_part(c.A, c.B, c.C, c.D)
-    elif seen:
-        found = law.seen.law() if isinstance(law, PythonLaw) else None
+    elif recorded:
+        found = law.record.law() if isinstance(law, PythonLaw) else None
         if found is None:
             return None
         matrices = found
@@ -261,7 +261,7 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
                 f"{steep[0].ravel().tolist()} and {steep[1].ravel().tolist()}; ask about a state where it is smooth"
             )
         return np.zeros((0, 0)), np.zeros((0, y0.size)), np.zeros((nu, 0)), -steep[1]
-    rng, shown = np.random.default_rng(0), Seen()
+    rng, shown = np.random.default_rng(0), LawRecord()
     for n in range(_SHOWN + 12 * y0.size):
         y = y0 + 1e-3 * rng.standard_normal(y0.size)
         shown.note(y, ask(y, t + n / rate))

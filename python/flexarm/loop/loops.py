@@ -109,9 +109,9 @@ def _seen_laws(
         if not own:
             continue
         try:
-            law = held_law(arm, k, c, own, q, v, start, None, seen=True)
+            law = held_law(arm, k, c, own, q, v, start, None, recorded=True)
             if law is None and failed:  # too early to have seen it: it is asked
-                law = held_law(arm, k, c, own, q, v, start, None, seen=False)
+                law = held_law(arm, k, c, own, q, v, start, None, recorded=False)
         except ValueError:
             continue
         if law is not None and (failed or np.isinf(law.limit).all()):

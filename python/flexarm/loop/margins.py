@@ -15,9 +15,9 @@ from .laws import Channel, HeldLaw
 from .table import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
+_NEAR_POLES = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
 _FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
-_ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
+_ROUNDING = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,8 @@ class Response:
         size = np.abs(s) if s.size else np.ones(1)
         high = 30.0 * size.max() if self.period is None else np.pi / self.period
         low = min(1e-3 * size.min(), 1e-3 * high)
-        beside = np.maximum(np.abs(s.real), 1e-7 * np.abs(s))[:, None] * np.concatenate([-_BESIDE[:0:-1], _BESIDE])
+        sides = np.concatenate([-_NEAR_POLES[:0:-1], _NEAR_POLES])
+        beside = np.maximum(np.abs(s.real), 1e-7 * np.abs(s))[:, None] * sides
         w = np.concatenate([np.geomspace(low, high, _GRID), (np.abs(s.imag)[:, None] + beside).ravel()])
         return np.unique(w[(w >= low) & (w <= high)])
 
@@ -141,7 +142,7 @@ def stable(s: Complex) -> bool:
 def excess(s: Complex) -> Array:
     """Growths (1/s), less the rounding of poles that stand still."""
     finite = s[np.isfinite(s)]
-    return np.asarray(finite.real - _ALMOST * np.abs(finite) - 1e-6)
+    return np.asarray(finite.real - _ROUNDING * np.abs(finite) - 1e-6)
 
 
 def margins_of(hybrid: Hybrid, channel: int, closed: Complex) -> Margins:

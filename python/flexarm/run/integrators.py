@@ -36,7 +36,7 @@ class Integrator:
     fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
-    rubs: ClassVar[bool] = False  # whether dry friction is in its equations
+    solves_friction: ClassVar[bool] = False  # whether dry friction is in its equations
     in_batches: ClassVar[bool] = False  # whether the core's batches have it
     rtol = 1e-10
 
@@ -110,7 +110,7 @@ class Implicit(Integrator):
     """
 
     name: ClassVar[str] = "implicit"
-    rubs: ClassVar[bool] = True
+    solves_friction: ClassVar[bool] = True
     in_batches: ClassVar[bool] = True
     step: float
     rtol: float = 1e-10

@@ -16,13 +16,12 @@ from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
 from ..loop import loops
 from ..model.acting.acts import Acts
-from ..model.acting.control import PD, Controller, StrainFeedback
+from ..model.acting.control import PD, Controller
 from ..model.parts.labels import joint_rates
 from .result import Result
 from .start import start
 from .steps import missed
 
-_FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
 
 
@@ -85,7 +84,7 @@ class Problem(Acts):
         """The joint that starts at, or is commanded to, an angle above a turn, and the question whether that is in
         degrees; "" if there is none. A motion that still turns at its end is a spin, which is not asked about."""
         commands = {d.rate: d.law for d in self.drives if d.moves}
-        commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, _FOLLOWS)}
+        commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, PD)}
         for i, name, unit in joint_rates(self.arm):
             at = self.arm.coordinate_of(i)
             if unit != "rad" or at < 0:  # a ball has no angle

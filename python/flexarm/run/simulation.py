@@ -25,7 +25,7 @@ from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
-from .steps import beyond_explicit, explicit_limit, halved, hasty, unbalanced
+from .steps import beyond_explicit, explicit_limit, halved, switches_too_often, unbalanced
 from .watch import softened
 
 _FIRST = 5  # steps of a run that its start may be to blame for
@@ -99,7 +99,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
         blown = integrator.explicit and beyond_explicit(
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
-        chatters = hasty(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
+        chatters = switches_too_often(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
         often = halved(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
         return [x for x in (loop or beyond, blown or chatters or often, *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
@@ -108,7 +108,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
-    if "could not be solved" in failure and integrator.rubs and span < _FIRST * step and len(result.a):
+    if "could not be solved" in failure and integrator.solves_friction and span < _FIRST * step and len(result.a):
         failure += unbalanced(run.arm, run.prescribed, result.a[0], step)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's

@@ -12,7 +12,7 @@ import flexarm._core as _core
 
 from .._check import Array, array, number
 from ..arm.arm import Arm
-from ..model.acting.control import PD, Controller, Run, StrainFeedback
+from ..model.acting.control import PD, Controller, Run
 from ..model.acting.drive import Motion, Torque, Voltage, is_patch, split_drives
 from ..model.acting.load import Load
 from .integrators import Implicit, Integrator
@@ -164,7 +164,7 @@ class Simulation:
         """Reference (rad, m), and its rate, of the PD or StrainFeedback of this number in `control`, from now on."""
         controls = self._problem.controls
         law = controls[number_of] if 0 <= number_of < len(controls) else None
-        if not isinstance(law, (PD, StrainFeedback)):
+        if not isinstance(law, PD):
             raise ValueError(f"number_of = {number_of}: must be that of a PD or a StrainFeedback in control")
         run = Run(self._problem.times, self._problem.loads, 0, sum(c.memory for c in controls))
         before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:number_of])

@@ -29,7 +29,7 @@ from .control import (
 from .drive import Motion, Torque, sample_times
 from .following import along, check_motion, plus, scaled
 from .motor import Motor, reach_of
-from .seen import Seen
+from .record import LawRecord
 
 _MOST = 1e8  # most samples of a run
 
@@ -78,7 +78,7 @@ class PythonLaw:
     ) -> None:  # fmt: skip
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.senses = senses  #: whether it reads sensors
-        self.seen = Seen()
+        self.record = LawRecord()
         self.twice = False  #: whether a repeated call must return the same
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
@@ -103,7 +103,7 @@ class PythonLaw:
             raise ValueError(
                 f"{self.name} at t = {t}: the law gave {said!r}; must be {count_of(self.columns.shape[1])}"
             )
-        self.seen.note(y, u)
+        self.record.note(y, u)
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
 
 
