@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +15,15 @@ from ..data.compare import Comparison, compared
 from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
+from ..model.acting.load import Load
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
 
 
-class Rows(Protocol):
-    """The parts of a Result that this file reads."""
+@dataclass(repr=False)
+class Rows:
+    """The data of a Result, where its attributes are explained."""
 
     arm: Arm
     t: Array
@@ -28,14 +31,23 @@ class Rows(Protocol):
     v: Array
     a: Array
     tau: Array
-    friction: Array | None
-    stats: dict[str, Any]
-    loads: Any
-    _source: Any
-    _wrong: list[RunWarning]
+    stats: dict[str, Any] = field(default_factory=dict)
+    loads: tuple[Load, ...] | None = ()
+    t_events: list[Array] | None = None
+    q_events: list[Array] | None = None
+    v_events: list[Array] | None = None
+    status: int = 0
+    friction: Array | None = None
+    _source: Any = field(default=None, compare=False)
+    _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
-    def frame(self, link: int | str = ..., x: float | None = ...) -> tuple[Array, Array]: ...
-    def tip_deflection(self, link: int | str = ...) -> Array: ...
+    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
+        return self.arm.frame(self.q, link, x)
+
+    def tip_deflection(self, link: int | str = -1) -> Array:
+        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
+        return self.arm.deflection(self.q, link)
 
 
 def titles(arm: Arm) -> Titles:

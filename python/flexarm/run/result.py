@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .._check import Array, named
-from ..analysis.findings import Findings, RunWarning
+from ..analysis.findings import Findings
 from ..arm.arm import Arm
 from ..data.compare import Comparison
 from ..data.data import Data
 from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
-from ..model.acting.load import Load
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
@@ -25,7 +24,7 @@ from . import watch as monitors
 
 
 @dataclass(repr=False)
-class Result:
+class Result(outputs.Rows):
     """Trajectory of an arm; every array has one row per output time.
 
     Attributes:
@@ -43,29 +42,9 @@ class Result:
         status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
     """
 
-    arm: Arm
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    tau: Array
-    stats: dict[str, Any] = field(default_factory=dict)
-    loads: tuple[Load, ...] | None = ()
-    t_events: list[Array] | None = None
-    q_events: list[Array] | None = None
-    v_events: list[Array] | None = None
-    status: int = 0
-    friction: Array | None = None
-    _source: Any = field(default=None, compare=False)
-    _wrong: list[RunWarning] = field(default_factory=list, compare=False)
-
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
         return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
-
-    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
-        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
-        return self.arm.frame(self.q, link, x)
 
     def strain(self, link: int | str = -1, x: float = 0.0) -> Array:
         """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""
@@ -85,10 +64,6 @@ class Result:
             return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
         return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.loads, t=t) for q, v, a, t in rows])
-
-    def tip_deflection(self, link: int | str = -1) -> Array:
-        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
-        return self.arm.deflection(self.q, link)
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""

@@ -27,16 +27,6 @@ def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, ine
     return out
 
 
-def _model_arm(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, list[int]]:
-    """The arm that a law uses as its model, and the rates of its joints' freedoms."""
-    if model is None:
-        return arm, list(rates)
-    own = all_joints(model)
-    if len(own) != len(rates):
-        raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
-    return model, own
-
-
 def per_joint(field: str, value: Any, count: int) -> Array:
     found = array(field, value)
     if found.shape not in ((), (count,)):
@@ -44,7 +34,25 @@ def per_joint(field: str, value: Any, count: int) -> Array:
     return np.broadcast_to(found, (count,))
 
 
-class FeedForward(Controller):
+class _OfInverse(Controller):
+    """The base of laws by inverse dynamics, which act on all joints."""
+
+    model: Chain | None
+
+    def _columns(self, arm: Chain) -> list[Array]:
+        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
+
+    def _model_arm(self, arm: Chain, rates: Sequence[int]) -> tuple[Chain, list[int]]:
+        """The arm that the law uses as its model, and the rates of its joints' freedoms."""
+        if self.model is None:
+            return arm, list(rates)
+        own = all_joints(self.model)
+        if len(own) != len(rates):
+            raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
+        return self.model, own
+
+
+class FeedForward(_OfInverse):
     """The forces that a motion of the joints needs, M(q) q'' + h(q, q') at the reference, with elastic coordinates at
     rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`: the forces add up.
 
@@ -74,9 +82,6 @@ class FeedForward(Controller):
         self.reference, self.inertia, self.elastic = reference, bool(inertia), choice("elastic", elastic, ELASTIC)
         self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
 
-    def _columns(self, arm: Chain) -> list[Array]:
-        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
-
     def forces(self, arm: Chain, t: Any) -> Array:
         """The forces at times t (n,), (n, nv)."""
         times = np.atleast_1d(array("t", t))
@@ -88,7 +93,7 @@ class FeedForward(Controller):
 
     def _forces(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Callable[[Array], Array]:
         """A function t (n,) -> forces of all joints' freedoms."""
-        model, own = _model_arm(arm, self.model, rates)
+        model, own = self._model_arm(arm, rates)
         axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(own, motions, strict=True)]
         core = _core.ComputedTorque(model._core, axes, self.elastic == "static", [], model.nv)
         return lambda t: core.feed_forward(t, self.inertia)[:, own]
@@ -106,7 +111,7 @@ class FeedForward(Controller):
         return [Feedback(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
 
 
-class ComputedTorque(Controller):
+class ComputedTorque(_OfInverse):
     """Computed torque (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980; inverse dynamics control), sampled,
     in C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) + h(q, v) at the joints, of the arm with its elastic coordinates
     at rest. A rigid arm without limits then has the characteristic polynomial s² + kv s + kp at every joint and
@@ -146,9 +151,6 @@ class ComputedTorque(Controller):
         if self.limit is not None and not (self.limit > 0.0).all():
             raise ValueError(f"limit = {limit!r}: must be positive")
 
-    def _columns(self, arm: Chain) -> list[Array]:
-        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
-
     def law(self, arm: Chain, times: Any = (0.0, 1.0)) -> Any:
         """The law of one arm: a callable (t, q, v) -> forces (nv,), without sampling or delay.
 
@@ -162,7 +164,7 @@ class ComputedTorque(Controller):
         motions, n = _motions(arm, self.reference, rates, times), len(rates)
         gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
         limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
-        model, own = _model_arm(arm, self.model, rates)
+        model, own = self._model_arm(arm, rates)
         axes = [(i, m.law, *rest) for i, m, *rest in zip(own, motions, *gains, limits.tolist(), strict=True)]
         moved = [(arm.coordinate_of(i), i) for i in rates]
         return _core.ComputedTorque(model._core, axes, self.elastic == "static", moved, size)
