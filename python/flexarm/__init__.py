@@ -79,7 +79,7 @@ from .model.acting.control import (
 from .model.acting.drive import Motion as Motion, Torque as Torque
 from .model.acting.load import Load as Load
 from .model.acting.motor import Motor as Motor
-from .model.acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
+from .model.acting import compensators as _compensators  # noqa: F401  (LinearController.pid, .ppf and .irc)
 from .model.acting.mpc import MPC as MPC, MPCWarning as MPCWarning
 from .model.acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .model.acting.shaping import Shaper as Shaper, input_shaper as input_shaper

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from .._check import instance, number, whole
 from ..analysis.equilibrium import equilibrium
 from ..analysis.modes import small_motions
+from ..model.acting.compensators import IRC, PPF
 from ..model.acting.control import force_columns, listed, measured_rows
 from ..model.acting.motor import Motor
-from ..model.acting.resonant import IRC, PPF
 from ..model.parts.chain import Chain
 
 _OPPOSITE = 1e-3  # parts of the largest share that one of the other sign may be
