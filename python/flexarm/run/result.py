@@ -17,6 +17,7 @@ from ..data.data import Data
 from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
+from ..data.store.files import readable
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
@@ -260,37 +261,22 @@ class Result(outputs.Rows):
             raise ValueError(f"result = {path!r}: must be a path")
         if Path(path).suffix.lower() in (*CSV, *MAT):
             raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.load_data reads its columns")
-        try:
-            content = Path(path).read_bytes()
-        except OSError as e:
-            raise ValueError(f"result {str(path)!r}: {e.strerror}") from None
-        try:
-            about, arrays = read_arrays(content)
-            held: dict[str, Any] = {name: x for name, x in arrays.items() if name not in ("deflection", "end")}
+        with readable("result", Path(path), "a file that Result.save wrote"):
+            about, arrays = read_arrays(Path(path).read_bytes())
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq}
-            more = {f"{x}_events_{k}" for x in "tqv" for k in range(count or 0)}
-            if not set(held) <= {"t", "q", "v", "a", "tau", "friction", *more}:
-                raise ValueError
-            events: dict[str, Any] = {
-                f"{name}_events": None if count is None else [held[f"{name}_events_{k}"] for k in range(count)]
-                for name in "tqv"
-            }
-            result = Result(
-                arm,
-                **{k: held[k] for k in ("t", "q", "v", "a", "tau")},
-                friction=held.get("friction"),
-                **events,
-                stats=dict(about["stats"]),
-                loads=None if about["loads"] else (),
-                status=int(about.get("status", 0)),
-            )
+            if any(x.dtype != float for x in arrays.values()):
+                raise ValueError("an array has no numbers")
+            found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
+            found["friction"] = arrays.pop("friction", None)
+            if count is not None:
+                found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
+            loads, status = None if about["loads"] else (), int(about.get("status", 0))
+            result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
             for name in ("q", "v", "a", "tau", "friction"):
                 value = getattr(result, name)
                 if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
-                    raise ValueError
-            if any(x.dtype != float for x in held.values()) or (np.diff(result.t) < 0).any():
-                raise ValueError
+                    raise ValueError(f"{name} has shape {value.shape}")
+            if not set(arrays) <= {"deflection", "end"} or (np.diff(result.t) < 0).any():
+                raise ValueError("other arrays, or times that do not increase")
             return result
-        except Exception:  # of a file that may be anything: zip, zlib, NumPy and JSON have a dozen kinds
-            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote, or is damaged") from None

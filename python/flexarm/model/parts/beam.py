@@ -75,9 +75,6 @@ class Beam(Part):
             three lists}. None: straight. The elastic coordinates are the strains beyond it (q = 0 is the shape at
             rest) in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
             about a straight beam. A basis has the modes of the straight beam; a damping ratio is of the curved beam's.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
 
     length: float

@@ -30,9 +30,6 @@ class Orthotropic(Part):
         G12: shear modulus in the plane (Pa).
         nu12: Poisson's ratio, strain across for a stress along the fibres.
         G13, G23: shear moduli through the thickness (Pa). None: as G12.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
 
     density: float
@@ -62,9 +59,6 @@ class Ply(Part):
         material: an Orthotropic, or a Material with poisson_ratio.
         angle: of the fibres (rad), from x towards the strip's other axis: z where the plies lie on one another along y,
             and y where they do along z.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
 
     thickness: float
@@ -120,9 +114,6 @@ def laminate(width: float, plies: Sequence[Ply], normal: str = "y") -> SectionMa
 
     Warns:
         ModelWarning: the laminate is thicker than a third of its width, so that plate theory does not hold.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
     b = positive("width", width)
     choice("normal", normal, ("y", "z"))

@@ -35,7 +35,8 @@ def read_name(value: Any) -> str | None:
 
 
 class Part:
-    """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
+    """Holds the core's counterpart in `_core`, outside equality, printing and pickling. Bad arguments raise ValueError,
+    which names the field and its value."""
 
     _core: Any
 

@@ -301,9 +301,6 @@ class SectionMatrix(Section):
 
         Warns:
             ModelWarning: an angle of more than a turn, as if in degrees.
-
-        Raises:
-            ValueError: naming the field and the value.
         """
         instance("section", section, SymmetricSection, "a doubly symmetric one, as Rectangle")
         instance("material", material, Material)
