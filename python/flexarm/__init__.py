@@ -16,7 +16,7 @@ import typing as _typing
 
 from . import _face, errors as errors, results as results, sections as sections, sensors as sensors
 from ._core import __version__ as __version__
-from .model.acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
+from .model.acting import compensators as _compensators  # noqa: F401  (LinearController.pid, .ppf and .irc)
 from .arm.arm import Arm as Arm
 from .model.parts.link import Link as Link
 from .model.parts.joints import Joint as Joint, Fixed as Fixed, Revolute as Revolute, Prismatic as Prismatic
@@ -30,7 +30,7 @@ from .model.parts.split import split as split
 from .model.parts.look import Look as Look
 from .robots.chain import Flexible as Flexible
 from .model.acting.drive import Motion as Motion, Torque as Torque
-from .model.acting.voltage import Voltage as Voltage
+from .model.acting.drive import Voltage as Voltage
 from .model.acting.load import Load as Load
 from .model.acting.control import PD as PD, StrainFeedback as StrainFeedback, StateFeedback as StateFeedback
 from .model.acting.control import Controller as Controller

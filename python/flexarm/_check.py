@@ -58,6 +58,58 @@ def whole(field: str, value: Any) -> int:
     return int(value)
 
 
+def finite_number(field: str, value: Any) -> float:
+    x = number(field, value)
+    if not math.isfinite(x):
+        raise ValueError(f"{field} = {value!r}: must be finite")
+    return x
+
+
+def positive(field: str, value: Any, unit: str = "") -> float:
+    """A finite number above 0; `unit`, if given, stands in the error."""
+    x = number(field, value)
+    if not 0.0 < x < math.inf:
+        raise ValueError(f"{field} = {value!r}: must be positive and finite{unit and f' ({unit})'}")
+    return x
+
+
+def not_negative(field: str, value: Any, unit: str = "") -> float:
+    """A finite number from 0."""
+    x = number(field, value)
+    if not 0.0 <= x < math.inf:
+        raise ValueError(f"{field} = {value!r}: must not be negative, and be finite{unit and f' ({unit})'}")
+    return x
+
+
+def at_least(field: str, value: Any, least: int, more: str = "") -> int:
+    """A whole number from `least`."""
+    if whole(field, value) < least:
+        raise ValueError(f"{field} = {value!r}: must be at least {least}{more}")
+    return int(value)
+
+
+def within(field: str, value: Any, low: float, high: float, more: str = "") -> Any:
+    """A number from `low` to `high`; `more` is added to the error."""
+    if not low <= number(field, value) <= high:
+        raise ValueError(f"{field} = {value!r}: must be from {low:g} to {high:g}{more}")
+    return plain(value)
+
+
+def flag(field: str, value: Any) -> bool:
+    value = plain(value)
+    if not isinstance(value, bool):
+        raise ValueError(f"{field} = {value!r}: must be true or false")
+    return bool(value)
+
+
+def instance(field: str, value: Any, kind: type, words: str = "") -> Any:
+    """A value of a class; the error names the class, or says `words`."""
+    if not isinstance(value, kind):
+        a = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise ValueError(f"{field} = {value!r}: must be {words or f'{a} {kind.__name__}'}")
+    return value
+
+
 def array(
     field: str, value: ArrayLike | None, shape: tuple[int, ...] | None = None, batch_ndim: int | None = None
 ) -> Array:

@@ -43,7 +43,7 @@ def test_a_result_whose_part_has_another_name_is_damaged(run: fa.Result, tmp_pat
         with zipfile.ZipFile(tmp_path / "run.npz") as old, zipfile.ZipFile(tmp_path / "other.npz", "w") as new:
             for name in old.namelist():
                 new.writestr(name.replace(f"{part}.npy", "x.npy"), old.read(name))
-        with pytest.raises(ValueError, match="is not a file that Result"):
+        with pytest.raises(ValueError, match="damaged"):
             fa.Result.load(tmp_path / "other.npz")
 
 
@@ -65,7 +65,7 @@ def test_damaged_results_are_value_errors(run: fa.Result, tmp_path: Path) -> Non
         try:
             back = fa.Result.load(path)
         except ValueError as e:
-            assert "is not a file that Result.save wrote, or is damaged" in str(e)
+            assert "damaged" in str(e)
             refused += 1
         else:
             assert back.arm == run.arm
@@ -98,10 +98,10 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
     path = tmp_path / "run.npz"
     for content in (b"", b"PK", b"PK\3\4" + bytes(100), b"\x93NUMPY" + bytes(50), b"gravity = [0, 0, 0]\n"):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
+        with pytest.raises(ValueError, match="damaged"):
             fa.Result.load(path)
     np.savez(path, t=np.zeros(3))
-    with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
+    with pytest.raises(ValueError, match="damaged"):
         fa.Result.load(path)
     np.save(tmp_path / "x.npy", np.zeros(3))
     for other in (tmp_path / "x.npy", tmp_path, tmp_path / "none.npz", 5):
@@ -111,7 +111,7 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
     with np.load(path) as f:
         held = dict(f)
     np.savez(path, **(held | {"v": held["v"][:-1]}))
-    with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
+    with pytest.raises(ValueError, match="damaged"):
         fa.Result.load(path)
 
 
@@ -187,5 +187,5 @@ def test_what_cannot_be_written_or_is_no_run_is_a_value_error(tmp_path: Path) ->
     for wrong in ({"q": held["q"].astype(str)}, {"v": held["v"].astype(complex)}, {"t": held["t"][None]},
                   {"t": held["t"][::-1]}):  # fmt: skip
         np.savez(tmp_path / "y.npz", **(held | wrong))
-        with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
+        with pytest.raises(ValueError, match="damaged"):
             fa.Result.load(tmp_path / "y.npz")

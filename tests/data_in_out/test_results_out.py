@@ -101,7 +101,7 @@ def test_damaged_hdf5_results_are_value_errors(run: fa.Result, tmp_path: Path) -
         try:
             back = fa.Result.load(path)
         except ValueError as e:
-            assert "is not a file that Result.save wrote, or is damaged" in str(e)
+            assert "damaged" in str(e)
             refused += 1
         else:
             for name in ("t", "q", "v", "a", "tau"):

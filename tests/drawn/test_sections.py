@@ -10,7 +10,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from parts.saint_venant import grid, lines
+from model.saint_venant import grid, lines
 
 sys.path.insert(0, str(Path(__file__).parent))
 

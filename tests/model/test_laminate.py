@@ -8,7 +8,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from parts.saint_venant import classical_stiffness, grid, lines
+from model.saint_venant import classical_stiffness, grid, lines
 
 STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
 CARBON = fa.sections.Orthotropic(1600.0, E1=140e9, E2=10e9, G12=5e9, nu12=0.3, G23=3.5e9)

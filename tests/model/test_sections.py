@@ -7,7 +7,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from parts.saint_venant import Mesh, grid, lines
+from model.saint_venant import Mesh, grid, lines
 
 STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
 

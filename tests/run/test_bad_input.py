@@ -40,7 +40,7 @@ PARTS = [
     (lambda: beam(curvature=(0, 0, 1e9), order="exact"), r"curvature = .* folds the beam"),
     (lambda: beam(curvature=(1e6, 0, 0), order="exact"), r"curvature = .* turns the beam's sections by 500000 rad"),
     (lambda: beam(gauss_points=0), r"gauss_points = 0"),
-    (lambda: beam(section=0.001), r"section = 0.001: must be a Rectangle"),
+    (lambda: beam(section=0.001), r"section = 0.001: must be a Section or a Taper"),
     (lambda: beam(material=fa.Material(7850, 209e9), modes={"torsion": 1}), r"shear_modulus = not given"),
     (lambda: fa.Rectangle(0.001, -0.02), r"z = -0.02: must be positive"),
     (lambda: fa.Circle(0.01, 0.02), r"inner_radius = 0.02: must be smaller than the radius"),

@@ -1,1 +1,1 @@
-"""What is computed of an arm without a run: equilibrium, linear models, modes, places for patches, findings."""
+"""Computations without a run: equilibrium, linear models, modes, places for patches, findings."""

@@ -1,4 +1,4 @@
-"""Shape functions that are too few, or of the wrong basis, for what a beam carries."""
+"""Shape functions that are too few, or of the wrong basis, for the load of a beam."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array
-from ..model.acting.voltage import split_drives
+from ..model.acting.drive import split_drives
 from ..model.parts.beam import STRAINS, Beam
 from ..model.parts.chain import Chain
 from ..model.parts.joints import Axes
@@ -21,23 +21,23 @@ from ..model.parts.sections import SectionMatrix
 from .findings import Finding
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance
-_OFF = 1e-3  # of a beam's length
+_TIP_ERROR = 1e-3  # of a beam's length
 _LOAD = "the load there"
-_LOOKS = 5  # at a load, in a run
-_OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
+_INSTANTS = 5  # at a load, in a run
+_MODAL_MASS = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
 @dataclass(frozen=True)
 class _Stiffened:
-    """How much a strain's shape functions miss of how a beam gives way to what it carries.
+    """The compliance of a loaded beam that the shape functions of one strain leave out.
 
     Attributes:
-        share: of the end's static compliance to the inertia of what it carries, in the first mode.
-        weight: what that inertia does beside the beam's own.
+        share: of the end's static compliance to the inertia of the load, in the first mode.
+        weight: the load's part of the deflection, beside that of the beam's own inertia.
         heavy: whether that is heavier than the beam.
-        carried: displacement (m) of what it carries by a unit of each of the strain's coordinates, (n,).
+        carried: displacement (m) of the load by a unit of each of the strain's coordinates, (n,).
         first: where these stand in the arm's v.
-        under: what pulls.
+        under: the load, in words.
     """
 
     link: int
@@ -50,8 +50,8 @@ class _Stiffened:
     under: str = "what it carries"
 
 
-#: of each strain: what it moves of the end, of x y z and the rotations about them; the second's sign by the first; and
-#: the section's integral
+#: of each strain: the components of the end that it moves, of x y z and the rotations about them; the second's sign by
+#: the first; and the section's integral
 _MOVES = {
     "bending_y": ([1, 5], 1.0, "second_moment_z"),
     "bending_z": ([2, 4], -1.0, "second_moment_y"),
@@ -65,9 +65,9 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
         return frozenset(range(arm.nv))
     held = set(arm.by_rate("drive", split_drives(drive)[0]))
     held |= set(np.flatnonzero(tau).tolist()) if tau is not None and np.shape(tau) == (arm.nv,) else set()
-    for k, link in enumerate(arm.links):
-        if np.any(link.joint.stiffness) or np.any(link.joint.coulomb):
-            held |= {arm._core.first(k) + i for i in range(link.joint.nv)}
+    for k in arm.movable:
+        if np.any(arm.links[k].joint.stiffness) or np.any(arm.links[k].joint.coulomb):
+            held |= set(arm.joint_rates(k))
     return frozenset(held)
 
 
@@ -81,10 +81,11 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
-        rest._core.first(j - k) + i
-        for j in range(k + 1, len(arm.links))
-        for i in range(arm.links[j].joint.nv)
-        if arm._core.first(j) + i not in held
+        own
+        for j in arm.movable
+        if j > k
+        for own, i in zip(rest.joint_rates(j - k), arm.joint_rates(j), strict=True)
+        if i not in held
     ]
     if free:
         A -= M[:6, free] @ np.linalg.pinv(M[np.ix_(free, free)]) @ M[free, :6]
@@ -98,13 +99,13 @@ def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float
         k = arm._link(load.link)
         beam = arm.links[k].beam
         if beam is not None and load.along is None and load.x in (None, beam.length):
-            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _LOOKS)]).max(axis=0)
+            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _INSTANTS)]).max(axis=0)
             force, moment = out.get(k, (0.0, 0.0))
             out[k] = force + float(np.linalg.norm(most[:3])), moment + float(np.linalg.norm(most[3:]))
     return out
 
 
-def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
+def _stiffened(k: int, beam: Beam, where: slice, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
     """Of each strain of a beam that carries the inertia A, and of bending under a force and a moment at the end."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
@@ -133,7 +134,7 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
         whole = carried.copy()
         if len(moved) == 2:
             carried = carried * np.array([[1.0, sign], [sign, 1.0]])
-            whole = carried + np.diag([_OWN * beam.mass, 0.0])
+            whole = carried + np.diag([_MODAL_MASS * beam.mass, 0.0])
             towards = np.array([1.0, carried[0, 1] / mass])
         u = np.eye(len(moved))[0]
         for _ in range(3):  # to the first mode
@@ -142,14 +143,14 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
         f, g = carried @ u, whole @ u
         given, total = float(f @ exact @ f), float(g @ exact @ g)
         share, weight = float(f @ missing @ f) / max(given, 1e-300), given / max(total, 1e-300)
-        start = arm._core.first(k) + arm.links[k].joint.nv + at.start
+        start = where.start + at.start
         yield _Stiffened(k, strain, share, weight, mass > beam.mass, towards @ reach, start)
         if any(pull) and len(moved) == 2:
             share = float(np.abs(missing[0]) @ pull / (np.abs(exact[0]) @ pull))
             yield _Stiffened(k, strain, share, 1.0, False, reach[0], start, _LOAD)
 
 
-def _late(s: _Stiffened, away: float, rate: float, time: float) -> float:
+def _tip_error(s: _Stiffened, away: float, rate: float, time: float) -> float:
     """Displacement (m) that is wrong of one up to `away` (m), at rates up to `rate` (m/s): at once, and because half
     as much is wrong of the frequency, at which it gets out of phase."""
     time = 0.0 if s.under == _LOAD else time  # which has no inertia
@@ -164,31 +165,31 @@ def coarse(
     loads: Any = None,
     run: tuple[Array, Array, Array] | None = None,
 ) -> Iterator[Finding]:
-    """Beams whose shape functions are too few for what they carry, or of the wrong basis.
+    """Beams whose shape functions are too few for their load, or of the wrong basis.
 
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
-    0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A finding each
-    where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
-    or what is left out under a load on the end, is more than `_OFF` of the beam's length. A strain that stays
+    0.5 %, three 0.2 %; under a moment, of a body driven beyond the next joint, they converge as 1 / n. A finding each
+    where more is left out than in `_MISSING` under a load heavier than the beam, and, of a run (t, q, v), where that,
+    or the part left out under a force on the end, is more than `_TIP_ERROR` of the beam's length. A strain that stays
     zero while the arm moves is right.
     """
     pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
-    with suppress(ValueError):  # what they carry is beyond rounding
-        for s in _stiff(arm, _held_rates(arm, drive, control, tau), pulls):
-            yield from _found(arm, s, run)
+    with suppress(ValueError):  # their loads are beyond rounding
+        for s in _all_stiffened(arm, _held_rates(arm, drive, control, tau), pulls):
+            yield from _findings(arm, s, run)
 
 
-def _stiff(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
+def _all_stiffened(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[float, float]]) -> Iterator[_Stiffened]:
     """Of an arm's beams, but for those with patches and those that are curved."""
-    for k, link in enumerate(arm.links):
-        beam, carries = link.beam, k + 1 < len(arm.links) or bool(link.tip is not None and link.tip.mass)
-        plain = beam is not None and beam.ne and beam.mass and not (beam.patches or beam.curvature)
-        if beam is not None and plain and (carries or k in pulls):
+    for k, beam, _, at in arm.beams():
+        tip = arm.links[k].tip
+        carries = k + 1 < len(arm.links) or bool(tip is not None and tip.mass)
+        if beam.mass and not (beam.patches or beam.curvature) and (carries or k in pulls):
             A = _carried(arm, k, beam, held) if carries else np.zeros((6, 6))
-            yield from _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
+            yield from _stiffened(k, beam, at, A, pulls.get(k, (0.0, 0.0)))
 
 
-def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:
+def _findings(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) -> Iterator[Finding]:
     if (beam := arm.links[s.link].beam) is not None:
         n, off, still = len(s.carried), 0.0, False
         if run is not None and len(run[1]):
@@ -196,10 +197,10 @@ def _found(arm: Chain, s: _Stiffened, run: tuple[Array, Array, Array] | None) ->
             at = arm.coordinate_of(s.first)
             away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
             still = not (away or rate) and bool(np.any(v))
-            off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
+            off = _tip_error(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
         limit = _MISSING[s.strain]
-        if (s.heavy and s.share > limit and not still) or off > _OFF:
-            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
+        if (s.heavy and s.share > limit and not still) or off > _TIP_ERROR:
+            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _TIP_ERROR else ""
             few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
             better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"
             what = f"{n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end gives way under {s.under}"

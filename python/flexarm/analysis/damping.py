@@ -9,30 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, at_least, not_negative, number, whole
 from ..model.parts.chain import Chain
 from ..model.parts.link import Link
 from .modes import Modes, SmallMotions, small_motions
 
 _ROUNDS = 20  # of Newton's iteration
 _CLOSE, _NEAR = 1e-12, 1e-9  # ratio to which it is brought, and with which it is content
-_OTHERS = 1e-3  # what modes that are not named weigh
+_OTHERS = 1e-3  # weight of modes that are not named
 _SAME = 1e-6  # by which frequencies may differ, as a part, that count as equal
-_MOST = 0.5  # damping ratio: what is given is of modes that ring
-
-
-def elastic(arm: Chain) -> list[tuple[int, slice]]:
-    """The links with elastic coordinates, and where the rates of these stand in v."""
-    ends = [(k, arm._core.first(k) + link.joint.nv, link.beam) for k, link in enumerate(arm.links)]
-    return [(k, slice(at, at + beam.ne)) for k, at, beam in ends if beam is not None and beam.ne]
+_MOST = 0.5  # damping ratio: those given are of modes that ring
 
 
 def with_damping(arm: Chain, D: Array) -> list[Link]:
-    """The links, with what stands in D (nv, nv) for each beam added to its damping."""
+    """The links, with each beam's block of D (nv, nv) added to its damping."""
     links = list(arm.links)
-    for k, at in elastic(arm):
-        beam = links[k].beam
-        assert beam is not None
+    for k, beam, _, at in arm.beams():
         more = D[at, at] + (np.array(beam.damping) if beam.damping else 0.0)
         links[k] = replace(links[k], beam=replace(beam, damping=(0.5 * (more + more.T)).tolist()))
     return links
@@ -64,15 +56,15 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array) -> list[tuple[slic
     """Vectors u of which u u^T is a damping matrix of one beam, and where its coordinates stand in v. For each of some
     modes, and each beam, that which damps the mode and others as little as the beam can: of an arm with one beam, not
     at all."""
-    parts, M = elastic(arm), found.mass
-    at = np.concatenate([np.arange(s.start, s.stop) for _, s in parts])
-    moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: what remains of the inertia
+    parts, M = [at for *_, at in arm.beams()], found.mass
+    at = np.concatenate([np.arange(s.start, s.stop) for s in parts])
+    moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: the rest of the inertia
     G = np.zeros_like(M)
     G[np.ix_(at, at)] = M[np.ix_(at, at)]
     if moving.size:
         G[np.ix_(at, at)] -= M[np.ix_(at, moving)] @ np.linalg.solve(M[np.ix_(moving, moving)], M[np.ix_(moving, at)])
     out = []
-    for _, s in parts:
+    for s in parts:
         out += [(s, u) for u in (G @ shapes)[s].T if np.linalg.norm(u) > 1e-12 * np.linalg.norm(G[s])]
     return out
 
@@ -86,13 +78,13 @@ def modal_damping(
     wanted = _wanted(ratios, modes.frequencies)
     if np.iscomplexobj(modes.shapes):
         raise ValueError("modal_damping: the forces here are not those of a potential; its modes have no real shapes")
-    if not elastic(arm):
+    if not any(arm.beams()):
         raise ValueError("modal_damping: the arm has no beam that bends")
-    reached = {k for k in wanted for _, s in elastic(arm) if np.abs(modes.shapes[s, k]).max() > 1e-9}
+    reached = {k for k in wanted for *_, s in arm.beams() if np.abs(modes.shapes[s, k]).max() > 1e-9}
     for k in sorted(wanted.keys() - reached):
         raise ValueError(f"ratios[{k}]: mode {k} bends no beam, so that no damping of beams reaches it")
     rings = np.flatnonzero(modes.frequencies)
-    mass = np.array([_power(modes.shapes[:, k], found.mass) for k in rings])
+    mass = np.einsum("ik,ij,jk->k", modes.shapes[:, rings], found.mass, modes.shapes[:, rings])
     unit = modes.shapes[:, rings] / np.sqrt(2 * modes.frequencies[rings] * mass)  # of which x D x is a ratio
     named = np.array([int(np.flatnonzero(rings == k)[0]) for k in wanted])
     few = _sums(_patterns(arm, found, modes.shapes[:, list(wanted)]), unit, named)
@@ -118,7 +110,7 @@ def _refused(wanted: Mapping[int, float], now: Array) -> str:
     return f"ratios = {dict(wanted)}: {why}; the nearest that can be is ratios={nearest}"
 
 
-#: How a damping matrix (nv, nv) is found, by what it shall add to the ratios of all modes that ring.
+#: Finds a damping matrix (nv, nv) by the ratios that it shall add to all modes that ring.
 _Solve = Callable[[Array], Array]
 
 
@@ -136,7 +128,7 @@ def _fitted(
         D = solve(aim)
         now = _ratios(found, modes.shapes[:, numbers], D[at])
         off = np.abs(now - goal).max()
-        first = first or (D, now, goal)  # what is out of reach is only farther off with an aim beyond it
+        first = first or (D, now, goal)  # out of reach: an aim beyond it leads only farther off
         if off < _CLOSE or (k > 2 and off > 0.5 * np.abs(first[1] - goal).max()):
             break
         aim[named] += goal - now
@@ -173,7 +165,7 @@ def _any(found: SmallMotions, unit: Array, frequencies: Array, named: NDArray[np
     not couple a mode that has a name with another of the same frequency: then neither would be a mode."""
     from scipy.optimize import least_squares  # slow to import
 
-    parts = [s for _, s in elastic(found.arm)]
+    parts = [s for *_, s in found.arm.beams()]
     C = [np.linalg.cholesky(found.mass[s, s]) for s in parts]
     Y = [c.T @ unit[s] for c, s in zip(C, parts, strict=True)]  # by beam (ne, modes)
     weight, n, most = _weights(unit, named), len(frequencies), max(float((y**2).sum(axis=0).max()) for y in Y)
@@ -221,21 +213,12 @@ def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:
     return np.asarray(damped.damping[(alike / size).argmax(axis=1)])
 
 
-def _power(shape: Array, D: Array) -> float:
-    return float(shape @ D @ shape)
-
-
 def rayleigh_damping(arm: Chain, mass: float, stiffness: float) -> list[Link]:
     """See Arm.rayleigh_damping."""
-    mass, stiffness = number("mass", mass), number("stiffness", stiffness)
-    for name, value in (("mass", mass), ("stiffness", stiffness)):
-        if not (0 <= value < np.inf):
-            raise ValueError(f"{name} = {value}: must not be negative")
+    mass, stiffness = not_negative("mass", mass), not_negative("stiffness", stiffness)
     M = arm._core.mass_matrix(arm.zero)
     D = np.zeros((arm.nv, arm.nv))
-    for k, at in elastic(arm):
-        beam = arm.links[k].beam
-        assert beam is not None
+    for _, beam, _, at in arm.beams():
         D[at, at] = mass * M[at, at] + stiffness * np.asarray(beam._core.stiffness)
     return with_damping(arm, D)
 
@@ -246,9 +229,9 @@ class Decay:
 
     Attributes:
         frequencies: undamped, |s| (rad/s), ascending, (n,).
-        damping: ratios -Re(s)/|s|, (n,); what `Arm.modal_damping` takes.
+        damping: ratios -Re(s)/|s|, (n,); `Arm.modal_damping` takes them.
         amplitudes: at the first sample, (n,) or (n, k) where there are k signals.
-        residual: root mean square of what is left, over that of the signals (without their means).
+        residual: root mean square of the misfit, over that of the signals (without their means).
     """
 
     frequencies: Array
@@ -275,11 +258,8 @@ def fit_decay(t: ArrayLike, y: ArrayLike, modes: int = 1) -> Decay:
     """
     from scipy.optimize import least_squares  # slow to import
 
-    t, n = array("t", t), whole("modes", modes)
-    y = array("y", y)
+    t, y, n = array("t", t), array("y", y), at_least("modes", modes, 1)
     rows = y[:, None] if y.ndim == 1 else y
-    if n < 1:
-        raise ValueError(f"modes = {modes}: must be at least 1")
     if t.ndim != 1 or rows.ndim != 2 or len(rows) != len(t):
         raise ValueError(f"t, y have shapes {t.shape}, {y.shape}: must be (nt,) and (nt,) or (nt, k)")
     if len(t) < 8 * n:
@@ -323,7 +303,7 @@ def _pencil(y: Array, n: int, step: float) -> Array:
     y, step = y[::every], step * every
     L = len(y) // 3
     H = np.vstack([np.lib.stride_tricks.sliding_window_view(column, L + 1) for column in y.T])
-    rank = min(2 * n + 1, L)  # with what the mean leaves
+    rank = min(2 * n + 1, L)  # with the rest of the mean
     rows = np.linalg.svd(H, full_matrices=False)[2][:rank].conj()
     z = np.linalg.eigvals(np.linalg.pinv(rows[:, :-1].T) @ rows[:, 1:].T)
     s = np.log(z[np.abs(z) > 0].astype(complex)) / step

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +20,12 @@ _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
-_ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
-_SADDLES = 8  # that are left so, at most
+_OFF_SADDLE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_MOST_SADDLES = 8  # that are left so, at most
 
 
 class Trim(NamedTuple):
-    """A pose in balance, with what holds it.
+    """A pose in balance, with the forces that hold it.
 
     Attributes:
         q: the coordinates (nq,), elastic ones in balance.
@@ -43,7 +42,7 @@ def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
     q0 = arm._single(q=arm.zero if q is None else q)[0]
     b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv) if volts is None else volts, ~joints, loads)
     found, wrong = balance(b, q0, descend=True)
-    if not wrong and b.doubtful:
+    if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, False)
     if wrong:
         raise ValueError(f"q, gravity, loads: no balance of the beams was found with the joints held there: {wrong}")
@@ -104,46 +103,33 @@ def _sizes(arm: Chain) -> Array:
 
 
 class _Balance:
-    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian.
-
-    `share`, from 0 to 1, is of all that acts: gravity, loads, tau, and the square of the rates. Springs and elastic
-    forces act wholly."""
+    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian."""
 
     def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
-        self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
+        self.zero, self.at = np.zeros(arm.nv), np.ix_(free, free)
         self.sizes = _sizes(arm)[free]
-        self.tries = 0  # Newton steps taken
-        self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
-        self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
+        self.tries = 0  # Newton steps of the last iteration
+        self.perhaps_unstable = False  # whether the potential of the last step was not plainly convex there
+        balls = [i for _, rates in arm.ball_rates() for i in range(arm.nv)[rates]]
+        self.rows = ~np.isin(np.flatnonzero(free), balls)  # where a potential means a symmetric Jacobian anywhere
+
+    def part(self, share: float) -> _Balance:
+        """The same under a share of all that acts: gravity, loads, tau, and the square of the rates. Springs and
+        elastic forces act wholly."""
+        arm = self.arm._alike(self.arm.links, [share * g for g in self.arm.gravity])
+        loads = (self.loads[0], share * self.loads[1]) if self.loads else ()
+        return _Balance(arm, np.sqrt(share) * self.v, share * self.tau, self.free, loads)
 
     def residual(self, q: Array) -> Array:
-        r: Array = self._left_over(self.arm, q, self.v, self.loads) - self.tau[self.free]
-        if self.share < 1.0:
-            nothing = self._left_over(self.unloaded, q, self.zero, ())
-            r = self.share * r + (1.0 - self.share) * nothing
-        return r
-
-    def _left_over(self, arm: Chain, q: Array, v: Array, loads: Any) -> Array:
-        r: Array = arm._core.inverse_dynamics(q, v, self.zero, *loads)[self.free]
+        r: Array = (self.arm._core.inverse_dynamics(q, self.v, self.zero, *self.loads) - self.tau)[self.free]
         return r
 
     def jacobian(self, q: Array, E: Array) -> Array:
-        def stiffness(arm: Chain, v: Array, loads: Any) -> Array:
-            places, wrenches = loads or ([], np.zeros((0, 6)))
-            by_q = arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, by_v=False)[0]
-            K: Array = (by_q @ E)[self.at]
-            return K
-
-        K = stiffness(self.arm, self.v, self.loads)
-        if self.share < 1.0:
-            K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
+        places, wrenches = self.loads or ([], np.zeros((0, 6)))
+        by_q = self.arm._core.inverse_derivatives(q, self.v, self.zero, places, wrenches, by_v=False)[0]
+        K: Array = (by_q @ E)[self.at]
         return K
-
-    @cached_property
-    def unloaded(self) -> Chain:
-        """The same arm without gravity."""
-        return type(self.arm)(self.arm.links)
 
     def has_potential(self, K: Array) -> bool:
         """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
@@ -152,13 +138,6 @@ class _Balance:
         d = np.sqrt(np.abs(np.diag(K)))
         least = 1e-6 * float(np.abs(K).max(initial=0.0))
         return bool((np.abs(off) <= 1e-9 * np.maximum(np.outer(d, d), least)).all())
-
-
-def _ball_rates(arm: Chain) -> NDArray[np.bool_]:
-    balls = np.zeros(arm.nv, dtype=bool)
-    for _, rates in arm.ball_rates():
-        balls[rates] = True
-    return balls
 
 
 class _Solver:
@@ -238,9 +217,9 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     """Newton's iteration from q; see `balance`."""
     arm, free = b.arm, b.free
     moved = np.zeros(arm.nv)
-    r, forces, steps = b.residual(q), 0.0, 0
-    while steps < tries:
-        steps, b.tries = steps + 1, b.tries + 1
+    r, forces = b.residual(q), 0.0
+    for steps in range(1, tries + 1):
+        b.tries = steps
         M: Array = arm._core.mass_matrix(q)[b.at]
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
@@ -251,9 +230,9 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
         downhill = descend and b.has_potential(K)
         if downhill:
             step, convex = _descent_step(M, K, r, forces)
-            b.doubtful = not convex
+            b.perhaps_unstable = not convex
         else:
-            b.doubtful, solve = False, _Solver(M, K)
+            b.perhaps_unstable, solve = False, _Solver(M, K)
             step = -solve(r)
         if not np.isfinite(step).all():
             break
@@ -275,7 +254,7 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
                 break
             if downhill and slope < 0 > step @ r_new:
                 break
-            # what is stiff makes r grow in a step that is right (Deuflhard's test: does the next step shrink?)
+            # stiff coordinates make r grow in a step that is right (Deuflhard's test: does the next step shrink?)
             shorter = 1.0 - 0.25 * share / 2.0**halving
             if not downhill and np.abs(b.sizes * solve(r_new)).max() <= shorter * np.abs(turn).max():
                 break
@@ -295,23 +274,24 @@ def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
     No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
     less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
     or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
-    last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and what went
-    wrong if anything did.
+    last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and an
+    error in words, or "".
     """
     if not b.free.any():
         return q.copy(), ""
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
         return found, ""
-    share, step, at, most = 0.0, 0.25, q.copy(), b.tries + _MOST_TRIES
-    while share < 1.0 and step >= _LEAST_SHARE and b.tries < most:
+    share, step, at, tries = 0.0, 0.25, q.copy(), 0
+    while share < 1.0 and step >= _LEAST_SHARE and tries < _MOST_TRIES:
         step = min(step, 1.0 - share)
-        b.share = share + step
-        found, failed = _newton(b, at, descend, _TRIES_IN_STEPS)
+        part = b.part(share + step) if share + step < 1.0 else b
+        found, failed = _newton(part, at, descend, _TRIES_IN_STEPS)
+        tries += part.tries
         if failed:
             step *= 0.5
             continue
-        share, at, step = b.share, found, 2.0 * step
+        share, at, step = share + step, found, 2.0 * step
     if share >= 1.0:
         return at, ""
     far = b.arm.in_names(b.arm._core.farthest_out(at, b.zero))
@@ -335,7 +315,7 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     softest /= np.sqrt(softest @ M @ softest)
     softest *= np.sign(softest[np.abs(softest).argmax()])
     aside = np.zeros(b.arm.nv)
-    aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()
+    aside[b.free] = _OFF_SADDLE * softest / np.abs(b.sizes * softest).max()
     beside = displaced(b.arm, q, E, aside)
     d = 1.0 / np.sqrt(np.diag(M))
     forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
@@ -350,9 +330,9 @@ def _weight(arm: Chain) -> float:
 
 def elastic_rates(arm: Chain) -> NDArray[np.bool_]:
     """Which rates are elastic coordinates', (nv,)."""
-    elastic = np.ones(arm.nv, dtype=bool)
-    for k, link in enumerate(arm.links):
-        elastic[arm._core.first(k) : arm._core.first(k) + link.joint.nv] = False
+    elastic = np.zeros(arm.nv, dtype=bool)
+    for *_, at in arm.beams():
+        elastic[at] = True
     return elastic
 
 
@@ -383,7 +363,7 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     E = b.arm._core.rates(q, b.zero)[2]
     stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
     beside = _way_down(b, q)
-    for _ in range(0 if stayed else _SADDLES):
+    for _ in range(0 if stayed else _MOST_SADDLES):
         if beside is None:
             break
         lower, wrong = _newton(b, beside, True, _TRIES)
@@ -411,7 +391,7 @@ def equilibrium(
     forces = np.where(free, forces, 0.0)
     b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
-    if not wrong and b.doubtful:
+    if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, q is not None)
     if wrong:
         remedy = "hold a joint with lock or tau"

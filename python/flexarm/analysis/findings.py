@@ -1,4 +1,4 @@
-"""Findings: what could be better in a model or a run, which is listed when asked for; and the warnings of runs, whose
+"""Findings: possible improvements of a model or a run, listed when asked for; and the warnings of runs, whose
 numbers are wrong."""
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class LoopWarning(RunWarning):
 class StepWarning(RunWarning):
     """Steps miss a part of the motion.
 
-    Those of "rk4" are above its limit, and fast oscillations have grown; dry friction switches again and again within
+    Those of "rk4" are above its limit, and a fast oscillation has grown; dry friction switches again and again within
     a step; many steps of "gauss" had to be halved; or no step has seen a pulse of a callable.
 
     Attributes:

@@ -99,14 +99,17 @@ class LinearModel:
         Raises:
             ImportError: python-control is missing.
         """
-        try:
-            import control
-        except ImportError as e:
-            raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
-        names = {
-            kind: [label.replace(".", "_") for label in getattr(self, kind)] for kind in ("states", "inputs", "outputs")
-        }  # control keeps dots for subsystems
-        return control.ss(self.A, self.B, self.C, self.D, **names)
+        return state_space(self, "states", "inputs", "outputs")
+
+
+def state_space(model: Any, *labels: str, period: float = 0.0) -> Any:
+    """A, B, C and D of a model, with these labels, as a control.StateSpace."""
+    try:
+        import control
+    except ImportError as e:
+        raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
+    names = {kind: [x.replace(".", "_") for x in getattr(model, kind)] for kind in labels}  # dots are for subsystems
+    return control.ss(model.A, model.B, model.C, model.D, period, **names)
 
 
 @dataclass
@@ -240,8 +243,7 @@ class _Input(NamedTuple):
 
 def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDArray[np.bool_]) -> list[_Input]:
     if inputs is None:
-        movable = [k for k, link in enumerate(arm.links) if link.joint.nv]
-        inputs = [(k, j) for k in movable for j, i in enumerate(arm.joint_rates(k)) if not locked[i]]
+            inputs = [(k, j) for k in arm.movable for j, i in enumerate(arm.joint_rates(k)) if not locked[i]]
     out: list[_Input] = []
     for k, given in enumerate(_listed("inputs", inputs)):
         field = f"inputs[{k}]"
@@ -339,7 +341,7 @@ def rows_of(
 
 def _joints(arm: Chain) -> list[Any]:
     """The outputs that are meant where none is named."""
-    return [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
+    return [("joint", k) for k in arm.movable]
 
 
 def linearize(

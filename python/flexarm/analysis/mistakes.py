@@ -13,11 +13,11 @@ from ..model.parts.sections import GeneralSection, SectionMatrix
 from .findings import Finding
 
 # Each is past anything that is built; a finding is no error, for who means it.
-_SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
-#: kg/m^3, Pa; what is as dense as metal is not softer than rubber, as dense as fibres or magnesium not than silicone
+_SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; lighter models have no units: E = density = 1
+#: kg/m^3, Pa; nothing as dense as metal is softer than rubber, nothing as dense as fibres or magnesium than silicone
 _DENSE = ((5e3, 1e6), (1.5e3, 2e5))
 _DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
-_IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of what has mass; (m/s)^2 of E / density: diamond has 3.4e8
+_IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of bodies with mass; (m/s)^2 of E / density: diamond has 3.4e8
 _GRAMS, _GIGA = (1.1, 25.0), (1.0, 1300.0)  # g/cm^3 and GPa of solids; 1 is the density of a model without units
 _LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
 _HEAVY = 1e6  # kg; of a beam
@@ -41,7 +41,7 @@ def _places(where: str, body: RigidBody, length: float) -> Iterator[Finding]:
 
 
 def _inertia(where: str, body: RigidBody, length: float, on: str) -> Iterator[Finding]:
-    """`length`: of what it is on (m)."""
+    """`length`: of its beam or rigid link (m)."""
     least, _, most = np.linalg.eigvalsh(inertia_matrix(body.inertia)).tolist()
     limits = ((most, _WIDE, _WIDE_SPREAD), (least, _ALL_WIDE, _ALL_SPREAD))
     for value, wide, spread in limits:

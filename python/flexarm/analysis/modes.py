@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, finite, number, whole
+from .._check import Array, array, at_least, finite, number, whole, within
 from ..data.draw.modes import plot_modes
-from ..model.parts.beam import Beam
+from ..data.draw.style import Figure
 from ..model.parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
@@ -19,16 +19,13 @@ from .equilibrium import locked_rates, steady_state
 from .linear import turning
 from .printed import modes_table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @dataclass(frozen=True)
 class Modes:
     """Small free motions about a steady state, in ascending frequency.
 
     Attributes:
-        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of what oscillates. Zero for a rigid-body
+        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of oscillations. Zero for a rigid-body
             motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once
             for each of its real roots (damping 1): then n is above the number of free coordinates.
         damping: ratios -Re(s)/|s|, shape (n,); negative when unstable.
@@ -66,8 +63,7 @@ class Modes:
         Raises:
             ValueError: a count below 1, or no mode that moves the arm's axis.
         """
-        if whole("count", count) < 1:
-            raise ValueError(f"count = {count}: must be at least 1")
+        at_least("count", count, 1)
         shapes = sample(self.arm, self, 41)
         first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
         path = np.insert(shapes.position, first, self._joints(), axis=0)  # each joint ahead of its link
@@ -83,8 +79,7 @@ class Modes:
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
-        moving = [k for k, link in enumerate(self.arm.links) if link.joint.nv]
-        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in moving]
+        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in self.arm.movable]
         return plot_modes(np.delete(s, at), moved, labels, joints)
 
     def _joints(self) -> Array:
@@ -109,10 +104,8 @@ class Modes:
             ValueError: no such mode, an amplitude that is not above zero.
         """
         n = len(self.frequencies)
-        if not -n <= whole("mode", mode) < n:
-            raise ValueError(f"mode = {mode}: must be from {-n} to {n - 1}, the modes that were found")
-        places = [(n, x) for n, b in enumerate(self.arm.links) for x in (*_slices(b.beam, 9), None)]
-        motion = np.array([self.arm.jacobian(self.q, n, x) @ self.shapes[:, mode] for n, x in places])
+        within("mode", whole("mode", mode), -n, n - 1, ", the modes that were found")
+        motion = np.array([self.arm.jacobian(self.q, *at) @ self.shapes[:, mode] for at in _places(self.arm, 9)])
         moved, turned = (float(np.linalg.norm(part, axis=1).max()) for part in (motion[:, :3], motion[:, 3:]))
         if amplitude is None:
             share = min(0.1 * length(self.arm) / max(moved, 1e-300), 0.5 / max(turned, 1e-300))
@@ -143,20 +136,17 @@ class ModeShapes:
     displacement: NDArray[Any]
 
 
-def _slices(beam: Beam | None, points: int) -> list[float]:
-    """Places along a beam, evenly spaced (m); none of none."""
-    return [] if beam is None else [float(x) for x in np.linspace(0.0, beam.length, points)]
+def _places(arm: Chain, points: int) -> list[tuple[int, float | None]]:
+    """Links and places along their beams, evenly spaced (m), with the end of each link, None."""
+    along = [np.linspace(0.0, x.beam.length, points).tolist() if x.beam else [] for x in arm.links]
+    return [(k, x) for k, places in enumerate(along) for x in (*places, None)]
 
 
 def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
     """See Arm.mode_shapes."""
     if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
         raise ValueError("modes: must be what this arm's `modes` returned")
-    if whole("points", points) < 2:
-        raise ValueError(f"points = {points}: must be at least 2")
-    places: list[tuple[int, float | None]] = []
-    for k, link in enumerate(arm.links):
-        places += [(k, x) for x in (*_slices(link.beam, points), None)]
+    places = _places(arm, at_least("points", points, 2))
     position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
     moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
     return ModeShapes(
@@ -217,7 +207,7 @@ class SmallMotions:
         return whole
 
     def undamped(self) -> Modes:
-        """The modes without damping, and without what gyroscopic forces do."""
+        """The modes without damping, and without gyroscopic forces."""
         return replace(self, G=np.zeros_like(self.G)).solve()
 
 
@@ -228,7 +218,7 @@ def small_motions(
     lock: Iterable[Any] | None = None,
     loads: Any = (),
 ) -> SmallMotions:
-    """See Arm.modes, for what the arguments are."""
+    """See Arm.modes, for the arguments."""
     q0 = arm._place("q", q)
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
@@ -254,7 +244,7 @@ def motions_about(arm: Chain, q: Array, v: Array, loads: Any = ()) -> SmallMotio
 
 def locked_modes(arm: Chain) -> Modes:
     """About zero, with all joints locked, without gravity."""
-    return modes(arm._alike(arm.links), lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+    return modes(arm._alike(arm.links), lock=arm.movable)
 
 
 def modes(

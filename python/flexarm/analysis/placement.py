@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, at_least, instance, number, whole
 from .._console import progress_bar
-from ..data.draw.style import INK, PALETTE, label_axes, legend, new_figure
+from ..data.draw.style import INK, PALETTE, Figure, label_axes, legend, new_figure
 from ..model.parts.chain import Chain
 from ..model.parts.patch import Patch
-from .equilibrium import locked_rates
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .modes import small_motions
 
 _GRID = 201
 
 
 @dataclass(frozen=True, repr=False)
 class PatchPlacement:
-    """Control authority of a patch over its place along a beam. Mode 0 is the lowest that bends the beam.
+    """The result of `place_patch`. Mode 0 is the lowest that bends the beam.
 
     Attributes:
         x: centres of the places tried (m from the clamp), (n,).
@@ -104,12 +101,12 @@ def place_patch(
     """Control authority of a patch on an arm's modes over its place along a beam, and the best place.
 
     The modes are those of the arm as it is, at zero and at rest; the patch's own stiffness and mass do not change them
-    here. Give the arm the patch at `.best`, as `.patch`, to see what they do.
+    here. Give the arm the patch at `.best`, as `.patch`, to see their effect.
 
     Args:
         arm: the arm, whose link has a beam.
         link: where to bond it; -1 is the last.
-        patch: what to bond: its own start and end tell its length alone; its profile moves with it.
+        patch: the patch to bond: its own start and end tell its length alone; its profile moves with it.
         length: another length of the patch (m); not with a profile.
         modes: how many modes, from the lowest up; those that leave this beam straight are passed over.
         weights: of the modes, not negative, their sum above zero; None: all alike.
@@ -125,15 +122,13 @@ def place_patch(
     beam = arm.links[n].beam
     if beam is None:
         raise ValueError(f"link = {link}: has no beam")
-    if not isinstance(patch, Patch):
-        raise ValueError(f"patch = {patch!r}: must be a Patch")
+    instance("patch", patch, Patch)
     size = patch.end - patch.start if length is None else number("length", length)
     if not 0 < size < beam.length:
         raise ValueError(f"length = {size}: must be positive and below the beam's, {beam.length} m")
     if length is not None and patch.profile is not None:
         raise ValueError(f"length = {length}: a patch with a profile keeps its length, {patch.end - patch.start} m")
-    if whole("points", points) < 3:
-        raise ValueError(f"points = {points}: must be at least 3")
+    at_least("points", points, 3)
     omega, shapes = _modes(arm, n, whole("modes", modes), lock)
     w = np.ones(len(omega)) if weights is None else array("weights", weights, (len(omega),))
     if (w < 0).any() or not w.sum() > 0:
@@ -180,31 +175,21 @@ def place_patch(
 def _modes(arm: Chain, n: int, count: int, lock: Iterable[Any] | None) -> tuple[Array, Array]:
     """Undamped frequencies at zero, without gravity, of the lowest modes that bend the beam of link n, and their shapes
     in its elastic coordinates, to such a scale that the modal force over omega^2 is the largest displacement."""
-    import scipy.linalg as la  # slow to import
-
-    if count < 1:
-        raise ValueError(f"modes = {count}: must be at least 1")
-    beam, alone = arm.links[n].beam, arm._alike(arm.links)
-    assert beam is not None
-    zero, still = arm.zero, np.zeros(arm.nv)
-    free = ~locked_rates(arm, [k for k, link in enumerate(arm.links) if link.joint.nv] if lock is None else lock)
-    at = np.ix_(free, free)
-    K = alone._core.inverse_derivatives(zero, still, still)[0] @ alone._core.rates(zero, still)[2]
-    eigenvalues, found = la.eigh(0.5 * (K + K.T)[at], arm.mass_matrix(zero)[at])
-    first = arm._core.first(n) + arm.links[n].joint.nv
-    x = np.linspace(0.0, beam.length, 101)
-    J = np.array([arm.jacobian(zero, n, float(place)) for place in x])
+    at_least("modes", count, 1)
+    beam, at = next(((beam, at) for k, beam, _, at in arm.beams() if k == n), (None, slice(0)))
     omega, shapes = [], []
-    for square, modal in zip(eigenvalues, found.T, strict=True):
-        shape = still.copy()
-        shape[free] = modal  # of modal mass 1
-        own = shape[first : first + beam.ne]
-        if square <= 1e-13 * eigenvalues[-1] or own @ beam._core.stiffness @ own <= 1e-9 * square:
+    found = small_motions(arm._alike(arm.links), lock=arm.movable if lock is None else lock)
+    modes = found.undamped()
+    for w, modal in zip(modes.frequencies, modes.shapes.T, strict=True):
+        shape = modal / np.sqrt(modal @ found.mass @ modal)  # of modal mass 1
+        own = shape[at]
+        if beam is None or w == 0.0 or own @ beam._core.stiffness @ own <= 1e-9 * w**2:
             continue  # a rigid motion, or one of other links
+        J = np.array([arm.jacobian(arm.zero, n, float(x)) for x in np.linspace(0.0, beam.length, 101)])
         u = J @ shape
         moved, turned = np.abs(u[:, :3]), np.abs(u[:, 3:])
         part = u[:, :3] if moved.max() > 1e-6 * turned.max() * beam.length else u[:, 3:]
-        omega.append(float(np.sqrt(square)))
+        omega.append(float(w))
         shapes.append(own * part.flat[np.abs(part).argmax()])  # positive there
     if len(omega) < count:
         raise ValueError(f"modes = {count}: the arm has {len(omega)} that bend this beam; give it more shape functions")

@@ -1,8 +1,7 @@
-"""Modes, linear models and margins as plain tables."""
+"""Modes and linear models as plain tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ _ROWS = 16  # that are shown
 
 
 def modes_table(frequencies: Array, damping: Array, eigenvalues: Any, share: Array, names: tuple[str, ...]) -> str:
-    """What `print` shows of Modes: numbers from 0, as `shapes` and `animate` count them."""
+    """The text of Modes: numbers from 0, as `shapes` and `animate` count them."""
     rows = [["mode", "rad/s", "Hz", "damping ratio", "most of its energy in"]]
     for k in range(min(len(frequencies), _ROWS)):
         where = int(share[:, k].argmax())
@@ -26,7 +25,7 @@ def modes_table(frequencies: Array, damping: Array, eigenvalues: Any, share: Arr
 
 
 def model_table(model: Any) -> str:
-    """What `print` shows of a LinearModel: its size, its inputs and outputs, and its eigenvalues."""
+    """The text of a LinearModel: its size, its inputs and outputs, and its eigenvalues."""
     s: NDArray[np.complex128] = model.eigenvalues
     counts = f"{len(s)} states, {len(model.inputs)} inputs, {len(model.outputs)} outputs"
     lines = [f"dx/dt = A x + B u, y = C x + D u: {counts}"]
@@ -42,27 +41,6 @@ def model_table(model: Any) -> str:
         text = f"{x.real + 0.0:.4g}" + (f" +- {x.imag:.4g}i" if x.imag else "")
         rows.append([text, f"{size:.4g}", f"{size / (2 * np.pi):.4g}", f"{-x.real / size:.4g}" if size else "-"])
     return "\n".join([*lines, "", *aligned(rows, range(1, 4)), *_more(len(upper), "eigenvalues, which are faster")])
-
-
-def margins_table(margins: Sequence[Any]) -> list[str]:
-    """The lines of what `print` shows of Margins: its head, then one for each."""
-    width = max(12, *(len(m.name) + 2 for m in margins))
-    out = [f"{'loop at':<{width}}{'gain, from':>12}{'to':>10}{'phase (deg)':>14}{'at (rad/s)':>12}{'delay (ms)':>12}"]
-    for m in margins:
-        out.append(
-            f"{m.name:<{width}}{short(m.gain[0]):>12}{short(m.gain[1], 'inf'):>10}"
-            f"{_any(np.degrees(m.phase)):>14}{short(m.phase_frequency):>12}{_any(1e3 * m.delay):>12}"
-        )
-    return out
-
-
-def short(x: float, none: str = "-") -> str:
-    """Four digits; `none` of what is not finite."""
-    return none if not np.isfinite(x) else f"{x + 0.0 if abs(x) > 1e-12 else 0.0:.4g}"
-
-
-def _any(x: float) -> str:
-    return "-" if np.isnan(x) else "any" if np.isinf(x) else f"{x:.4g}"
 
 
 def _more(count: int, what: str) -> list[str]:

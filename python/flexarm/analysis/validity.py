@@ -26,7 +26,7 @@ TRUNCATION = 1e-6
 _RESOLVED = 1.0
 
 
-_QUIET: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
+_BOUNDS: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
 
 
 def _places(beam: Beam) -> Array:
@@ -45,17 +45,14 @@ def _inside_out(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     link, the time of the first such row (s), the least 1 + eps, and where along the beam (m); or None. (An elastic
     force that is linear in eps knows no such limit, so that equations have solutions beyond it.)"""
     worst = None
-    for k, link in enumerate(arm.links):
-        beam = link.beam
-        if beam is None or "extension" not in beam.counts:
+    for k, beam, at, _ in arm.beams():
+        if "extension" not in beam.counts:
             continue
-        first, (eps, _) = arm._core.first_q(k) + link.joint.nq, _stretches(beam)
-        qe = q[:, first : first + beam.ne]
-        stretch = 1.0 + qe @ eps.T
+        stretch = 1.0 + q[:, at] @ _stretches(beam)[0].T
         past = np.flatnonzero(stretch.min(axis=1) <= 0.0)
         if past.size:
-            row, at = np.unravel_index(int(stretch.argmin()), stretch.shape)
-            found = float(stretch[row, at]), k, float(t[past[0]]), float(_places(beam)[at])
+            place = np.unravel_index(int(stretch.argmin()), stretch.shape)
+            found = float(stretch[place]), k, float(t[past[0]]), float(_places(beam)[place[1]])
             worst = found if worst is None else min(worst, found)
     return None if worst is None else (worst[1], worst[2], worst[0], worst[3])
 
@@ -90,24 +87,21 @@ def rotation(beam: Beam, qe: Array) -> Array:
     return out
 
 
-def _quiet(arm: Chain, q: Array) -> bool:
+def _within_bounds(arm: Chain, q: Array) -> bool:
     """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
-    are within what is good for them."""
-    if (known := _QUIET.get(arm._core)) is None:
+    are within their ranges."""
+    if (known := _BOUNDS.get(arm._core)) is None:
         rows, limits = [], []
-        for k, link in enumerate(arm.links):
-            beam = link.beam
-            if beam is None or not beam.ne:
-                continue
+        for _, beam, at, _ in arm.beams():
             most = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
             bounds = [(_turns(beam)[1], -1.0 if beam.order == "exact" and beam.gauss_points is not None else most)]
             bounds += [(_stretches(beam)[1], np.nextafter(1.0, 0.0))] if "extension" in beam.counts else []
             for sizes, limit in bounds:
-                row, first = np.zeros(arm.nq), arm._core.first_q(k) + link.joint.nq
-                row[first : first + beam.ne] = sizes
+                row = np.zeros(arm.nq)
+                row[at] = sizes
                 rows.append(row)
                 limits.append(limit)
-        known = _QUIET[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
+        known = _BOUNDS[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
     if not len(q):
         return True
     return bool(np.logical_and.reduce(known[0].dot(np.maximum.reduce(np.abs(q))) <= known[1]))  # all(), max(): slower
@@ -117,12 +111,10 @@ def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     """Finds the first exact beam whose Gauss points are too few for how it is bent. Returns its link, the time of the
     first row that is off by more than TRUNCATION (s), its largest rotation (rad), and by how much sections are off at
     most; or None. It looks at the rows where a coordinate is largest, and at all rows only if one of these is off."""
-    for k, link in enumerate(arm.links):
-        beam = link.beam
-        if beam is None or beam.order != "exact" or not beam.ne or not len(q):
+    for k, beam, at, _ in arm.beams() if len(q) else ():
+        if beam.order != "exact":
             continue
-        first = arm._core.first_q(k) + link.joint.nq
-        qe = q[:, first : first + beam.ne]
+        qe = q[:, at]
         angle = rotation(beam, qe)
         rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
         if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
@@ -137,18 +129,15 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
     where none is, what `_unresolved` finds. But first what `_inside_out` finds, whose third number is not above 0. It
     costs next to nothing while all is well."""
-    if _quiet(arm, q):
+    if _within_bounds(arm, q):
         return None
     if (turned := _inside_out(arm, t, q)) is not None:
         return turned
     worst, others = None, -1
-    for k, link in enumerate(arm.links):
-        beam = link.beam
-        if beam is None or beam.order == "exact" or not beam.ne:
+    for k, beam, at, _ in arm.beams():
+        if beam.order == "exact":
             continue
-        first = arm._core.first_q(k) + link.joint.nq
-        qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
-        angle = rotation(beam, qe)
+        angle, limit = rotation(beam, q[:, at]), LIMITS[int(beam.order)]
         past = np.flatnonzero(~(angle <= limit))
         if past.size:
             others += 1
@@ -158,7 +147,7 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 
 
 def range_warning(arm: Chain, found: Iterable[float], still: bool = False) -> RangeWarning:
-    """Words what `worst_range` found. `still`: it is about one state, without times."""
+    """The warning for a result of `worst_range`. `still`: it is about one state, without times."""
     found = link, time, rotation, others = tuple(map(float, found))
     since, beam = "" if still else f"from t = {time:.6g} s ", arm.links[int(link)].beam
     assert beam is not None

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, finite
-from ..analysis import damping, describe, linear
+from ..analysis import damping, linear
 from ..analysis import equilibrium as balance
 from ..analysis import modes as modal
+from ..analysis.describe import describe
 from ..analysis.validity import range_warning, worst_range
+from ..model.acting.drive import voltage_forces
 from ..model.acting.load import Load, at_time
-from ..model.acting.voltage import voltage_forces
 from ..model.parts.chain import Chain
 from ..model.parts.tables import ArmFile, read_file
-from ..robots import export as robot_files
+from ..robots import write as robot_files
 from ..view import view
 
 METHODS = ("ab", "ci")
@@ -60,7 +61,7 @@ class Arm(Chain):
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
         frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
         ratios with all joints locked at zero, without gravity."""
-        return describe.describe(self)
+        return describe(self)
 
     def show(
         self,

@@ -18,22 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array
 from .._threads import each
 from ..model.acting.control import Controller, limit_of
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from ..model.acting.motor import Motor
-from ..model.acting.voltage import Voltage
-from ..model.parts.arguments import arguments
 from ..model.parts.part import Part
 from .arm import Arm
 
-_KEPT = 256  # parts kept of each place of the tree, so that what repeats is built once
+_CACHED = 256  # parts kept of each place of the tree, so that equal ones are built once
 
 _Tree = dict[str, Any]  # by name: a tree, or the values (B, ...)
 
 
 @dataclass
 class Setup:
-    """What a scenario is made of."""
+    """The arm of a scenario, and the actions on it."""
 
     arm: Arm
     drive: dict[Any, Any] = field(default_factory=dict)
@@ -61,7 +58,7 @@ _OPTIONAL = (
 
 
 def fields_of(part: Any) -> dict[str, Any]:
-    """What a part is made of, by name."""
+    """The fields of a part, by name."""
     if isinstance(part, (tuple, list, np.ndarray)):
         return {str(k): p for k, p in enumerate(part)}
     if isinstance(part, Part):
@@ -71,8 +68,6 @@ def fields_of(part: Any) -> dict[str, Any]:
     if isinstance(part, (Motion, Torque, Voltage)):
         value = {"value": part(0.0)} if part.constant else {}
         return {**value, "scale": 1.0, "offset": 0.0, "delay": 0.0}
-    if isinstance(part, Motor):
-        return {name: getattr(part, name) for name in arguments(Motor)}
     if isinstance(part, Controller):
         return part._arguments() if part.rebuilt else {k: v for k, v in vars(part).items() if not k.startswith("_")}
     return {}
@@ -81,7 +76,7 @@ def fields_of(part: Any) -> dict[str, Any]:
 def _nested(value: Any) -> bool:
     if isinstance(value, (tuple, list)):
         return bool(value) and all(_nested(x) for x in value)
-    return isinstance(value, (Part, Load, Motion, Torque, Voltage, Motor, Controller))
+    return isinstance(value, (Part, Load, Motion, Torque, Voltage, Controller))
 
 
 def _leaves(part: Any, prefix: str) -> Iterator[str]:
@@ -112,6 +107,32 @@ def numbered(setup: Setup, path: str) -> str:
     return ".".join([root, *words])
 
 
+def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> tuple[Any, Any]:
+    """The value at a path, None if there is none, and the part that holds it; `more`: other roots, such as q0."""
+    root, *names = numbered(setup, path).split(".")
+    here: Any = None
+    like: Any = None
+    tree: dict[str, Any] = {
+        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
+        "gravity": setup.arm.gravity, **(more or {}),
+    }  # fmt: skip
+    if root == "drive":
+        for key, law in setup.drive.items():
+            own = drive_name(key).split(".")
+            if names[: len(own)] == own:
+                here, names = law, names[len(own) :]
+    else:
+        here = tree.get(root)
+    for name in names:
+        like, here = here, fields_of(here).get(name)
+    return here, like
+
+
+def can_vary(at: str, known: Sequence[str]) -> bool:
+    """Whether a path, or that of the array of which it is an entry, is a known one."""
+    return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
+
+
 def known_paths(setup: Setup) -> list[str]:
     """Everything of a setup that can vary."""
     out = ["gravity", "q0", "v0"]
@@ -128,7 +149,7 @@ class Variation:
     """The scenarios of one setup and its parameters.
 
     Args:
-        setup: what they have in common.
+        setup: common to all.
         parameters: values (B, ...) or (1, ...) by path.
     """
 
@@ -141,7 +162,7 @@ class Variation:
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
         for path, value in (parameters or {}).items():
             at = self._at[path] = numbered(setup, path)
-            if at not in known and re.sub(r"(\.\d+){1,2}$", "", at) not in known:
+            if not can_vary(at, known):
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")
@@ -157,7 +178,7 @@ class Variation:
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
         if not self.one_setup:
-            self.scenario(0)  # so that what is wrong with all is named at the door
+            self.scenario(0)  # so that an error of all is raised here
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -165,7 +186,7 @@ class Variation:
         return {f"parameters['{path}']": len(v) for path, v in self.values.items()}
 
     def initial(self, name: str, value: Array) -> Array:
-        """q0 or v0 (B or 1, n), with what the parameters say of it."""
+        """q0 or v0 (B or 1, n), with the values of parameters."""
         whole = self.values.get(name)
         if whole is not None:
             if whole.ndim != 2 or whole.shape[1] != value.shape[1]:
@@ -182,7 +203,7 @@ class Variation:
         return value
 
     def scenario(self, i: int) -> Setup:
-        """What scenario i is made of."""
+        """The setup of scenario i."""
         base = self.setup
         arm = self._memo("arm", {"link": self._trees["link"], "gravity": self._trees["gravity"]}, i, self._arm)
         drive = base.drive
@@ -202,7 +223,7 @@ class Variation:
     def scenarios(
         self, indices: Sequence[int] | NDArray[np.int64], workers: int = 1, stop: Callable[[], bool] = lambda: False
     ) -> list[Setup]:
-        """What these scenarios are made of: one for each, or one that is that of all. Beams are built by threads. Once
+        """The setups of these scenarios: one for each, or one for all. Beams are built by threads. Once
         `stop` says so, KeyboardInterrupt."""
         if self.one_setup:
             return [self.setup]
@@ -218,7 +239,7 @@ class Variation:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_parts": {}, "_lock": None}  # what is kept for speed stays behind
+        return {**self.__dict__, "_parts": {}, "_lock": None}  # a copy begins without the cache
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.Lock())
@@ -253,7 +274,7 @@ class Variation:
         return node
 
     def _memo(self, where: str, tree: Any, i: int, build: Callable[[int], Any]) -> Any:
-        """build(i), or what it gave for the same values before."""
+        """build(i), or its earlier result for the same values."""
         key = b"".join(_values_at(tree, i))
         with self._lock:
             kept = self._parts.setdefault(where, OrderedDict())
@@ -261,7 +282,7 @@ class Variation:
             mine = made is None
             if made is None:
                 made = kept[key] = Future()
-            if len(kept) > _KEPT:
+            if len(kept) > _CACHED:
                 kept.popitem(last=False)
         if mine:
             try:
@@ -313,8 +334,6 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         return np.array(out) if isinstance(part, np.ndarray) else tuple(out)
     if isinstance(part, Part):
         return replace(part, **new)  # type: ignore[type-var]
-    if isinstance(part, Motor):
-        return Motor(**{**fields_of(part), **new})
     if isinstance(part, Load):
         scale = new.pop("scale", None)
         load = Load(**{**part.given, **new}) if new else part

@@ -12,7 +12,7 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..arm.arm import Arm
-from ..model.acting.voltage import split_drives
+from ..model.acting.drive import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings

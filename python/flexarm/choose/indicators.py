@@ -16,9 +16,8 @@ import numpy as np
 from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
-from ..model.acting.drive import Motion
+from ..model.acting.drive import Motion, split_drives
 from ..model.acting.load import at_time
-from ..model.acting.voltage import split_drives
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from .measures import Measure

@@ -9,8 +9,7 @@ import numpy as np
 
 from .._check import Array, choice
 from ..arm.arm import Arm
-from ..model.acting.drive import Motion
-from ..model.acting.voltage import split_drives
+from ..model.acting.drive import Motion, split_drives
 from ..model.parts.beam import STRAIN_NAMES
 from ..run.result import Result
 from ..run.scene.scene import Scene

@@ -13,10 +13,10 @@ import numpy as np
 from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.computed import ComputedTorque, FeedForward
-from ..model.acting.control import Controller, StateFeedback, StrainFeedback, _JointLaw
+from ..model.acting.control import PD, Controller, StateFeedback, StrainFeedback
+from ..model.acting.drive import is_patch
 from ..model.acting.load import Load
 from ..model.acting.sampled import Sampled
-from ..model.acting.voltage import is_patch
 from ..model.parts.beam import STRAINS, Beam
 from ..model.parts.joints import Fixed
 from ..model.parts.link import Link
@@ -160,7 +160,7 @@ class Pieces:
         if isinstance(made, StrainFeedback):
             made.beam, made.x = self.place(made.link if made.beam is None else made.beam, made.x)  # type: ignore[assignment]
             made.pose = None if made.pose is None else self._pose(made.pose)
-        if isinstance(made, _JointLaw):
+        if isinstance(made, PD):
             made.link = self.joint(made.link)
         elif isinstance(made, Sampled):
             if made.measure is None:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from .._check import Array
 from ..analysis.equilibrium import displaced
+from ..model.acting.drive import split_drives
 from ..model.acting.load import at_time
-from ..model.acting.voltage import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene

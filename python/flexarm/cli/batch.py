@@ -1,4 +1,4 @@
-"""`flexarm batch SCENE SWEEP`: its options and what it prints."""
+"""`flexarm batch SCENE SWEEP`: its options and its output."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     sweep = "TOML file of what to vary (docs/sweeps.md), or the name of a shipped one such as ist"
     p.add_argument("sweep", metavar="SWEEP", help=sweep)
@@ -38,7 +37,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
 
 
 def _executor(where: str, workers: int | None) -> Any:
-    """What makes the executor, or None for threads."""
+    """The maker of the executor, or None for threads."""
     if workers is not None and workers < 1:
         raise ValueError(f"--workers {workers}: must be at least 1")
     if where == "threads":

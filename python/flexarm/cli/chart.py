@@ -1,12 +1,11 @@
-"""`flexarm chart SCENE`: its options and what it prints."""
+"""`flexarm chart SCENE`: its options and its output."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import sys
 
-from .._console import complain, json_text, output_folder
+from .._console import complain, output_folder
 from ..choose.chart import chart
 from ..choose.measures import MEASURES
 from ..run.scene.scene import load
@@ -17,7 +16,6 @@ TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps what
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-chart")
     budget = "wall time to spend (%(default)g s); runs that would exceed it are skipped and listed"
@@ -33,12 +31,8 @@ def run(args: argparse.Namespace) -> int:
     folder = output_folder(args.output)
     found = chart(scene, budget=args.budget, quantity=args.quantity, progress=True)
     files = found.save(folder)
-    if args.json:
-        print(json_text({**found.to_dict(), "folder": str(folder), "files": files}))
-    else:
-        print(found)
-        print(f"\nPicture, table and data are in {folder}{os.sep}")
-    sys.stdout.flush()
+    about = {**found.to_dict(), "folder": str(folder), "files": files}
+    options.told(args, about, found, f"\nPicture, table and data are in {folder}{os.sep}")
     if not found.complete:
         complain(f"interrupted; the part of the chart that was done is in {folder}{os.sep}")
         return 130

@@ -1,11 +1,11 @@
-"""`flexarm check SCENE`: what could be better in a scene and its run."""
+"""`flexarm check SCENE`: its options and its output."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
 
-from .._console import complain, json_text
+from .._console import complain
 from ..analysis.findings import RunWarning, SlowWarning
 from ..run.scene.check import check, check_run
 from ..run.simulation import SimulationError, simulated
@@ -19,7 +19,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
 
 
@@ -40,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         found = check_run(scene, made)
     except SimulationError as e:
         failure, found = e, check(scene)
-    print(json_text([asdict(x) for x in found]) if args.json else found)
+    options.told(args, [asdict(x) for x in found], found)
     if failure is not None:
         complain(str(failure))
     return int(failure is not None)

@@ -1,11 +1,10 @@
-"""`flexarm compile SCENE`: its options and what it prints."""
+"""`flexarm compile SCENE`: its options and its output."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from .._console import json_text
 from ..run.scene.scene import load
 from . import options
 
@@ -17,7 +16,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     p.add_argument("-o", "--output", metavar="FILE", help="file to write (SCENE.json, in this folder)")
 
@@ -27,5 +25,5 @@ def run(args: argparse.Namespace) -> int:
     scene = load(args.scene)
     file = Path(args.output or f"{Path(args.scene).stem}.json")
     scene.compile(file)
-    print(json_text({"file": str(file)}) if args.json else f"{scene.name}: {file}")
+    options.told(args, {"file": str(file)}, f"{scene.name}: {file}")
     return 0

@@ -1,4 +1,4 @@
-"""`flexarm completion SHELL`: its options and what it prints."""
+"""`flexarm completion SHELL`: its options and its output."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import argparse
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from .._console import json_text
 from ..run.scene.scene import SCENES
-from . import examples
+from . import examples, options
 
 SUMMARY = "print a script that completes commands in a shell"
 TEXT = (
@@ -20,7 +19,6 @@ SHELLS = ("bash", "zsh", "fish", "tcsh")
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
 
 
@@ -92,5 +90,5 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
 def run(args: argparse.Namespace) -> int:
     """Prints the script."""
     text = script(args.top, args.shell)
-    print(json_text({"shell": args.shell, "script": text}) if args.json else text)
+    options.told(args, {"shell": args.shell, "script": text}, text)
     return 0

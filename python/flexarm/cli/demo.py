@@ -1,4 +1,4 @@
-"""`flexarm demo`: its options and what it prints."""
+"""`flexarm demo`: its options and its output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ TEXT = "Needs no scene, network or display."
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.output(p, "flexarm-demo")
 
 

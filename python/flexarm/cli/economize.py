@@ -1,10 +1,9 @@
-"""`flexarm economize SCENE`: its options and what it prints."""
+"""`flexarm economize SCENE`: its options and its output."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import sys
 
 from .._console import complain, json_text, output_folder
 from ..choose.economize import economize
@@ -17,7 +16,6 @@ TEXT = "Writes lean.toml (a scene file with the lean model), economize.png, econ
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-economize")
     p.add_argument(
@@ -45,12 +43,7 @@ def run(args: argparse.Namespace) -> int:
         files.insert(0, "lean.toml")
     except ValueError as e:
         complain(f"warning: lean.toml was not written: {e}")
-    about = json_text({**plan.to_dict(), "folder": str(folder), "files": files})
-    (folder / files[-1]).write_text(about + "\n", encoding="utf-8")
-    if args.json:
-        print(about)
-    else:
-        print(plan)
-        print(f"\nThe lean scene, picture and table are in {folder}{os.sep}")
-    sys.stdout.flush()
+    about = {**plan.to_dict(), "folder": str(folder), "files": files}
+    (folder / files[-1]).write_text(json_text(about) + "\n", encoding="utf-8")
+    options.told(args, about, plan, f"\nThe lean scene, picture and table are in {folder}{os.sep}")
     return 0

@@ -1,4 +1,4 @@
-"""`flexarm examples`: its options and what it prints."""
+"""`flexarm examples`: its options and its output."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import ast
 from difflib import get_close_matches
 from pathlib import Path
 
-from .._console import json_text, output_folder
+from .._console import output_folder
 from ..data.store.files import write_whole
 from . import options
 
@@ -38,14 +38,13 @@ def summary(script: Path) -> str:
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("names", metavar="EXAMPLE", nargs="*", help="which to copy")
     p.add_argument("--all", action="store_true", help="copy all of them")
     options.output(p, ".")
 
 
 def _copy(script: Path, folder: Path) -> list[Path]:
-    """The script and what it reads, which has its name and another suffix."""
+    """The script and the file that it reads, which has its name and another suffix."""
     copied = []
     for source in sorted(script.parent.glob(f"{script.stem}.*")):
         if source.suffix != ".pyc":
@@ -69,11 +68,11 @@ def run(args: argparse.Namespace) -> int:
     if not names:
         told = {name: summary(script) for name, script in found.items()}
         width = max(map(len, told))
-        print(json_text(told) if args.json else "\n".join(f"{name:{width}}  {line}" for name, line in told.items()))
-        if not args.json:
-            print("\nCopy one: flexarm examples NAME [-o DIR]; all of them: flexarm examples --all [-o DIR]")
+        lines = [f"{name:{width}}  {line}" for name, line in told.items()]
+        how = "\nCopy one: flexarm examples NAME [-o DIR]; all of them: flexarm examples --all [-o DIR]"
+        options.told(args, told, *lines, how)
         return 0
     folder = output_folder(args.output)
     copied = [str(path) for name in names for path in _copy(found[name], folder)]
-    print(json_text({"files": copied}) if args.json else "\n".join(copied))
+    options.told(args, {"files": copied}, *copied)
     return 0

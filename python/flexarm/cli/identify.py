@@ -1,4 +1,4 @@
-"""`flexarm identify SCENE DATA.csv ...`: its options and what it prints."""
+"""`flexarm identify SCENE DATA.csv ...`: its options and its output."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ _EXAMPLE = "such as 'link.0.tip.mass', with a start '=0.1', or with a start and 
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     p.add_argument("data", metavar="DATA", nargs="+", help="measured runs: CSV, HDF5, .mat or .npz files")
     p.add_argument("-p", "--parameter", metavar="PATH[=START[:LOW:HIGH]]", action="append", required=True,
@@ -137,9 +136,7 @@ def run(args: argparse.Namespace) -> int:
         c.plot().savefig(folder / f"validation-{k}.png", dpi=plots.DPI)
         about["files"].append(f"validation-{k}.png")
     (folder / "fit.json").write_text(json_text(about) + "\n", encoding="utf-8")
-    print(json_text(about) if args.json else text)
-    if not args.json:
-        print(f"\nPicture, table and fitted scene are in {folder}{os.sep}")
+    options.told(args, about, text, f"\nPicture, table and fitted scene are in {folder}{os.sep}")
     if interrupted:
         complain(str(interrupted).replace(".fit is the best so far", f"the best so far is in {folder}{os.sep}"))
         return 130

@@ -3,7 +3,7 @@
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
-TEXT for --help, `arguments(parser)`, and `run(args)`, which returns the exit code.
+TEXT for --help, `arguments(parser)`, which adds its arguments, and `run(args)`, which returns the exit code.
 """
 
 from __future__ import annotations
@@ -14,14 +14,43 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, metadata
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
+
+import flexarm._core as _core
 
 from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
 from . import batch, chart, check, completion, demo, economize, examples, identify, modes, place, run, validate, view
 from . import compile as compiling
-from .cmake import PrintCMakeDir
+
+
+def cmake_dir() -> Path:
+    """The folder of flexarmConfig.cmake: `-Dflexarm_DIR=`, or in CMAKE_PREFIX_PATH.
+
+    Raises:
+        ValueError: this installation has none.
+    """
+    folder = Path(_core.__file__).resolve().parent / "lib" / "cmake" / "flexarm"  # in an editable one, not beside this
+    if not (folder / "flexarmConfig.cmake").exists():
+        raise ValueError(
+            f"cmakedir = {str(folder)!r}: is not there; this is not a wheel's installation: install one with pip, or "
+            "build the library from its sources with 'cmake --install'"
+        )
+    return folder
+
+
+class PrintCMakeDir(argparse.Action):
+    """The option --cmakedir, which prints it and ends the program."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
+        super().__init__(option_strings, dest, nargs=0, help=help)
+
+    def __call__(self, *_: Any, **__: Any) -> NoReturn:
+        print(cmake_dir())
+        raise SystemExit(0)
+
 
 COMMANDS = {
     "demo": demo,

@@ -1,4 +1,4 @@
-"""`flexarm modes SCENE`: its options and what it prints."""
+"""`flexarm modes SCENE`: its options and its output."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .._console import empty_table, json_text, print_table
 from ..analysis.modes import Modes
 from ..model.acting.drive import Motion
 from ..run.scene.scene import Scene
+from ..run.start import state
 from . import options
 
 SUMMARY = "natural frequencies of a scene's arm"
@@ -19,7 +20,6 @@ TEXT = "About rest at the scene's initial position, or about a steady spin. Freq
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     speed = "steady speed of a joint (rad/s; m/s if prismatic), such as 0=10, or --speed=-1=10 of the last link; "
     speed += "repeat for more joints"
@@ -56,16 +56,6 @@ def _locks(given: Sequence[str] | None, scene: Scene) -> list[Any]:
     return lock
 
 
-def _place(scene: Scene) -> Any:
-    """The scene's initial coordinates, prescribed joints where their motion starts."""
-    q = scene.start()
-    for link, law in scene.drive.items():
-        if isinstance(law, Motion):
-            rate = scene.arm.joint_rate(link, "drive: link")
-            q[scene.arm.coordinate_of(rate)] = law(float(scene.t[0]))[0]
-    return q
-
-
 def _joint(scene: Scene, link: Any) -> str:
     return scene.arm.joint_names[scene.arm._link(link[0] if isinstance(link, tuple) else link)]
 
@@ -96,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
     scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)
-    modes = scene.arm.modes(q=_place(scene), speed=speed, lock=lock)
+    q, _ = state(scene.arm, scene.q0, None, scene.drive, scene.loads, float(scene.t[0]))
+    modes = scene.arm.modes(q=q, speed=speed, lock=lock)
     rows = _mode_rows(modes, scene.arm.coordinates, args.count)
     if args.json:
         keys = {"scene": scene.name, "speed": speed, "lock": lock, "stable": modes.stable}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
+from .._console import json_text
 from ..run.scene.robot import from_mjcf, from_urdf
 from ..run.scene.scene import ROBOTS, Scene, load
 
@@ -15,7 +17,7 @@ def scene(p: argparse.ArgumentParser) -> None:
 
 
 def robot(p: argparse.ArgumentParser, more: str = "") -> str:
-    """--tip of a robot's file; what SCENE then may be."""
+    """--tip of a robot's file; the help of SCENE then."""
     tip = "of a robot's file, the link that the arm ends with; needed where the robot branches"
     p.add_argument("--tip", metavar="LINK", help=tip)
     return f"TOML file, the name of a shipped scene such as ist, {more}or a robot's file (.urdf; .xml of MuJoCo)"
@@ -37,6 +39,11 @@ def read(name: str, tip: str | None) -> Scene:
 def output(p: argparse.ArgumentParser, folder: str) -> None:
     """-o DIR, by default `folder`."""
     p.add_argument("-o", "--output", default=folder, metavar="DIR", help="folder to write into (%(default)s)")
+
+
+def told(args: argparse.Namespace, about: Any, *lines: Any) -> None:
+    """Prints JSON, or else the lines."""
+    print(json_text(about) if args.json else "\n".join(map(str, lines)), flush=True)
 
 
 def link(text: str) -> int | str:

@@ -1,4 +1,4 @@
-"""`flexarm place SCENE`: its options and what it prints."""
+"""`flexarm place SCENE`: its options and its output."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import os
 from dataclasses import replace
 
-from .._console import json_text, output_folder, write_csv
+from .._console import output_folder, write_csv
 from ..analysis.placement import place_patch
 from ..arm.arm import Arm
 from ..data.draw import style as plots
@@ -21,7 +21,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-place")
     p.add_argument("--link", type=options.link, default=-1, help="number or name; -1 is the last (%(default)s)")
@@ -51,10 +50,7 @@ def run(args: argparse.Namespace) -> int:
     write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])
     found.plot().savefig(folder / "placement.png", dpi=plots.DPI)
     (folder / "placement.txt").write_text(f"{found}\n", encoding="utf-8")
-    if args.json:
-        values = ("best", "best_merit", "best_authority", "frequencies", "weights", "x", "authority", "merit")
-        print(json_text({k: v.tolist() if hasattr(v := getattr(found, k), "tolist") else v for k in values}))
-        return 0
-    print(f"{scene.name}: {found}")
-    print(f"\nPicture and data are in {folder}{os.sep}")
+    values = ("best", "best_merit", "best_authority", "frequencies", "weights", "x", "authority", "merit")
+    about = {k: v.tolist() if hasattr(v := getattr(found, k), "tolist") else v for k in values}
+    options.told(args, about, f"{scene.name}: {found}", f"\nPicture and data are in {folder}{os.sep}")
     return 0

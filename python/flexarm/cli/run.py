@@ -1,4 +1,4 @@
-"""`flexarm run SCENE`: its options and what it prints."""
+"""`flexarm run SCENE`: its options and its output."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     options.output(p, "flexarm-run")
 
@@ -52,16 +51,9 @@ def _quantities(result: Result) -> list[dict[str, Any]]:
 def _write_run(folder: Path, result: Result, summary: dict[str, Any], shown: Table) -> None:
     """run.npz, run.csv, run.png, summary.txt, summary.json."""
     result.save(folder / "run.npz")
-    names, columns = ["t"], [result.t]
-    for kind, values in (("q", result.q), ("v", result.v), ("a", result.a), ("tau", result.tau)):
-        names += [f"{kind} {label}" for label in (result.arm.q_names if kind == "q" else result.arm.coordinates)]
-        columns += list(values.T)
-    for link, component, label in deflections(result.arm):
-        names.append(f"{label} deflection")
-        columns.append(result.tip_deflection(link)[:, component])
-    names += ["end x", "end y", "end z"]
-    columns += list(result.frame()[0].T)
-    write_csv(folder / "run.csv", names, columns)
+    data = result.to_data()
+    names = [name for name in data if not name.startswith("friction ")]
+    write_csv(folder / "run.csv", ["t", *names], [data.t, *(data[name] for name in names)])
     result.plot().savefig(folder / "run.png", dpi=plots.DPI)
     with (folder / "summary.txt").open("w", encoding="utf-8") as f:
         write_table(f, shown)

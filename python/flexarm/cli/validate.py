@@ -1,4 +1,4 @@
-"""`flexarm validate RIG`: its options and what it prints."""
+"""`flexarm validate RIG`: its options and its output."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("rig", metavar="RIG", choices=RIGS, help=f"the arm: {', '.join(RIGS)}")
     options.output(p, "flexarm-validate")
     p.add_argument("--fit", choices=SHIPPED, default=SHIPPED[0], help="the recording that is fitted to (%(default)s)")
@@ -43,9 +42,5 @@ def run(args: argparse.Namespace) -> int:
     (folder / "validate.json").write_text(json_text(about) + "\n", encoding="utf-8")
     for driven in dict.fromkeys(j.driven for j in found.judged):
         found.plot(driven).savefig(folder / f"validate-{driven}.png", dpi=plots.DPI)
-    if args.json:
-        print(json_text(about))
-        return 0
-    print(found)
-    print(f"\nPictures and data are in {folder}{os.sep}")
+    options.told(args, about, found, f"\nPictures and data are in {folder}{os.sep}")
     return 0

@@ -1,4 +1,4 @@
-"""`flexarm view SCENE|RUN`: its options and what it prints."""
+"""`flexarm view SCENE|RUN`: its options and its output."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    """Adds the command's arguments to its parser."""
     p.add_argument("runs", metavar="SCENE|RUN", nargs="+", help=options.robot(p, "a run (.npz, .h5), "))
     p.add_argument("-o", "--output", metavar="FILE", help=".html, .png, .gif or .mp4 (default: open the browser)")
     magnify = "draw the bending that many times as large (%(default)s)"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,17 +13,15 @@ from .._console import aligned
 from . import signal
 from .data import Data, constant
 from .draw.fit import plot_pair
+from .draw.style import Figure
 from .signal import DataWarning
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LAG_SHARE = 0.1  # of the time compared, within which a lag is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A run beside what was measured, at the times of the measurement. `print(comparison)` is a table.
+    """A run beside measured data, at the times of the measurement. `print(comparison)` is a table.
 
     Attributes:
         measured, simulated: Data with the same times, names and units.

@@ -6,22 +6,20 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, number
+from .._check import Array, array, choice, number, positive
 from .._console import aligned
 from . import signal
-from .draw.trajectory import plot_panels
+from .draw.style import Figure
+from .draw.trajectory import by_unit, plot_panels
 from .files import write_columns
 from .load import Loaded
 from .signal import DataWarning, check_times
 from .units import unit_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 METHODS = ("linear", "cubic")
 _QUANTITIES = {
@@ -40,9 +38,9 @@ class Data(Loaded):
     Attributes:
         t: times (s), (nt,), increasing; not always in equal steps.
         columns: values by name, (nt,) each, in SI.
-        units: the SI unit of each column; "" where it is not known, "1" of a plain number. What is given in another
+        units: the SI unit of each column; "" where it is not known, "1" of a plain number. Values in another
             one, such as "deg" or "mm/s^2", is converted when Data is made.
-        name: what tables and figures are called by, such as the file.
+        name: of tables and figures, such as the file.
 
     Raises:
         ValueError: no rows, times that do not increase, a column of another length, nan (with row and column), an
@@ -78,7 +76,7 @@ class Data(Loaded):
         for key, value in (("t", t), ("columns", columns), ("units", units)):
             object.__setattr__(self, key, value)
 
-    # -- what it holds -------------------------------------------------------------------------------------------------
+    # -- its contents --------------------------------------------------------------------------------------------------
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,7 +153,7 @@ class Data(Loaded):
                 the first time on.
             method: "linear", which never leaves the range of the samples; or "cubic", a spline, better for smooth
                 signals that are sampled less than ten times in a period, but it overshoots at steps.
-            antialias: whether to take out what is too fast for the new times.
+            antialias: whether to take out motion too fast for the new times.
 
         Raises:
             ValueError: times outside of the data, that do not increase, a step that is not positive.
@@ -202,8 +200,8 @@ class Data(Loaded):
         """
         if not isinstance(other, Data):
             raise ValueError(f"other = {type(other).__name__}: must be fa.Data")
-        if max_lag is not None and not number("max_lag", max_lag) > 0:
-            raise ValueError(f"max_lag = {max_lag}: must be positive (s)")
+        if max_lag is not None:
+            positive("max_lag", max_lag, "s")
         there = column if other_column is None else other_column
         pairs = (self.t, self[column]), (other.t, other[there])
         for (t, y), name in zip(pairs, (column, there), strict=True):
@@ -237,18 +235,8 @@ class Data(Loaded):
             choice("columns", name, self.columns)
         if not shown:
             raise ValueError("columns: there are none to plot")
-        groups: dict[str, list[str]] = {}
-        for name in shown:
-            groups.setdefault(self.units[name], []).append(name)
-        panels = []
-        for si, names in groups.items():
-            what = names[0] if len(names) == 1 else _QUANTITIES.get(si, "")
-            title = f"{what} ({si})".strip() if si not in ("", "1") else what
-            panels.append((title, [(name, self.columns[name]) for name in names]))
-        figure = plot_panels(self.t, panels)
-        if self.name:
-            figure.suptitle(self.name, fontsize=12, parse_math=False)
-        return figure
+        curves = ((name, self.units[name], self.columns[name]) for name in shown)
+        return plot_panels(self.t, by_unit(curves, lambda unit, _: _QUANTITIES.get(unit, "")), self.name)
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame: its index is t (s), its columns have the names here, and `.attrs["units"]` their units;

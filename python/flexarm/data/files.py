@@ -28,7 +28,7 @@ _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or
 #: Name and unit of each column of an array, by the array's name.
 Titles = Mapping[str, Sequence[tuple[str, str]]]
 
-#: Values by heading, each with its unit where the file has a place for it, else None; of what is no column, instead of
+#: Values by heading, each with its unit where the file has a place for it, else None; if it is no column, instead of
 #: values, a text that says why.
 Raw = dict[str, tuple[Any, str | None]]
 
@@ -186,7 +186,7 @@ def _text(value: Any) -> str:
 
 
 def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
-    """The data sets of a group, and of those below it; what points out of the file is not followed. In MATLAB's files,
+    """The data sets of a group, and of those below it; links out of the file are not followed. In MATLAB's files,
     matrices lie transposed. For use in `readable`."""
     import h5py
 
@@ -205,13 +205,13 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
             at = at[inner[0]]
         if (not held and {"axis0", "block0_values"} <= set(at)) or "pandas_type" in at.attrs:
             raise Refused("is of pandas' own kind: give fa.Data.load(pandas.read_hdf(...))")
-        if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
+        if "about" in at and _is_text(at["about"]):  # of Result.save: an array without titles is no column
             return _of_group("", at, matlab, held, lambda x: "unit" in x.attrs or "columns" in x.attrs)
         return _of_group("", at, matlab, held)
 
 
 def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What `write_hdf5` or `write_npz` wrote: "about", of JSON, and arrays by name. Errors of many kinds."""
+    """The content of `write_hdf5` or `write_npz`: "about", of JSON, and arrays by name. Errors of many kinds."""
     if not content.startswith(b"\x89HDF"):
         with np.load(BytesIO(content), allow_pickle=False) as z:
             arrays = {k: z[k] for k in z.files if k != "about"}
@@ -223,7 +223,7 @@ def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
 
 
 def _held(f: Any) -> tuple[Any, dict[str, Array]]:
-    """What `write_hdf5` put into a file: "about", or None, and arrays by name. Refuses what is damaged."""
+    """The content of `write_hdf5`: "about", or None, and arrays by name. Refuses a damaged file."""
     arrays = _arrays(f)
     about = json.loads(arrays.pop("about")[0]) if "about" in f and _is_text(f["about"]) else None
     check_digest(f.attrs.get("digest"), about, arrays)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._check import Array
 
-GAP = 2.5  # median steps: what is longer misses two samples or more
+GAP = 2.5  # median steps: a longer one misses two samples or more
 _ORDER, _SHARE = 8, 0.8  # of the low-pass before samples are thinned out: its order, its corner in the new Nyquist rate
 _MOST = 10_000_000  # samples of an even grid
 
@@ -57,8 +57,8 @@ def even_times(first: float, last: float, step: float) -> Array:
 
 
 def low_passed(t: Array, y: Array, step: float, method: str) -> tuple[Array, Array]:
-    """What of y (nt, k) can be sampled each `step` s without being folded back: through a Butterworth low-pass run
-    forward and backward, so that nothing comes later. On even times."""
+    """The part of y (nt, k) that can be sampled each `step` s without being folded back, on even times: through a
+    Butterworth low-pass run forward and backward, so that nothing comes later."""
     from scipy.signal import butter, sosfiltfilt
 
     span = float(t[-1] - t[0])

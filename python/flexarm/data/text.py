@@ -33,7 +33,7 @@ class Table(NamedTuple):
     lines: list[int]
 
     def column(self, k: int, name: str) -> Array:
-        """Column k in numbers, nan where there is none. ValueError of what is no number."""
+        """Column k in numbers, nan where there is none. ValueError if a cell is no number."""
         if isinstance(self.cells, np.ndarray):
             return self.cells[:, k]
         return self._numbers([row[k] for row in self.cells], name)

@@ -1,4 +1,4 @@
-"""Units of columns: what one is in SI, and where a heading tells it."""
+"""Units of columns: their values in SI, and their place in a heading."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _SIMPLE = "s ms us m mm um cm rad mrad deg rpm dps A mA uA V mV N mN kN Nm mNm N
 
 
 class Unit(NamedTuple):
-    """What a unit is in SI: value times `scale` plus `shift` is in the unit `si`."""
+    """A unit in SI: value times `scale` plus `shift` is in the unit `si`."""
 
     si: str
     scale: float = 1.0
@@ -61,7 +61,7 @@ KNOWN = (
 
 
 def unit(text: str) -> Unit:
-    """What a unit is in SI: "deg/s" -> rad/s, "mm/s^2" -> m/s^2, "N·mm" -> N m, "g" -> m/s^2, "uA" -> A. An empty one
+    """A unit in SI: "deg/s" -> rad/s, "mm/s^2" -> m/s^2, "N·mm" -> N m, "g" -> m/s^2, "uA" -> A. An empty one
     is not known, and counts as SI.
 
     Raises:
@@ -93,7 +93,7 @@ def unit(text: str) -> Unit:
 
 
 def _marked(text: str) -> str:
-    """Powers as "^", products as "·", without brackets about what is divided by."""
+    """Powers as "^", products as "·", without brackets about divisors."""
     text = re.sub(r"[⁻⁰¹²³⁴]+", lambda m: "^" + m[0].translate(_POWERS), text.replace("**", "^").replace("⋅", "·"))
     return re.sub(r"\(([^()/]*)\)$", r"\1", text.replace("\\", ""))
 

@@ -17,8 +17,7 @@ from ..data.compare import Comparison
 from ..data.data import Data, constant
 from ..data.signal import DataWarning
 from ..data.units import unit
-from ..model.acting.drive import Motion, Torque
-from ..model.acting.voltage import Voltage, is_patch
+from ..model.acting.drive import Motion, Torque, Voltage, is_patch
 from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.scene.scene import Scene

@@ -14,8 +14,7 @@ import numpy as np
 from .._check import Array, known_keys, number
 from ..data.compare import Comparison
 from ..many.batch.arguments import default_workers
-from ..model.acting.drive import Motion
-from ..model.acting.voltage import split_drives
+from ..model.acting.drive import Motion, split_drives
 from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor

@@ -5,19 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, number, whole
+from .._check import Array, array, choice, instance, number, whole
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
-from ..analysis.linear import forces_of, rows_of
+from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
-from ..analysis.plant import Plant
 from ..arm.arm import Arm
-from ..arm.variation import Setup, Variation, fields_of, numbered
+from ..arm.variation import Setup, Variation, value_at
 from ..data.draw.loop import plot_loop
+from ..data.draw.style import Figure
 from ..model.acting.control import Controller
 from ..model.acting.load import Load, at_time
 from ..model.acting.sampled import LinearController
@@ -26,10 +26,8 @@ from .hybrid import Complex, Hybrid
 from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
 from .margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
+from .plant import Plant
 from .table import table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
 
@@ -232,24 +230,14 @@ class ClosedLoop:
 
     def _value(self, path: str) -> float:
         """The present value of the parameter."""
-        roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
-        root, *names = numbered(self._setup, path).split(".")
-        part: Any = roots.get(root)
-        if names[1:] == ["rate"] and names[0].isdigit() and int(names[0]) < len(self.control):
-            law = self.control[int(names[0])]
-            if isinstance(law, LinearController) and law.A.size and not law.rebuilt:
-                raise ValueError(
-                    f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
-                    "ask closed_loop of each (the rate of .pid, .ppf and .irc can vary)"
-                )
-        for name in names:
-            fields = fields_of(part)
-            if name not in fields:
-                break
-            part = fields[name]
-        else:
-            if np.ndim(part) == 0 and part is not None and not isinstance(part, (str, tuple)):
-                return number(path, part)
+        value, law = value_at(self._setup, path)
+        if path.endswith(".rate") and isinstance(law, LinearController) and law.A.size and not law.rebuilt:
+            raise ValueError(
+                f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
+                "ask closed_loop of each (the rate of .pid, .ppf and .irc can vary)"
+            )
+        if np.ndim(value) == 0 and value is not None and not isinstance(value, (str, tuple)):
+            return number(path, value)
         Variation(self._setup, {path: np.zeros(1)})  # its error suggests similar names
         raise ValueError(f"over = {path!r}: is no number that can vary")
 
@@ -305,12 +293,7 @@ class ClosedLoop:
         Raises:
             ImportError: python-control is missing.
         """
-        try:
-            import control
-        except ImportError as e:
-            raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
-        names = {kind: [x.replace(".", "_") for x in getattr(self, kind)] for kind in ("inputs", "outputs")}
-        return control.ss(self.A, self.B, self.C, self.D, 0 if self.period is None else self.period, **names)
+        return state_space(self, "inputs", "outputs", period=self.period or 0.0)
 
 
 def _indices(field: str, given: Any, labels: Sequence[str]) -> list[int]:
@@ -342,7 +325,7 @@ def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) 
     """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
     running, sampled, memory = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
-    held = [held_law(arm, k, c, own, q, v, t, loads, seen=False)
+    held = [held_law(arm, k, c, own, q, v, t, loads, recorded=False)
             for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
     return Hybrid(plant, running, [x for x in held if x is not None], memory)
 
@@ -384,8 +367,7 @@ def closed_loop(
         ValueError: bad arguments; a controller that acts on a locked joint; gains of wrong shapes; sampling rates that
             have no common period; a law that has no derivative at the state.
     """
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Arm)
     controls = [control] if isinstance(control, Controller) else control
     if not isinstance(controls, (list, tuple)) or not all(isinstance(c, Controller) for c in controls):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")

@@ -13,20 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array
+from .._check import Array, array, instance, not_negative, positive
 from ..analysis.equilibrium import equilibrium
 from ..analysis.linear import linearize, solve_mass
 from ..model.acting.control import StateFeedback, all_joints, force_columns, listed, measured_rows
-from ..model.acting.motor import finite, positive
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
-_BRYSON = 0.1  # rad, m: what deviation of a joint is accepted, if nothing is said
+_BRYSON = 0.1  # rad, m: deviation of a joint that is accepted by default
 _SLOWER = 3.0  # than the lowest frequency with the joints held is the loop that the effort accepted aims at
 _RIGID = 10.0  # rad/s: of an arm that does not bend
 _NOISE = {"joint": 1e-4, "rate": 1e-2, "strain": 1e-4, "patch_voltage": 1e-2, "charge": 1e-9}  # SI
-_CALM = 30.0  # parts of the effort that disturb
-_BAND = 1e-3  # s: white noise has a mean over this time of the size given
+_DISTURBANCE = 30.0  # parts of the effort that disturb
+_MEAN_TIME = 1e-3  # s: white noise has a mean over this time of the size given
 _LEAST = 1e-6  # parts of the largest weight, and of the lowest frequency, that make a problem solvable
 
 #: an entry of `outputs` of linearize: the largest deviation accepted
@@ -39,7 +38,7 @@ class Rest(NamedTuple):
 
     arm: Chain
     q: Array
-    tau: Array  # what holds it, of all actuators
+    tau: Array  # forces of all actuators that hold it
     u0: Array
     A: Array
     B: Array
@@ -50,7 +49,7 @@ class Rest(NamedTuple):
 
 
 def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
-    """The arm with its joints at q, its elastic coordinates in static balance there, and what holds it.
+    """The arm with its joints at q, its elastic coordinates in static balance there, and the forces that hold it.
 
     Raises:
         ValueError: balls; no static balance; an arm that the actuators do not hold there.
@@ -58,8 +57,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
     import scipy.linalg as la  # slow to import
 
     joints, nv = all_joints(arm), arm.nv
-    movable = [k for k, link in enumerate(arm.links) if link.joint.nv]
-    at = equilibrium(arm, q, None, movable, ())
+    at = equilibrium(arm, q, None, arm.movable, ())
     zero = np.zeros(nv)
     tau = arm._core.inverse_dynamics(at, zero, zero)
     columns = np.array(force_columns(arm, actuate)).T
@@ -86,8 +84,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
 
 
 def _actuators(arm: Chain, actuate: Sequence[Any] | None) -> list[Any]:
-    if not isinstance(arm, Chain):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Chain, "an Arm")
     if actuate is not None:
         return listed("actuate", actuate)
     joints = [(k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)]
@@ -98,10 +95,7 @@ def _efforts(at: Rest, actuate: Sequence[Any], effort: ArrayLike | None) -> Arra
     """The largest acceptable |u - u0| of each actuator."""
     n = len(actuate)
     if effort is not None:
-        found = array("effort", effort)
-        if found.shape not in ((), (n,)) or not (found > 0.0).all():
-            raise ValueError(f"effort = {effort!r}: must be positive, one number or {n}, one for each of actuate")
-        return np.broadcast_to(found, (n,)).astype(float)
+        return _sizes("effort", effort, n, "of actuate")
     columns, joints = np.array(force_columns(at.arm, actuate)), all_joints(at.arm)
     out = np.zeros(n)
     for k, column in enumerate(columns):
@@ -110,6 +104,14 @@ def _efforts(at: Rest, actuate: Sequence[Any], effort: ArrayLike | None) -> Arra
             raise ValueError(f"effort: give it, the largest size accepted of each; {actuate[k]!r} has no default")
         out[k] = abs(column) @ at.M @ abs(column) * _BRYSON * ((at.frequency or _SLOWER * _RIGID) / _SLOWER) ** 2
     return out
+
+
+def _sizes(field: str, value: ArrayLike, n: int, of: str) -> Array:
+    """Positive numbers, one for all or one for each of n."""
+    found = array(field, value)
+    if found.shape not in ((), (n,)) or not (found > 0.0).all():
+        raise ValueError(f"{field} = {value!r}: must be positive, one number or {n}, one for each {of}")
+    return np.broadcast_to(found, (n,)).astype(float)
 
 
 def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
@@ -134,7 +136,7 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
 
 class Sampling(NamedTuple):
     """A plant z' = A z + B u between samples: z+ = F z + G u + H p, where p are outputs on their way, the newest first,
-    p+ = [u; p] without the oldest; and what [z; p; u] costs in a sample."""
+    p+ = [u; p] without the oldest; and the cost of [z; p; u] in a sample."""
 
     F: Array
     G: Array
@@ -209,7 +211,7 @@ def _riccati(
             continue
         poles = np.linalg.eigvals(A - B @ K)
         grows = np.abs(poles) - 1.0 if sampled else poles.real / slowest
-        left = grows > -10.0 * least  # undamped and out of reach: what swings may
+        left = grows > -10.0 * least  # undamped and out of reach: an oscillation may
         drifts = np.abs(poles - 1.0 if sampled else poles / slowest) < 1e-4
         if not left.any() or (least and grows.max() < 1e-5 and not drifts[left].any()):
             return np.asarray(K), np.asarray(P)
@@ -230,9 +232,9 @@ def _regulator(at: Rest, W: Array, effort: Array, rate: float | None, delay: flo
 
 
 def _times(rate: Any, delay: Any) -> tuple[float | None, float]:
-    late = finite("delay", delay)
-    if late < 0.0 or (rate is None and late):
-        raise ValueError(f"delay = {delay}: must be zero, or positive with a rate, in seconds")
+    late = not_negative("delay", delay, "s")
+    if rate is None and late:
+        raise ValueError(f"delay = {delay}: must be zero, or positive with a rate")
     hertz = None if rate is None else positive("rate", rate)
     if hertz is not None and late * hertz > 100.0:
         raise ValueError(f"delay = {delay}: is {late * hertz:.3g} samples at rate = {rate}; at most 100")
@@ -251,9 +253,9 @@ def lqr(
     Args:
         arm: the arm, with its gravity; u0 holds it at q.
         q: where its joints are to rest (nq,), `arm.zero` if None; elastic coordinates are put into static balance.
-        weights: what may deviate by how much: outputs as of `Arm.linearize`, each with the largest deviation accepted,
-            such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. What weighs the tip damps
-            what bends.
+        weights: the weighed outputs as of `Arm.linearize`, each with the largest deviation accepted,
+            such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. A weight of the tip damps
+            bending.
         effort: the largest u - u0 accepted, a number or one for each of `actuate` (N, N m, V); None: of joints, what
             makes a rigid arm three times slower than the lowest frequency with the joints held. For patches you must
             give it.
@@ -284,24 +286,13 @@ def lqr(
     )  # fmt: skip
 
 
-def _noises(measure: Sequence[Any], rows: Sequence[int], noise: ArrayLike | None) -> Array:
-    ny = sum(rows)
-    if noise is None:
-        return np.repeat([_NOISE[entry[0]] for entry in measure], rows)
-    found = array("noise", noise)
-    if found.shape not in ((), (ny,)) or not (found > 0.0).all():
-        raise ValueError(f"noise = {noise!r}: must be positive, one number or {ny}, one for each number measured")
-    return np.broadcast_to(found, (ny,)).astype(float)
-
-
 def lqg(
     arm: Chain, q: ArrayLike | None = None, *, measure: Sequence[Any], noise: ArrayLike | None = None,
     disturbance: ArrayLike | None = None, weights: Weights | None = None, effort: ArrayLike | None = None,
     actuate: Sequence[Any] | None = None, rate: float | None = None, delay: float = 0.0, limit: float | None = None,
 ) -> LinearController:  # fmt: skip
-    """The regulator of `lqr` with a Kalman filter for the states that are not measured (LQG).
-
-    Sampled, the force of a sample knows that sample; a limit is known to the filter (`anti_windup`).
+    """The regulator of `lqr` with a Kalman filter for the states that are not measured (LQG). Sampled, the force of a
+    sample knows that sample; a limit is known to the filter (`anti_windup`).
 
     Args:
         arm, q, weights, effort, actuate, rate, delay, limit: as of `lqr`.
@@ -313,8 +304,8 @@ def lqg(
             as the regulator.
 
     Returns:
-        A LinearController with 2 nv states, and one more for each output on its way; its reference is what is measured
-        at rest, its u0 what holds the arm there.
+        A LinearController with 2 nv states, and one more for each output on its way; its reference is the measurement
+        at rest, its u0 holds the arm there.
 
     Raises:
         ValueError: as of `lqr`; a motion that does not decay and that is not measured.
@@ -330,17 +321,16 @@ def lqg(
     at = rest(arm, q, entries)
     C, n = np.hstack([by_q, by_v]) @ at.T, len(at.A)
     size = _efforts(at, entries, effort)
-    sigma = _noises(seen, [len(p[0]) for p in parts], noise)
-    pushes = size / _CALM if disturbance is None else array("disturbance", disturbance)
-    if pushes.shape not in ((), size.shape) or not (pushes > 0.0).all():
-        raise ValueError(f"disturbance = {disturbance!r}: must be positive, one number or one for each of actuate")
+    usual = np.repeat([_NOISE[entry[0]] for entry in seen], [len(p[0]) for p in parts])
+    sigma = usual if noise is None else _sizes("noise", noise, usual.size, "number measured")
+    pushes = size / _DISTURBANCE if disturbance is None else _sizes("disturbance", disturbance, size.size, "of actuate")
     K, plant = _regulator(at, _cost(at, weights, size), size, hertz, late)
     slowest, force = at.frequency or _RIGID, at.B * pushes
-    V = _BAND * force @ force.T
+    V = _MEAN_TIME * force @ force.T
     common: dict[str, Any] = {"measure": seen, "actuate": entries, "limit": limit, "u0": at.u0}
     common["reference"] = by_q @ at.q
     if plant is None:
-        W = la.block_diag(V, _BAND * np.diag(sigma**2))
+        W = la.block_diag(V, _MEAN_TIME * np.diag(sigma**2))
         L = _riccati(la.solve_continuous_are, at.A.T, C.T, W, False, slowest, "measure")[0].T
         A = at.A - at.B * size @ K - L @ C
         return LinearController(

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from functools import cached_property
+from math import gcd, lcm
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..analysis.periods import SAME, common_period
-from ..analysis.plant import Plant
 from .laws import Channel, HeldLaw, RunningLaw, Tap, acted_on, with_names
+from .plant import Plant
 
-_LATE = 300  # that are under way at once, behind delays
+_MOST_DELAYED = 300  # samples that are under way at once, behind delays
+_MOST = 1000  # samples in a common period
+_SAME = 1e-9  # parts of a period by which times are the same
 Complex = NDArray[np.complex128]
 
 
 class _Rows:
-    """What a loop's numbers are made of: rows over its states at the beginning of a period, and over inputs."""
+    """The numbers of a loop as linear functions: rows over its states at the beginning of a period, and over inputs."""
 
     def __init__(self, sizes: dict[Any, int], inputs: int) -> None:
         self.at: dict[Any, slice] = {}
@@ -37,12 +40,12 @@ class _Rows:
         self.S[self.at[name]] = value
 
     def push(self, name: Any, value: Array) -> None:
-        """Puts value ahead of what is in a chain."""
+        """Puts value at the head of a chain."""
         old = self[name]
         self[name] = np.vstack([value, old[: len(old) - len(value)]])
 
     def entry(self, name: Any, index: int, size: int) -> Array:
-        """What was put into a chain `index` values ago."""
+        """The value put into a chain `index` values ago."""
         return self[name][index * size : (index + 1) * size].copy()
 
 
@@ -126,7 +129,7 @@ class Hybrid:
         return A, B, C, D
 
     def _outputs(self, A: Array, B: Array, taps: Sequence[Any]) -> tuple[Array, Array]:
-        """Rows by the states and by the inputs of what has by_q, by_v, by_a."""
+        """Rows by the states and by the inputs of taps with by_q, by_v, by_a."""
         nq, nv, n = self.plant.arm.nq, self.plant.arm.nv, self.plant.A.shape[0]
         by_q = np.array([x.by_q for x in taps]).reshape(-1, nq)
         by_v, by_a = (np.array([getattr(x, name) for x in taps]).reshape(-1, nv) for name in ("by_v", "by_a"))
@@ -154,7 +157,7 @@ class Hybrid:
     @cached_property
     def _events(self) -> tuple[list[tuple[float, int, Any]], dict[Any, int], dict[Any, tuple[Any, int]]]:
         """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
-        the chains that keep what a later event needs; and by (law, sample, tap) the look that it reads and how many
+        the chains that keep values for later events; and by (law, sample, tap) the look that it reads and how many
         periods ago that was."""
         P = self.period
         assert P is not None
@@ -164,7 +167,7 @@ class Hybrid:
         first = 0
 
         def phase(t: float) -> tuple[float, int]:
-            lag = -int(np.floor(t / P + SAME))
+            lag = -int(np.floor(t / P + _SAME))
             return max(t + lag * P, 0.0), lag
 
         for j, law in enumerate(self.held):
@@ -174,33 +177,33 @@ class Hybrid:
                 events[(t, 1, (j, k))] = None
                 for i, tap in enumerate(law.taps):
                     looked = t if tap.rate is None else np.floor(t * tap.rate + 1e-6) / tap.rate
-                    if looked >= t - SAME * P and not tap.delay:
+                    if looked >= t - _SAME * P and not tap.delay:
                         continue
                     at, lag = phase(looked - tap.delay)
                     name = ("look", first + i, round(at / P, 9))
                     events[(at, 0, name)] = None
-                    lag -= int(at > t + SAME * P)
+                    lag -= int(at > t + _SAME * P)
                     reads[j, k, i] = name, lag
                     chains[name] = max(chains.get(name, 0), lag + 1)
                 for d, (delay, outputs) in enumerate(late):
                     at, lag = phase(t + delay)
                     lag = -lag  # periods behind the sample's
-                    if lag == 0 and at <= t + SAME * P:
+                    if lag == 0 and at <= t + _SAME * P:
                         continue
-                    index = lag - int(t > at + SAME * P)
+                    index = lag - int(t > at + _SAME * P)
                     events[(at, 2, (j, d, k, index))] = None
                     chains["wait", j, d, k] = len(outputs) * (index + 1)
             first += len(law.taps)
-        if sum(chains.values()) > max(_LATE, 2 * len(events)):
-            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
-        scale = 1.0 / (SAME * P)
+        if sum(chains.values()) > max(_MOST_DELAYED, 2 * len(events)):
+            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_MOST_DELAYED} can be")
+        scale = 1.0 / (_SAME * P)
         return sorted(events, key=lambda e: (round(e[0] * scale), e[1], str(e[2]))), chains, reads
 
     def _period(
         self, factors: Array, broken: Sequence[int] = (), forces: Array | None = None, outputs: Sequence[Any] = ()
     ) -> tuple[Array, Array, Array, Array, NDArray[np.int_]]:
-        """Z, B, C, D over a period: S+ = Z S + B w, y = C S + D w. w: of each of the `broken` channels what it gives in
-        each of its samples, then `forces` (nv, m), held; y: what those channels would have given, negative, then
+        """Z, B, C, D over a period: S+ = Z S + B w, y = C S + D w. w: of each of the `broken` channels its output in
+        each of its samples, then `forces` (nv, m), held; y: the outputs that those channels compute, negative, then
         `outputs` at the beginning. Last, which of all states S are: those that something later depends on."""
         import scipy.linalg as la  # slow to import
 
@@ -227,7 +230,7 @@ class Hybrid:
         now = 0.0
 
         def flow(span: float) -> None:
-            if span <= SAME * P:
+            if span <= _SAME * P:
                 return
             key = round(span / P, 12)
             if key not in flows:
@@ -282,14 +285,14 @@ class Hybrid:
         end, out = rows.S[keep], np.vstack([returned, said])
         return end[:, keep], end[:, size:], out[:, keep], out[:, size:], keep
 
-    # -- what is asked of it -------------------------------------------------------------------------------------------
+    # -- models, poles, motions ----------------------------------------------------------------------------------------
 
     def with_held(self, held: Sequence[HeldLaw]) -> Hybrid:
         """The same with other sampled laws."""
         return Hybrid(self.plant, self._running, held, self._memory)
 
     def alone(self, control: int) -> Hybrid:
-        """With the laws of one controller, and what else is no loop; a sampled one has those without samples beside
+        """With the laws of one controller, and those that are no loop; a sampled one has those without samples beside
         it."""
         held = [x for x in self.held if x.control == control]
         running = [x for x in self._running if held or x.control == control or not x.acts]
@@ -308,7 +311,8 @@ class Hybrid:
         return A, B, *self._outputs(A, B, outputs)
 
     def opened(self, broken: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-        """A, B, C, D of the loop gain, from what channels give to what they would give, negative; the others closed.
+        """A, B, C, D of the loop gain, from outputs of channels to the outputs that they compute, negative; the others
+        closed.
 
         Raises:
             ValueError: continuous and sampled channels mixed.
@@ -382,3 +386,22 @@ def _needed(Z: Array, C: Array) -> NDArray[np.int_]:
         if used.all():
             return keep
         keep = keep[used]
+
+
+def common_period(rates: dict[str, float]) -> float:
+    """The shortest time (s) in which all of some rates (Hz) have a whole number of samples.
+
+    Raises:
+        ValueError: there is none with up to 1000 samples.
+    """
+    fastest = max(rates.values())
+    parts = [Fraction(rate / fastest).limit_denominator(_MOST) for rate in rates.values()]
+    if all(abs(float(x) * fastest - rate) <= _SAME * rate for x, rate in zip(parts, rates.values(), strict=True)):
+        common = Fraction(gcd(*(x.numerator for x in parts)), lcm(*(x.denominator for x in parts)))
+        if 1 / common <= _MOST:
+            return float(1 / common) / fastest
+    named = ", ".join(f"{name} = {rate:.10g}" for name, rate in rates.items())
+    raise ValueError(
+        f"{named} (Hz): have no common period of up to {_MOST} samples; give rates with whole ratios, such as 1000 "
+        "and 250"
+    )

@@ -14,11 +14,11 @@ import flexarm._core as _core
 from .._check import Array
 from ..model.acting.control import Run, gain_of, measured_rows, padded
 from ..model.acting.motor import reach_of, torque_limits
+from ..model.acting.record import LawRecord
 from ..model.acting.sampled import LinearController, PythonLaw, Sampled, count_of, note
-from ..model.acting.seen import Seen
 from ..model.parts.chain import Chain
 
-_SMALL = 1e-6  # rad, m, and per second: what sensors and laws are moved by
+_SMALL = 1e-6  # rad, m, and per second: steps of differences of sensors and laws
 _SMOOTH = 1e-3  # parts of a law's derivatives that steps of different size may differ by
 _SETTLED = 30  # samples in which a predictive law's plan comes to rest
 _SHOWN = 120  # samples that a law with a memory is shown
@@ -70,7 +70,7 @@ class HeldLaw:
 class RunningLaw:
     """A law without samples, `control` and `kind` as of HeldLaw: u = -(by_q q + by_v v), `column` u its forces (nv,).
     Behind the arm's coordinates stand the states of controllers: their rates are the states. `acts`: not so of a
-    motor's back-EMF, which is the arm's own, nor of what goes into a controller's state."""
+    motor's back-EMF, which is the arm's own, nor of an input of a controller's state."""
 
     control: int
     kind: str
@@ -88,7 +88,7 @@ class Channel:
     Attributes:
         control: index of the controller. output: which of its outputs. rate: at which it is held (Hz), or None.
         limit: that the output is kept within, by its controller or by the motor of its joint.
-        kind: the controller's class. at: what the output acts on, in words.
+        kind: the controller's class. at: the joints or links that the output acts on, in words.
         name: such as "PD of 'elbow'", with more where that is not one channel alone.
     """
 
@@ -195,10 +195,10 @@ def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[
 
 
 def held_law(
-    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, seen: bool
+    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, recorded: bool
 ) -> HeldLaw | None:
-    """The law of a controller that samples, about a state; `sampled` is what the core takes of it. With `seen`, a
-    callable is taken for what it did in a run, and None is what that does not tell.
+    """The law of a controller that samples, about a state; `sampled`: its laws as the core takes them. With `recorded`,
+    a callable is fitted to its answers in a run; None if these do not suffice.
 
     Raises:
         NoLinearLaw: it has no derivative there, or a memory that is not linear.
@@ -215,8 +215,8 @@ def held_law(
         if c.B.shape[1] != len(taps):
             raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
         matrices = _felt_part(c.A, c.B, c.C, c.D)
-    elif seen:
-        found = law.seen.law() if isinstance(law, PythonLaw) else None
+    elif recorded:
+        found = law.record.law() if isinstance(law, PythonLaw) else None
         if found is None:
             return None
         matrices = found
@@ -230,7 +230,7 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
     """A callable law (t, y) -> u by its differences about y0."""
     try:
         law = copy.deepcopy(law)  # one with a memory is not to remember this
-    except Exception:  # what cannot be copied
+    except Exception:  # a law that cannot be copied
         pass
 
     def ask(y: Array, at: float = t) -> Array:
@@ -261,7 +261,7 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
                 f"{steep[0].ravel().tolist()} and {steep[1].ravel().tolist()}; ask about a state where it is smooth"
             )
         return np.zeros((0, 0)), np.zeros((0, y0.size)), np.zeros((nu, 0)), -steep[1]
-    rng, shown = np.random.default_rng(0), Seen()
+    rng, shown = np.random.default_rng(0), LawRecord()
     for n in range(_SHOWN + 12 * y0.size):
         y = y0 + 1e-3 * rng.standard_normal(y0.size)
         shown.note(y, ask(y, t + n / rate))

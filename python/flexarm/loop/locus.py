@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._check import Array
 from .._console import progress_bar
 from ..data.draw.loop import plot_locus
+from ..data.draw.style import Figure
 from .hybrid import Complex
 from .margins import first_crossing, stable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _DECADES, _EACH = 4, 24  # decades searched, and values in each
 

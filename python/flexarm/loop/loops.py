@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from .._check import Array
 from ..analysis.findings import Finding, LoopWarning
-from ..analysis.plant import Plant
 from ..model.acting.load import at_time
 from ..model.parts.chain import Chain
 from .hybrid import Hybrid
 from .laws import HeldLaw, held_law, running_laws
+from .plant import Plant
 
 _MOST = 400  # states of a linear model that is looked at
 _LEAST = 0.001  # share of its gains at which a loop is tried
-_GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
+_GROWN = 2.0  # logarithm of the growth in the time of a run from which a loop is named
 
 
 class _Growths(NamedTuple):
-    """1/s: of the arm without control; what a run must grow by to have grown; and what is as good as none."""
+    """1/s: of the arm without control; the least of a run that has grown; and one that is as good as none."""
 
     bare: float
     grown: float
@@ -51,7 +51,7 @@ def _stable_shares(growth: Callable[[float], float], quiet: float) -> tuple[floa
 
 
 def _remedy(growth: Callable[[float], float], of: _Growths) -> str:
-    """growth(factor) of the gains: what factor makes it stable, in words."""
+    """The factor of the gains that makes the loop stable, in words; growth(factor) is its growth."""
     shares = _stable_shares(growth, of.quiet)
     if shares is None and growth(-1.0) <= of.quiet:
         return "with the other sign of its gains it is stable"
@@ -72,13 +72,30 @@ def unstable(
 
     Args:
         q: the start, (nq,). times, loads: of the run.
-        samplers: its sampled laws, as the core was given them, which know what they were asked; None: they are asked.
+        samplers: its sampled laws, as the core was given them, with their questions and answers; None: they are asked.
     """
-    try:
-        with np.errstate(all="ignore"):
-            return _unstable(arm, q, prescribed, times, loads, controls, time, failed, samplers)
-    except (ValueError, np.linalg.LinAlgError):  # a state that has no linear model: the run's own words must do
+    if 2 * (arm.nv - len(prescribed)) > _MOST:
         return None
+    start = float(times[0])
+    # ValueError and LinAlgError: a state that has no linear model, of which the run says enough by itself
+    with np.errstate(all="ignore"), suppress(ValueError, np.linalg.LinAlgError):
+        plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
+        running, own, memory = running_laws(arm, controls, times, loads)
+        running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
+        given = [law for laws in own for law in laws] if samplers is None else samplers
+        held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
+        of = _Growths(
+            max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
+            0.05 * _GROWN / max(time, float(times[-1] - times[0])),
+        )  # fmt: skip
+        with suppress(ValueError):
+            return _named(Hybrid(plant, running, held, memory), of)
+        # rates without a common period: the laws without samples, then each of the others beside them
+        for chosen in ([], *([x] for x in held)):
+            with suppress(ValueError):
+                if found := _named(Hybrid(plant, running, chosen, memory), of):
+                    return found
+    return None
 
 
 def _seen_laws(
@@ -92,41 +109,14 @@ def _seen_laws(
         if not own:
             continue
         try:
-            law = held_law(arm, k, c, own, q, v, start, None, seen=True)
+            law = held_law(arm, k, c, own, q, v, start, None, recorded=True)
             if law is None and failed:  # too early to have seen it: it is asked
-                law = held_law(arm, k, c, own, q, v, start, None, seen=False)
+                law = held_law(arm, k, c, own, q, v, start, None, recorded=False)
         except ValueError:
             continue
         if law is not None and (failed or np.isinf(law.limit).all()):
             found.append(law)
     return found
-
-
-def _unstable(
-    arm: Chain, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any], time: float,
-    failed: bool, samplers: Sequence[Any] | None,
-) -> LoopWarning | None:  # fmt: skip
-    if 2 * (arm.nv - len(prescribed)) > _MOST:
-        return None
-    start = float(times[0])
-    plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
-    running, own, memory = running_laws(arm, controls, times, loads)
-    running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
-    given = [law for laws in own for law in laws] if samplers is None else samplers
-    held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
-    of = _Growths(
-        max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
-        0.05 * _GROWN / max(time, float(times[-1] - times[0])),
-    )  # fmt: skip
-    try:
-        return _named(Hybrid(plant, running, held, memory), of)
-    except ValueError:  # rates without a common period: those without samples, then each of the others beside them
-        pass
-    for chosen in ([], *([x] for x in held)):
-        with suppress(ValueError):
-            if found := _named(Hybrid(plant, running, chosen, memory), of):
-                return found
-    return None
 
 
 def _guilty(loop: Hybrid, own: Sequence[int], of: _Growths) -> list[int]:
@@ -210,7 +200,7 @@ def _text(pole: complex) -> str:
 
 def has_grown(v: Array) -> NDArray[np.bool_]:
     """Whether rates (..., nt, n) are in the last fifth of the rows far above those of the first tenth, and near the
-    largest of all: what settles is not growing."""
+    largest of all: a motion that settles is not growing."""
     rows = v.shape[-2]
     parts = v[..., : max(2, rows // 10), :], v[..., -max(2, rows // 5) :, :], v
     first, last, most = (np.maximum(x.max(axis=-2, initial=0.0), -x.min(axis=-2, initial=0.0)) for x in parts)

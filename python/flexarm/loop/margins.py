@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array
-from ..analysis.printed import margins_table, short
 from .hybrid import Complex, Hybrid, logarithm
 from .laws import Channel, HeldLaw
+from .table import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
+_NEAR_POLES = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
 _FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
-_ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
+_ROUNDING = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Margins:
     delay: float
 
     def __str__(self) -> str:
-        """What `print` shows: a small table, the phase in degrees, the delay in milliseconds."""
+        """A small table, the phase in degrees, the delay in milliseconds."""
         return "\n".join(margins_table([self]))
 
 
@@ -108,7 +108,8 @@ class Response:
         size = np.abs(s) if s.size else np.ones(1)
         high = 30.0 * size.max() if self.period is None else np.pi / self.period
         low = min(1e-3 * size.min(), 1e-3 * high)
-        beside = np.maximum(np.abs(s.real), 1e-7 * np.abs(s))[:, None] * np.concatenate([-_BESIDE[:0:-1], _BESIDE])
+        sides = np.concatenate([-_NEAR_POLES[:0:-1], _NEAR_POLES])
+        beside = np.maximum(np.abs(s.real), 1e-7 * np.abs(s))[:, None] * sides
         w = np.concatenate([np.geomspace(low, high, _GRID), (np.abs(s.imag)[:, None] + beside).ravel()])
         return np.unique(w[(w >= low) & (w <= high)])
 
@@ -139,9 +140,9 @@ def stable(s: Complex) -> bool:
 
 
 def excess(s: Complex) -> Array:
-    """Growths (1/s), less what rounding makes of poles that stand still."""
+    """Growths (1/s), less the rounding of poles that stand still."""
     finite = s[np.isfinite(s)]
-    return np.asarray(finite.real - _ALMOST * np.abs(finite) - 1e-6)
+    return np.asarray(finite.real - _ROUNDING * np.abs(finite) - 1e-6)
 
 
 def margins_of(hybrid: Hybrid, channel: int, closed: Complex) -> Margins:
@@ -214,7 +215,7 @@ def _delay_by_poles(hybrid: Hybrid, channel: Channel, values: Array) -> float:
 
 def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[float, float] | None:
     """The first of values, refined, at which poles(value) (1/s) become unstable, or stable; and the frequency (rad/s)
-    of the pole that crosses. None: they do not, as far as values are what poles takes.
+    of the pole that crosses. None: they do not, at the values that poles takes.
 
     Raises:
         ValueError: poles takes not even the second.
@@ -252,7 +253,7 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
 
         width = 1e-5 * abs(b - a) + 1e-4 * abs(at)
         ends = at - width, at + width
-        if near(ends[0]) * near(ends[1]) < 0.0:  # without what is allowed for rounding
+        if near(ends[0]) * near(ends[1]) < 0.0:  # without the allowance for rounding
             at = float(brentq(near, *ends, xtol=1e-14 * abs(at), rtol=1e-12))
         return at, abs(pole.imag)
     return None

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import number, whole
-from ..analysis.equilibrium import equilibrium, locked_rates
+from .._check import instance, number, whole
+from ..analysis.equilibrium import equilibrium
+from ..analysis.modes import small_motions
+from ..model.acting.compensators import IRC, PPF
 from ..model.acting.control import force_columns, listed, measured_rows
 from ..model.acting.motor import Motor
-from ..model.acting.resonant import IRC, PPF
 from ..model.parts.chain import Chain
 
 _OPPOSITE = 1e-3  # parts of the largest share that one of the other sign may be
@@ -33,29 +34,22 @@ def _seen(
     mode: int | None,
 ) -> _Seen:  # fmt: skip
     """Raises ValueError where no gain is known to be stable, or the mode is not there."""
-    import scipy.linalg as la  # slow to import
-
-    if not isinstance(arm, Chain):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Chain, "an Arm")
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:
             raise ValueError(f"{name} = {value!r}: must be a list of one entry")
-    movable = [k for k, link in enumerate(arm.links) if link.joint.nv]
-    at = equilibrium(arm, q, None, movable, ())
+    at = equilibrium(arm, q, None, arm.movable, ())
     column = force_columns(arm, actuate)[0]
     row, by_v = (x[0] for x in measured_rows(arm, measure))
     if by_v.any():
         raise ValueError(f"measure = {measure!r}: must be a place, a strain, a charge or a patch voltage, no rate")
-    held = locked_rates(arm, [k for k in movable if not column[arm.joint_rates(k)].any()] if lock is None else lock)
-    free = np.flatnonzero(~held)
-    zero = np.zeros(arm.nv)
-    E, M = arm._core.rates(at, zero)[2], arm._core.mass_matrix(at)
-    K = (arm._core.inverse_derivatives(at, zero, zero)[0] @ E)[np.ix_(free, free)]
-    w2, modes = la.eigh(0.5 * (K + K.T), M[np.ix_(free, free)])
-    y = row @ E @ np.eye(arm.nv)[:, free] @ modes
-    residues = y * (column[free] @ modes)
-    size = float(np.abs(w2).max())
-    loose = w2 <= 1e-12 * size  # short pieces of a split beam have modes a million times as fast
+    held = [k for k in arm.movable if not column[arm.joint_rates(k)].any()] if lock is None else lock
+    found = small_motions(arm, at, None, held)
+    modes = found.undamped()
+    shapes = modes.shapes / np.sqrt(np.einsum("ik,ij,jk->k", modes.shapes, found.mass, modes.shapes))
+    y = row @ arm._core.rates(at, np.zeros(arm.nv))[2] @ shapes
+    w2, residues = modes.frequencies**2, y * (column @ shapes)
+    loose = w2 == 0.0
     if np.abs(residues[loose]).max(initial=0.0) > 1e-9 * np.abs(residues).max():
         raise ValueError("lock: measure and actuate share a motion that nothing holds; lock its joint")
     shares = np.where(loose, 0.0, residues / np.where(loose, 1.0, w2))
@@ -91,11 +85,10 @@ def ppf(
     mode: int | None = None, share: float = 0.3, lock: Iterable[Any] | None = None, rate: float | None = None,
     delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
 ) -> PPF:  # fmt: skip
-    """Positive position feedback that damps one mode of an arm at rest: see `LinearController.ppf`.
-
-    It is stable for all modes, because its static gain is `share` of what would not be (Fanson & Caughey, AIAA Journal
-    28, 1990). Of the mode alone, with its part a of that share, frequency w / sqrt(1 - a) and damping ratio sqrt(a)
-    give both pairs of poles the damping ratio sqrt(a / (1 - a)) / 2, the most there is.
+    """Positive position feedback for one mode of an arm at rest: see `LinearController.ppf`. Stable for all modes,
+    because its static gain is `share` of the stability limit (Fanson & Caughey, AIAA Journal 28, 1990). Of the mode
+    alone, with its part a of that share, frequency w / sqrt(1 - a) and damping ratio sqrt(a) give both pairs of poles
+    the damping ratio sqrt(a / (1 - a)) / 2, the most there is.
 
     Args:
         arm: the arm.
@@ -108,7 +101,7 @@ def ppf(
         rate, delay, limit, motor: as of LinearController; they are not part of the design.
 
     Raises:
-        ValueError: what is not collocated, a mode that is not seen, a motion that nothing holds.
+        ValueError: measure and actuate that are not collocated, a mode that is not seen, a motion that nothing holds.
     """
     seen, part = _seen(arm, q, measure, actuate, lock, mode), _share(share)
     own = part * seen.share / seen.static

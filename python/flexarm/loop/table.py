@@ -1,12 +1,11 @@
-"""A closed loop as a table."""
+"""A closed loop, and its margins, as tables."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-from ..analysis.printed import margins_table, short
 
 _ROWS = 16  # poles that are shown
 
@@ -42,3 +41,24 @@ def table(loop: Any) -> str:
     elif loop.channels:
         out += ["", str(loop.limits())]
     return "\n".join(out)
+
+
+def margins_table(margins: Sequence[Any]) -> list[str]:
+    """The lines of Margins as a table: its head, then one for each."""
+    width = max(12, *(len(m.name) + 2 for m in margins))
+    out = [f"{'loop at':<{width}}{'gain, from':>12}{'to':>10}{'phase (deg)':>14}{'at (rad/s)':>12}{'delay (ms)':>12}"]
+    for m in margins:
+        out.append(
+            f"{m.name:<{width}}{short(m.gain[0]):>12}{short(m.gain[1], 'inf'):>10}"
+            f"{_any(np.degrees(m.phase)):>14}{short(m.phase_frequency):>12}{_any(1e3 * m.delay):>12}"
+        )
+    return out
+
+
+def short(x: float, none: str = "-") -> str:
+    """Four digits; `none` of inf and nan."""
+    return none if not np.isfinite(x) else f"{x + 0.0 if abs(x) > 1e-12 else 0.0:.4g}"
+
+
+def _any(x: float) -> str:
+    return "-" if np.isnan(x) else "any" if np.isinf(x) else f"{x:.4g}"

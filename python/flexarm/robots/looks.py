@@ -32,14 +32,9 @@ def rotation_of(rpy: Array) -> Array:
 
 def quaternion_rotation(quaternion: Array) -> Array:
     """Rotation matrix of a quaternion (w, x, y, z)."""
-    w, x, y, z = (float(c) for c in quaternion / np.linalg.norm(quaternion))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
 
 
 # -- URDF --------------------------------------------------------------------------------------------------------------

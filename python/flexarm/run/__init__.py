@@ -1,1 +1,1 @@
-"""One run: integration in time, its result, and what is found in it."""
+"""One run: integration in time, its result, and findings about it."""

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import flexarm._core as _core
 
 from .._check import choice, number, whole
-from .parameter import Parameter, core_parameters
+from .perturbed import Parameter, core_parameters
 from .problem import Problem
 from .steps import Pace
 
@@ -30,13 +30,13 @@ def _within(name: str, value: float, least: int, most: int) -> None:
 
 
 class Integrator:
-    """What moves an arm in time: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
+    """A method of time integration: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
 
     name: ClassVar[str]
     fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
-    rubs: ClassVar[bool] = False  # whether dry friction is in its equations
+    solves_friction: ClassVar[bool] = False  # whether dry friction is in its equations
     in_batches: ClassVar[bool] = False  # whether the core's batches have it
     rtol = 1e-10
 
@@ -111,7 +111,7 @@ class Implicit(Integrator):
     """
 
     name: ClassVar[str] = "implicit"
-    rubs: ClassVar[bool] = True
+    solves_friction: ClassVar[bool] = True
     in_batches: ClassVar[bool] = True
     step: float
     rtol: float = 1e-10

@@ -1,4 +1,4 @@
-"""What parameters do to the time and the state at which an event occurs: where its value g(t, q, v) is zero."""
+"""Derivatives by parameters of the time and the state of an event, where its value g(t, q, v) is zero."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .problem import Problem
 from .result import Result
 
 EVENTS = ("t_events", "q_events", "v_events")
-_STEP = 1e-5  # of the differences of an event's value, in parts of what it depends on, if that is above 1
+_STEP = 1e-5  # of the differences of an event's value, in parts of its argument, if that is above 1
 
 
 @dataclass
@@ -86,7 +86,7 @@ class Cubic(Occurrence):
     def share(self, q: Array, v: Array, rows: Mapping[str, Array]) -> None:
         """Adds derivatives by the state there to those by rows."""
         q, v, n = q.copy(), v.copy(), len(q)
-        q[self.prescribed] = v[self.prescribed] = 0.0  # what moves these is not in the rows
+        q[self.prescribed] = v[self.prescribed] = 0.0  # their motion is not in the rows
         for state, slope, by in (("q", "v", q), ("v", "a", v)):
             for k, row in enumerate((self.before, self.after)):
                 rows[state][row, :n] += self.factors[2 * k] * by

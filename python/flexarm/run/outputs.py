@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +15,15 @@ from ..data.compare import Comparison, compared
 from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
+from ..model.acting.load import Load
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
 
 
-class Rows(Protocol):
-    """What is asked of a result here."""
+@dataclass(repr=False)
+class Rows:
+    """The data of a Result, where its attributes are explained."""
 
     arm: Arm
     t: Array
@@ -28,14 +31,23 @@ class Rows(Protocol):
     v: Array
     a: Array
     tau: Array
-    friction: Array | None
-    stats: dict[str, Any]
-    loads: Any
-    _source: Any
-    _wrong: list[RunWarning]
+    stats: dict[str, Any] = field(default_factory=dict)
+    loads: tuple[Load, ...] | None = ()
+    t_events: list[Array] | None = None
+    q_events: list[Array] | None = None
+    v_events: list[Array] | None = None
+    status: int = 0
+    friction: Array | None = None
+    _source: Any = field(default=None, compare=False)
+    _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
-    def frame(self, link: int | str = ..., x: float | None = ...) -> tuple[Array, Array]: ...
-    def tip_deflection(self, link: int | str = ...) -> Array: ...
+    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
+        return self.arm.frame(self.q, link, x)
+
+    def tip_deflection(self, link: int | str = -1) -> Array:
+        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
+        return self.arm.deflection(self.q, link)
 
 
 def titles(arm: Arm) -> Titles:
@@ -52,7 +64,8 @@ def titles(arm: Arm) -> Titles:
 
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
-    """Titles and values, (nt, k), of what follows from q: the tips' deflections and the end's place. None without q."""
+    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections and the end's place. None
+    without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -120,7 +133,7 @@ def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str]
 
 
 def _signal(result: Rows, own: Data, name: str, what: Any) -> tuple[Array, Array, str]:
-    """Times, values and unit of what a column is compared with."""
+    """Times, values and unit of the signal that a column is compared with."""
     where = f"columns['{name}']"
     if isinstance(what, str):
         choice(where, what, own)

@@ -1,28 +1,70 @@
-"""The neighbours of a problem: the same with one parameter a little larger or smaller. What a parameter does to the
-equations of motion at a given state follows from them by differences."""
+"""Parameters of a run's derivatives, and the neighbours of a problem: the same with one parameter a little larger or
+smaller. The derivative of the equations of motion by a parameter, at a given state, is a difference of these."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import flexarm._core as _core
+
 from .._check import Array
-from ..arm.variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
-from .parameter import Neighbour, Parameter
+from ..arm.variation import Setup, Variation, can_vary, drive_name, known_paths, numbered, value_at
 from .problem import Problem
 from .start import start
 
-#: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
+
+class Neighbour(NamedTuple):
+    """The problem with the parameter changed by `offset`; `weight` times its values, summed over all neighbours, is
+    the derivative by the parameter. `setup` is that of the problem."""
+
+    weight: float
+    offset: float
+    problem: Problem
+    setup: Setup
+
+
+class Parameter(NamedTuple):
+    """A number that a problem depends on: its dotted path, its value, its size (where it is zero, that of its like),
+    and the problem's neighbours."""
+
+    path: str
+    value: float
+    scale: float
+    neighbours: list[Neighbour]
+
+    @property
+    def forces_only(self) -> bool:
+        """Whether it changes no more than controllers and the start."""
+        return self.path.partition(".")[0] in ("control", "q0", "v0")
+
+
+def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core.Parameter]:
+    """Parameters, as the core takes them.
+
+    Raises:
+        ValueError: one changes when a controller samples.
+    """
+    when = [(s.first, s.period, s.delay) for s in run.sampled]
+    for p in parameters:
+        if any(when != [(s.first, s.period, s.delay) for s in n.problem.sampled] for n in p.neighbours):
+            raise ValueError(
+                f"parameters: '{p.path}' changes when a controller samples, by which a run has no derivative"
+            )
+    return [_core.Parameter(p.scale, p.forces_only, [_core.Neighbour(n.weight, n.offset, n.problem.core)
+            for n in p.neighbours]) for p in parameters]  # fmt: skip
+
+
+#: Steps of a difference, and its weights: of fourth order, central and (at a bound of the parameter) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
 _AHEAD = (0, 1, 2, 3, 4), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
 STEP = 3e-4  # of a difference, in parts of the parameter's scale
-_LEAST = 1e-3  # scale of what is nearly zero, as a fit may make it: a smaller step would be lost in rounding
-_SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
+_LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
+_SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
 
 def problems(
@@ -32,12 +74,12 @@ def problems(
     """The neighbours of a problem by each parameter.
 
     Args:
-        setup: the arm, and what acts on it.
+        setup: the arm, and the actions on it.
         parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
         t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
         part: step of the differences, in parts of a parameter's size.
-        of: what `setup` was made of, and by which values (1, ...) of parameters: these are the values then, such as the
-            scale of a drive, which is 1 in `setup` itself.
+        of: the setup that `setup` was made of, and by which values (1, ...) of parameters: these are the values then,
+            such as the scale of a drive, which is 1 in `setup` itself.
 
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
@@ -111,30 +153,9 @@ def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:
     raise ValueError(f"parameters: there is no drive '{path}'; drives are {known}")
 
 
-def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
-    """What stands at a path, and what holds it."""
-    root, *names = numbered(setup, path).split(".")
-    here: Any = None
-    like: Any = None
-    tree: dict[str, Any] = {
-        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity,
-    }  # fmt: skip
-    if root == "drive":
-        for key, law in setup.drive.items():
-            own = drive_name(key).split(".")
-            if names[: len(own)] == own:
-                here, names = law, names[len(own) :]
-    else:
-        here = (tree | start).get(root)
-    for name in names:
-        like, here = here, fields_of(here).get(name)
-    return here, like
-
-
 def components(setup: Setup, path: str, start: dict[str, Array]) -> list[str]:
     """The paths of the single numbers at a path: itself, or one for each of its components."""
-    here, _ = _at(setup, path, start)
+    here, _ = value_at(setup, path, start)
     if isinstance(here, (tuple, list, np.ndarray)) and np.ndim(here) == 1 and all(np.isreal(x) for x in here):
         return [f"{path}.{k}" for k in range(len(here))]
     return [path]
@@ -142,9 +163,9 @@ def components(setup: Setup, path: str, start: dict[str, Array]) -> list[str]:
 
 def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, float]:
     """The number at a path, and its size."""
-    here, like = _at(setup, path, start)
+    here, like = value_at(setup, path, start)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
-        if not {(at := numbered(setup, path)), re.sub(r"(\.\d+){1,2}$", "", at)} & set(known_paths(setup)):
+        if not can_vary(numbered(setup, path), known_paths(setup)):
             Variation(setup, {path: [1.0]})  # whose message has a path that is like it
         raise ValueError(f"parameters: '{path}' is no single number that can vary")
     size = abs(float(here))

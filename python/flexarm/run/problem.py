@@ -1,4 +1,4 @@
-"""What is to be simulated: the arguments of a run, checked, as the core takes them."""
+"""The arguments of a run, checked, as the core takes them."""
 
 from __future__ import annotations
 
@@ -16,22 +16,21 @@ from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
 from ..loop import loops
 from ..model.acting.acts import Acts
-from ..model.acting.control import PD, Controller, StrainFeedback
+from ..model.acting.control import PD, Controller
 from ..model.parts.labels import joint_rates
 from .result import Result
 from .start import start
 from .steps import missed
 
-_FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
 
 
 class Problem(Acts):
-    """What is to be simulated, checked, as the core takes it.
+    """A run before it begins: its arguments, checked, as the core takes them.
 
     Attributes:
         controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
-        tell: told during the run what makes it very slow; None: that is not looked for.
+        tell: called during the run with the warning that it is very slow; None: that is not looked for.
     """
 
     tell: Callable[[RunWarning], None] | None = None
@@ -85,7 +84,7 @@ class Problem(Acts):
         """The joint that starts at, or is commanded to, an angle above a turn, and the question whether that is in
         degrees; "" if there is none. A motion that still turns at its end is a spin, which is not asked about."""
         commands = {d.rate: d.law for d in self.drives if d.moves}
-        commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, _FOLLOWS)}
+        commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, PD)}
         for i, name, unit in joint_rates(self.arm):
             at = self.arm.coordinate_of(i)
             if unit != "rad" or at < 0:  # a ball has no angle
@@ -99,7 +98,7 @@ class Problem(Acts):
         return ""
 
     def result(self, out: dict[str, Any]) -> Result:
-        """Makes a Result of what the core gave, and leaves the controllers' states out."""
+        """Makes a Result of the core's output, and leaves the controllers' states out."""
         arm, done = self.arm, len(out["q"])
         sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
         kept: dict[str, Any] = {k: out[k] for k in sizes}
@@ -113,7 +112,7 @@ class Problem(Acts):
         return found
 
     def missed(self) -> Iterator[RunWarning | None]:
-        """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
+        """Warnings of pulses of callables that no step has seen: of drives, loads and references of control."""
         if all(calls is None for calls in self.core.asked):
             return
         names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]

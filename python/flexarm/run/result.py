@@ -1,33 +1,31 @@
-"""What a simulation returns."""
+"""The result of a simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array, named
-from ..analysis.findings import Findings, RunWarning
+from ..analysis.findings import Findings
 from ..arm.arm import Arm
 from ..data.compare import Comparison
 from ..data.data import Data
+from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
-from ..model.acting.load import Load
+from ..data.store.files import readable
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
 from . import watch as monitors
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @dataclass(repr=False)
-class Result:
+class Result(outputs.Rows):
     """Trajectory of an arm; every array has one row per output time.
 
     Attributes:
@@ -35,8 +33,8 @@ class Result:
         t: times (s), (nt,).
         q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
-        friction: dry friction of the joints (N, N m), (nt, nv): what opposes sliding, or holds what sticks; None where
-            no joint has any.
+        friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
+            where no joint has any.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
             switches (of joints between sticking and sliding), wall_time (s).
@@ -45,29 +43,9 @@ class Result:
         status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
     """
 
-    arm: Arm
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    tau: Array
-    stats: dict[str, Any] = field(default_factory=dict)
-    loads: tuple[Load, ...] | None = ()
-    t_events: list[Array] | None = None
-    q_events: list[Array] | None = None
-    v_events: list[Array] | None = None
-    status: int = 0
-    friction: Array | None = None
-    _source: Any = field(default=None, compare=False)
-    _wrong: list[RunWarning] = field(default_factory=list, compare=False)
-
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
         return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
-
-    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
-        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
-        return self.arm.frame(self.q, link, x)
 
     def strain(self, link: int | str = -1, x: float = 0.0) -> Array:
         """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""
@@ -87,10 +65,6 @@ class Result:
             return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
         return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.loads, t=t) for q, v, a, t in rows])
-
-    def tip_deflection(self, link: int | str = -1) -> Array:
-        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
-        return self.arm.deflection(self.q, link)
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
@@ -156,7 +130,7 @@ class Result:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
         of the arm's end, "end x", "end y", "end z" (m). Units are those of joints; elastic coordinates have "", since
-        theirs depend on the beam's basis. What a batch did not keep is left out.
+        theirs depend on the beam's basis. Rows that a batch did not keep are left out.
 
         Raises:
             ValueError: no rows.
@@ -210,7 +184,7 @@ class Result:
         return {**self.__dict__, "_source": None}
 
     def check(self, watch: monitors.Watch | None = None) -> Findings:
-        """What could be better: a list of findings, which prints one on a line, the warnings of the run first. Then
+        """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
         numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
         too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
         which hardly move the arm. A result of a file does not know its drives and loads.
@@ -267,7 +241,7 @@ class Result:
         (write_hdf5 if kind in HDF5 else write_npz)(file, arrays, names, about)
 
     def _packed(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """All arrays by name, and what JSON tells of the rest."""
+        """All arrays by name, and the rest for JSON."""
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         if self.friction is not None:
@@ -278,7 +252,7 @@ class Result:
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Reads what `save` wrote as .npz or .h5; tables (.csv, .mat) keep no arm: `fa.Data.load` reads their columns.
+        """Reads a file of `save`, .npz or .h5; tables (.csv, .mat) keep no arm: `fa.Data.load` reads their columns.
 
         Raises:
             ValueError: no such file, another kind of file, a damaged one.
@@ -287,37 +261,22 @@ class Result:
             raise ValueError(f"result = {path!r}: must be a path")
         if Path(path).suffix.lower() in (*CSV, *MAT):
             raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.Data.load reads its columns")
-        try:
-            content = Path(path).read_bytes()
-        except OSError as e:
-            raise ValueError(f"result {str(path)!r}: {e.strerror}") from None
-        try:
-            about, arrays = read_arrays(content)
-            held: dict[str, Any] = {name: x for name, x in arrays.items() if name not in ("deflection", "end")}
+        with readable("result", Path(path), "a file that Result.save wrote"):
+            about, arrays = read_arrays(Path(path).read_bytes())
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq}
-            more = {f"{x}_events_{k}" for x in "tqv" for k in range(count or 0)}
-            if not set(held) <= {"t", "q", "v", "a", "tau", "friction", *more}:
-                raise ValueError
-            events: dict[str, Any] = {
-                f"{name}_events": None if count is None else [held[f"{name}_events_{k}"] for k in range(count)]
-                for name in "tqv"
-            }
-            result = Result(
-                arm,
-                **{k: held[k] for k in ("t", "q", "v", "a", "tau")},
-                friction=held.get("friction"),
-                **events,
-                stats=dict(about["stats"]),
-                loads=None if about["loads"] else (),
-                status=int(about.get("status", 0)),
-            )
+            if any(x.dtype != float for x in arrays.values()):
+                raise ValueError("an array has no numbers")
+            found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
+            found["friction"] = arrays.pop("friction", None)
+            if count is not None:
+                found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
+            loads, status = None if about["loads"] else (), int(about.get("status", 0))
+            result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
             for name in ("q", "v", "a", "tau", "friction"):
                 value = getattr(result, name)
                 if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
-                    raise ValueError
-            if any(x.dtype != float for x in held.values()) or (np.diff(result.t) < 0).any():
-                raise ValueError
+                    raise ValueError(f"{name} has shape {value.shape}")
+            if not set(arrays) <= {"deflection", "end"} or (np.diff(result.t) < 0).any():
+                raise ValueError("other arrays, or times that do not increase")
             return result
-        except Exception:  # of a file that may be anything: zip, zlib, NumPy and JSON have a dozen kinds
-            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote, or is damaged") from None

@@ -15,14 +15,22 @@ import flexarm._core as _core
 from .._check import Array, array, choice
 from .._threads import cores, each
 from ..arm.variation import Setup
-from ..model.acting.drive import Torque
+from ..model.acting.drive import Torque, Voltage
 from ..model.acting.motor import torque_limits
 from ..model.acting.sampled import PythonLaw
-from ..model.acting.voltage import Voltage
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
-from .parameter import Neighbour, Parameter, core_parameters
-from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
+from .perturbed import (
+    STEP,
+    Neighbour,
+    Parameter,
+    check_paths,
+    components,
+    core_parameters,
+    drive_of,
+    problems,
+    start_of,
+)
 from .problem import Problem
 from .result import Result
 
@@ -31,9 +39,9 @@ _ROUNDING = 1e-13
 _SAMPLES = re.compile(r"drive\..+\.samples")
 _SMALLER = (1.0, 0.1, 0.01)  # that step again, where none of its neighbours goes the same way
 NEAR = 1e-6  #: step of differences in steps in which friction switches: a larger one may switch in another step
-_STARTS = ("q0", "v0", "sensor")  # what does not change the equations of motion
+_STARTS = ("q0", "v0", "sensor")  # parameters that do not change the equations of motion
 
-#: What is read of a run: of its rows, and of what it is made of.
+#: An output of a run, from its rows and its setup.
 Output = Callable[[Result, Setup], ArrayLike]
 #: Derivatives of a number by rows and events of the result, by their names; or a function that gives the number and
 #: these.
@@ -80,7 +88,7 @@ class Sensitivities:
         return f"Sensitivities({len(self.result.t)} rows by {', '.join(self.parameters)})"
 
     def of(self, output: Output) -> Array:
-        """Derivatives of what is read of a run, (np, *shape): its direct dependence on the parameters is in it.
+        """Derivatives of an output of a run, (np, *shape): its direct dependence on the parameters is in it.
 
         Args:
             output: a function of a Result, and of the Setup that it is made of (arm, drive, loads, control, sensors),
@@ -105,14 +113,14 @@ class Sensitivities:
 
 @dataclass
 class Source:
-    """What a result came from, so that it can be run again.
+    """The source of a result, so that it can be run again.
 
     Attributes:
-        setup: what it is made of. t, q0, v0, tau: as of `simulate`.
+        setup: of the run. t, q0, v0, tau: as of `simulate`.
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
         integrator: of the run.
         events: as of `simulate`.
-        of: what `setup` was made of, and by which values (1, ...) of parameters.
+        of: the setup that `setup` was made of, and by which values (1, ...) of parameters.
 
     `workers` of its functions: threads; None: one for each core.
     """
@@ -264,7 +272,7 @@ class Source:
                 for i, x in enumerate(tape.balance(n.problem.core)):
                     out[k][i][:] += n.weight * x
                     most[i] += abs(n.weight) * float(np.abs(x).max())
-            for x, size in zip(out[k], most, strict=True):  # what is not more than rounding is nothing
+            for x, size in zip(out[k], most, strict=True):  # rounding alone is zero
                 if np.abs(x).max() < _ROUNDING * size:
                     x[:] = 0.0
 
@@ -313,7 +321,7 @@ class Source:
 
 
 def _slopes_known(sampler: Any) -> bool:
-    """Whether what a sampled law does is known by its slopes: the memory of sensors, and of an MPC, is not."""
+    """Whether slopes tell all about a sampled law: the memory of sensors, and of an MPC, is not."""
     law = sampler.law
     if isinstance(law, _core.LinearLaw):
         return not law.reads
@@ -406,5 +414,5 @@ def _weights(loss: Loss, result: Result) -> dict[str, Any]:
 
 
 def _pairs(weights: Any, found: Any) -> Sequence[tuple[Array, Array]]:
-    """Weights and what they weigh, of rows or of lists of events."""
+    """Weights and the arrays that they weigh, of rows or of lists of events."""
     return list(zip(weights, found, strict=True)) if isinstance(weights, list) else [(weights, found)]

@@ -18,15 +18,14 @@ from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..loop import loops
 from ..model.acting.control import Controller
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from ..model.acting.voltage import Voltage
 from .integrators import Integrator, integrator_of
-from .parameter import Parameter
+from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
-from .steps import beyond_explicit, explicit_limit, halved, hasty, unbalanced
+from .steps import beyond_explicit, explicit_limit, halved, switches_too_often, unbalanced
 from .watch import softened
 
 _FIRST = 5  # steps of a run that its start may be to blame for
@@ -66,7 +65,7 @@ def source(
     setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
     integrator: str | Integrator = "ida", events: Any = None, alive: Any = None, of: Any = None, **options: Any,
 ) -> Source:  # fmt: skip
-    """What a run is made of, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
+    """The source of a run, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
     chosen = integrator if isinstance(integrator, Integrator) and not options else integrator_of(integrator, **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
@@ -100,7 +99,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
         blown = integrator.explicit and beyond_explicit(
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
-        chatters = hasty(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
+        chatters = switches_too_often(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
         often = halved(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
         return [x for x in (loop or beyond, blown or chatters or often, *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
@@ -109,7 +108,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
-    if "could not be solved" in failure and integrator.rubs and span < _FIRST * step and len(result.a):
+    if "could not be solved" in failure and integrator.solves_friction and span < _FIRST * step and len(result.a):
         failure += unbalanced(run.arm, run.prescribed, result.a[0], step)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
@@ -185,7 +184,7 @@ def simulate(
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
 
     Warns:
-        Of what makes the numbers wrong; `Result.check` lists it too, and what could be better.
+        If the numbers are wrong; `Result.check` lists that too, and possible improvements.
         RangeWarning: a beam bent further than its order is good for, or turned inside out, at the output times.
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.

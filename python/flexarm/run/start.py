@@ -11,9 +11,8 @@ import numpy as np
 from .._check import Array, array, choice, outside
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
-from ..model.acting.drive import Motion
+from ..model.acting.drive import Motion, is_patch, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time
-from ..model.acting.voltage import is_patch, split_drives, voltage_forces
 
 WORDS = ("equilibrium", "trim")
 NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
@@ -22,7 +21,7 @@ NEAR = 0.02  # of the sag: a start that is as near is in balance, and something 
 def start(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, tau: Any = None
 ) -> Array:
-    """q (nq,) of what a q0 says: numbers, joints by name, or where the arm is in balance at time t (s); zero if None.
+    """q (nq,) of a q0: numbers, joints by name, or where the arm is in balance at time t (s); zero if None.
 
     Raises:
         ValueError: bad numbers or names, or no balance was found.
@@ -62,11 +61,9 @@ def sagging(
     volts = voltage_forces(arm, acting(arm, drive or {}, t)[1])
     sag = steady_state(arm, q, v, at_time(arm, loads, t), volts)
     size = off = 0.0
-    for k, link in enumerate(arm.links):
-        if link.beam is not None and link.beam.ne:
-            at = arm._core.first_q(k) + link.joint.nq + np.arange(link.beam.ne)
-            K = np.asarray(link.beam._core.stiffness)
-            size, off = size + float(sag[at] @ K @ sag[at]), off + float((q - sag)[at] @ K @ (q - sag)[at])
+    for _, beam, at, _ in arm.beams():
+        K = np.asarray(beam._core.stiffness)
+        size, off = size + float(sag[at] @ K @ sag[at]), off + float((q - sag)[at] @ K @ (q - sag)[at])
     return sag, float(np.sqrt(off / size)) if size > 0.0 else np.inf
 
 
@@ -80,7 +77,7 @@ def check_one_start(q0: Any, paths: Iterable[str]) -> None:
 def warn_of_one_balance(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
 ) -> None:
-    """StateWarning where runs that differ in these parameters all start from what is the balance of one of them."""
+    """StateWarning where runs that differ in these parameters all start from the balance of one of them."""
     moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load")]
     if q0 is None or isinstance(q0, (str, Mapping)) or np.ndim(q0) != 1 or not moved:
         return

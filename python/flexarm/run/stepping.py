@@ -12,10 +12,9 @@ import flexarm._core as _core
 
 from .._check import Array, array, number
 from ..arm.arm import Arm
-from ..model.acting.control import PD, Controller, Run, StrainFeedback
-from ..model.acting.drive import Motion, Torque
+from ..model.acting.control import PD, Controller, Run
+from ..model.acting.drive import Motion, Torque, Voltage, is_patch, split_drives
 from ..model.acting.load import Load
-from ..model.acting.voltage import Voltage, is_patch, split_drives
 from .integrators import Implicit, Integrator
 from .problem import Problem
 from .result import Result
@@ -36,11 +35,11 @@ class Simulation:
         t: time (s). q: (nq,). v, a: (nv,). tau: generalised forces (N, N m), those applied and the reactions of
             prescribed motions, (nv,). friction: dry friction of the joints, (nv,). All are copies.
         arm, integrator: as given. steps: how many were taken.
-        t_events, q_events, v_events: what has occurred, as in `Result`.
+        t_events, q_events, v_events: the events so far, as in `Result`.
         terminated: whether a terminal event has ended the last `step`. The state is that of its time, and the next
             `step` goes on from there: to where the arm goes on from, if you set it, or as if nothing was.
 
-    Sampled controllers keep their clock, and what sticks goes on sticking.
+    Sampled controllers keep their clock, and joints that stick go on sticking.
 
     Raises:
         ValueError: bad arguments, a start without accelerations.
@@ -165,7 +164,7 @@ class Simulation:
         """Reference (rad, m), and its rate, of the PD or StrainFeedback of this number in `control`, from now on."""
         controls = self._problem.controls
         law = controls[index] if 0 <= index < len(controls) else None
-        if not isinstance(law, (PD, StrainFeedback)):
+        if not isinstance(law, PD):
             raise ValueError(f"index = {index}: must be that of a PD or a StrainFeedback in control")
         run = Run(self._problem.times, self._problem.loads, 0, sum(c.memory for c in controls))
         before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:index])
@@ -177,7 +176,7 @@ class Simulation:
         return self.arm.frame(self.q, link, x)
 
     def state(self) -> Any:
-        """All that the rest of the run follows from, but for what Python functions and an MPC remember by themselves.
+        """All that the rest of the run follows from, but for the memory of Python functions and of an MPC.
         `restore` goes on from it to the last bit, here or in a simulation of the same problem."""
         return self._core.state()
 

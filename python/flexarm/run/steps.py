@@ -1,4 +1,4 @@
-"""Whether the steps of a run are right: short enough for what moves, and not far too many."""
+"""Whether the steps of a run are right: short enough for the motion, and not far too many."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from ..analysis.modes import locked_modes, motions_about, small_motions
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
 
-_HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
-_FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
-_BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
-TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
-_AS_FAST = 0.9  # of a run's largest rate: rates that are like it
+_MOST_SWITCHES = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be halved: a pulse or a start costs some
+_GREAT_GROWTH = 20.0  # logarithm of a growth that makes rounding errors felt
+FAST_JOINTS = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
+_NEAR_FASTEST = 0.9  # of a run's largest rate: rates that are like it
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
-_LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
-_SOME = 1e4  # steps of a run that is done, from which on it is looked at what they follow
-_MANY = 2e5  # steps of a whole run, from which on loops of control are looked at
-_ENDLESS = 2e7  # steps that are too many, whatever they follow
-_APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
+_RINGING = 1e-6  # of the energy of the modes that steps follow: a faster mode with more stops an iteration
+_STEPS_JUDGED = 1e4  # steps of a run that is done, from which on the modes that they follow are sought
+_STEPS_OF_LOOPS = 2e5  # steps of a whole run, from which on loops of control are looked at
+_TOO_MANY_STEPS = 2e7  # steps that are too many, whatever they follow
+_FAST_MODES = 300.0  # parts of the lowest frequency: faster modes hardly move the arm
 _FOLLOWED = (0.003, 20.0)  # step times frequency of a mode that holds the steps down
-_PART = 0.2  # parts of all that a callable does, from which on a departure counts
-_OWN = 3.0  # parts of what it does around, below which a departure is but curvature
+_DEPARTURE = 0.2  # parts of all that a callable does, from which on a departure counts
+_CURVATURE = 3.0  # parts of its change nearby, below which a departure is but curvature
 
 
 def explicit_limit(
@@ -83,16 +83,16 @@ def beyond_explicit(
     (s): the limit about rest, or in rows (t, q, v) of the run that of the row at which its joints move fastest."""
     words, growth, limit = explicit_limit(arm, step, q, held)
     when = ""
-    if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _BLOWN:
+    if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _GREAT_GROWTH:
         t, qs, v = rows
         joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
         speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
         k = int(speed.argmax())
-        if step * speed[k] > TURNED:
+        if step * speed[k] > FAST_JOINTS:
             words, growth, limit = explicit_limit(arm, step, qs[k], held, v[k])
-            span = float(np.gradient(t)[speed > _AS_FAST * speed[k]].sum())
+            span = float(np.gradient(t)[speed > _NEAR_FASTEST * speed[k]].sum())
             when = f" at t = {t[k]:.4g} s, where the joints move at up to {speed[k]:.3g} rad/s or m/s,"
-    if np.log(growth) * span / step < _BLOWN:
+    if np.log(growth) * span / step < _GREAT_GROWTH:
         return None
     what = (
         f"is{when} above 2.83 over the highest frequency{words}; what moves so fast grows {growth:.3g} times in every "
@@ -105,10 +105,10 @@ def _where(integrator: str, step: float) -> str:
     return f'integrator = "{integrator}", step = {step:g}'
 
 
-def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
+def switches_too_often(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
     """Warns where `count` of the switches of dry friction came within a step (three of "rk4") behind one of the same
     joint: the joint follows a vibration that the steps do not resolve."""
-    if count <= _HASTY:
+    if count <= _MOST_SWITCHES:
         return None
     what = (
         f"dry friction switched {switches} times, {count} of them within "
@@ -116,14 +116,14 @@ def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarnin
         "vibration too fast for the step, and the motion may be wrong"
     )
     remedy = 'take a smaller step, or integrator="implicit"'
-    return StepWarning(Finding(_where(integrator, step), what, count, _HASTY, "switches", remedy))
+    return StepWarning(Finding(_where(integrator, step), what, count, _MOST_SWITCHES, "switches", remedy))
 
 
 def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
     """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
     were not may be too long as well."""
     count, steps = stats["failed_steps"], stats["steps"]
-    most = max(_FEW, _OFTEN * steps)
+    most = max(_FEW_HALVED, _SHARE_HALVED * steps)
     if not count > most:
         return None
     what = f"steps had to be halved {count} times, in {steps} steps: those that were not may be too long as well"
@@ -132,8 +132,8 @@ def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarnin
 
 
 def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
-    """What a message goes on with where a run begins with accelerations a (nv,) out of balance: what rings, too fast
-    for the steps; else ""."""
+    """More words for the error of a run that begins with accelerations a (nv,) out of balance: the mode that rings, too
+    fast for the steps; else ""."""
     joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
     try:
         modes = arm._alike(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
@@ -147,7 +147,7 @@ def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> st
     energy = (pushed / np.maximum(w, 1.0 / step)) ** 2  # that a mode rings with, or gains in a step
     fast = np.where(step * w > _UNRESOLVED, energy, 0.0)
     k = int(fast.argmax())
-    if not fast[k] > _LOUD * energy[step * w <= _UNRESOLVED].sum(initial=0.0):
+    if not fast[k] > _RINGING * energy[step * w <= _UNRESOLVED].sum(initial=0.0):
         return ""
     most = arm.coordinates[int((np.diag(M) * shapes[:, k] ** 2).argmax())]
     return (
@@ -170,7 +170,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
     if not modes.frequencies[order[0]] > 0.0:
         return None
     shape = np.abs(modes.shapes[:, order[-1]])
-    inertia = np.diag(arm.mass_matrix(arm.zero))  # what of the motion is whose
+    inertia = np.diag(arm.mass_matrix(arm.zero))  # each coordinate's part of the motion
     most = max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)
     return modes.frequencies[order], arm.coordinates[most]
 
@@ -186,7 +186,7 @@ def _held_down(arm: Arm, step: float) -> tuple[str, str, float] | None:
     if (modes := _fast_modes(arm)) is None:
         return None
     w, name = modes
-    slow = w[w < _APART * w[0]]
+    slow = w[w < _FAST_MODES * w[0]]
     fast = w[slow.size :]
     if fast.size and fast[-1] * step > _FOLLOWED[0] and fast[0] * step < _FOLLOWED[1]:
         other = float(f"{0.2 / slow[-1]:.0e}")
@@ -204,17 +204,17 @@ def _held_down(arm: Arm, step: float) -> tuple[str, str, float] | None:
 
 def short_steps(arm: Arm, steps: int, span: float) -> Iterator[Finding]:
     """Steps of "ida" over `span` (s) that follow modes which could be stepped over."""
-    found = _held_down(arm, span / steps) if steps > _SOME else None
+    found = _held_down(arm, span / steps) if steps > _STEPS_JUDGED else None
     if found is not None and np.isfinite(found[2]):
         what = f"took {steps} steps, {span / steps:.2g} s each: {found[0]}"
-        yield Finding('integrator = "ida"', what, steps, _SOME, "steps", found[1])
+        yield Finding('integrator = "ida"', what, steps, _STEPS_JUDGED, "steps", found[1])
 
 
 class Pace:
     """Told now and then how many steps "ida" has taken; warns once.
 
     Args:
-        grown: what to say of control loops, told the time since the start; a warning or None.
+        grown: the warning about control loops, by the time since the start; or None.
         tell: called with the warning.
     """
 
@@ -231,14 +231,14 @@ class Pace:
             return
         step = (now - since) / (steps - before)
         expected = steps + (self.end - now) / step
-        found = self.judge(now, steps, step, expected) if expected >= _MANY else None
+        found = self.judge(now, steps, step, expected) if expected >= _STEPS_OF_LOOPS else None
         if found is not None:
             self.warned = True
             self.tell(found)
 
     def judge(self, now: float, steps: int, step: float, expected: float) -> RunWarning | None:
         loop = self.grown(now - self.begin)
-        if loop is not None or expected < _ENDLESS:
+        if loop is not None or expected < _TOO_MANY_STEPS:
             return loop
         minutes = (time.perf_counter() - self.started) * (expected - steps) / steps / 60.0
         left = f"{minutes:.2g} minutes" if minutes < 100.0 else f"{minutes / 60.0:.2g} hours"
@@ -247,7 +247,7 @@ class Pace:
             f"has taken {steps} steps for {now - self.begin:.3g} s of {self.end - self.begin:.3g} s, now {step:.2g} s "
             f"each: {expected - steps:.1e} steps are to come, {left} at this pace{'; ' * bool(why)}{why}"
         )
-        found = Finding('integrator = "ida"', what, expected, _ENDLESS, "steps", remedy)
+        found = Finding('integrator = "ida"', what, expected, _TOO_MANY_STEPS, "steps", remedy)
         return SlowWarning(found, time=now, steps=steps, step=other)
 
 
@@ -276,7 +276,7 @@ def missed(where: str, law: Callable[[float], Any], asked: Array, begin: float, 
     off = np.abs(values - (before[:, 1:] + share * (after - before)[:, 1:]))
     around = np.stack([calls[right + k, 1:] for k in (-2, -1, 0, 1)])
     lowest, highest = (f(np.vstack([calls[:, 1:], values]), axis=0) for f in (np.min, np.max))
-    limit = np.maximum(_PART * (highest - lowest), _OWN * np.ptp(around, axis=0))
+    limit = np.maximum(_DEPARTURE * (highest - lowest), _CURVATURE * np.ptp(around, axis=0))
     beyond = np.where(highest > lowest, off - limit, -1.0)
     if not (beyond > 0.0).any():
         return None

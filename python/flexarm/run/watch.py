@@ -1,5 +1,5 @@
-"""What is found in a run that is done: quantities that left their range, motors asked for too much, and what of its
-model is probably a mistake or too coarse."""
+"""Findings about a run that is done: quantities that left their range, motors asked for too much, and parts of its
+model that are probably a mistake or too coarse."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DEFAULTS = {"top": 0.01, "spin": 0.5}  # of a beam with modes to spare; where o
 
 
 def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator[Finding]:
-    """The prescribed motion that takes most beyond what the motor of its joint gives."""
+    """The prescribed motion that passes the limit of its joint's motor by most."""
     most = torque_limits(arm) if prescribed else np.zeros(0)
     over = [(float(np.abs(result.tau[:, i]).max(initial=0.0)) / most[i], i) for i in prescribed]
     share, i = max(over, default=(0.0, -1))
@@ -62,8 +62,8 @@ def first_frequency(arm: Arm) -> float:
 def softened(arm: Arm, result: Rows) -> str:
     """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
     it returns "", also of a run that failed before its first row."""
-    for k, link in enumerate(arm.links):
-        if link.beam is None or link.beam.order != 1 or not link.beam.ne or not len(result.q):
+    for k, beam, *_ in arm.beams() if len(result.q) else ():
+        if beam.order != 1:
             continue
         spin = float(np.linalg.norm(arm.velocity(result.q[-1], result.v[-1], k, 0.0)[3:]))
         frequency = first_frequency(arm)
@@ -83,16 +83,11 @@ def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[st
     """
     out: dict[tuple[str, int], Array] = {}
     for k, link in enumerate(arm.links):
-        beam = link.beam
-        if beam is None:
-            continue
-        if np.isfinite(frequency) and frequency > 0:
+        if link.beam is not None and np.isfinite(frequency) and frequency > 0:
             w = arm.velocity(result.q, result.v, k, 0.0)[:, 3:]
             out["spin", k] = np.linalg.norm(w, axis=1) / frequency
-        if not beam.ne:
-            continue
-        first = arm._core.first_q(k) + link.joint.nq
-        qe = result.q[:, first : first + beam.ne]
+    for k, beam, place, _ in arm.beams():
+        qe = result.q[:, place]
         out["rotation", k] = rotation(beam, qe)
         out["strain", k] = np.linalg.norm(arm.strain(result.q, k, 0.0)[:, :3], axis=1)
         energy = 0.5 * np.asarray(beam._core.stiffness).diagonal() * qe**2
@@ -108,7 +103,7 @@ def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[st
 
 @dataclass(frozen=True)
 class Watch:
-    """The limits within which a model is valid, for `result.check(watch)` at the output times.
+    """Limits for `Result.check(watch)`, at the output times.
 
     Attributes:
         limits: by (what, link), such as ("rotation", 0), the largest value that is still in range: "rotation" (rad),
@@ -124,18 +119,17 @@ class Watch:
         """Limits of an arm that no plan was made for: energy in the highest modes, and the speed of turning where a
         beam has order 0 or 1, which know nothing of stiffening."""
         limits = {}
-        for k, link in enumerate(arm.links):
-            if link.beam is not None and link.beam.ne:
-                if link.beam.basis != "legendre":  # whose polynomials are no modes
-                    limits["top", k] = _DEFAULTS["top"]
-                if link.beam.order in (0, 1):
-                    limits["spin", k] = _DEFAULTS["spin"]
+        for k, beam, *_ in arm.beams():
+            if beam.basis != "legendre":  # whose polynomials are no modes
+                limits["top", k] = _DEFAULTS["top"]
+            if beam.order in (0, 1):
+                limits["spin", k] = _DEFAULTS["spin"]
         return Watch(limits, first_frequency(arm))
 
     @staticmethod
     def around(result: Rows, margin: float = 1.5) -> Watch:
-        """Limits `margin` times what a run has reached; below a hundredth of a radian, of a first frequency and of the
-        energy, and where the run is but at rest, nothing is said."""
+        """Limits `margin` times the largest values of a run; below a hundredth of a radian, of a first frequency and of
+        the energy, and where the run is but at rest, nothing is said."""
         w = first_frequency(result.arm)
         limits = {}
         for (what, k), values in readings(result.arm, result, w).items():
@@ -144,7 +138,7 @@ class Watch:
         return Watch({key: x for key, x in limits.items() if x > 0.0}, w)
 
     def left(self, result: Rows) -> list[RangeWarning]:
-        """What has left its range, in the order of time."""
+        """A warning for each quantity that has left its range, in the order of time."""
         found = []
         limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
         for (what, k), values in readings(result.arm, result, self.frequency).items():

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
+from ..data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, Axes, Figure, new_figure
 from . import stage
 from .body import along
 from .meshes import Mesh, thinned
 from .track import Track
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _TRIANGLES = 12_000  # of meshes, drawn in a third of a second
 

@@ -91,10 +91,8 @@ def _end_weights(t: Array) -> Array:
 def magnified(arm: Chain, q: Array, magnify: float) -> Array:
     """q (..., nq) with the elastic coordinates multiplied by `magnify`."""
     out = np.array(q)
-    for k, link in enumerate(arm.links):
-        if link.beam:
-            first = arm._core.first_q(k) + link.joint.nq
-            out[..., first : first + link.beam.ne] *= magnify
+    for _, _, at, _ in arm.beams():
+        out[..., at] *= magnify
     return out
 
 

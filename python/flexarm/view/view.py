@@ -9,22 +9,20 @@ import tempfile
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array, array, named, number
 from .._console import complain
+from ..data.draw.style import Figure
 from ..data.store.files import write_whole
 from ..model.acting.load import Load
 from ..model.parts.chain import Chain
 from . import page
 from .still import Still
 from .track import Track, make_track
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _DPI = 100
 

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..._console import json_text, write_csv, write_table
-from ...data.draw.style import DPI
+from ...data.draw.style import DPI, Figure
 from ...run.scene.scene import SCENES, load
 from . import control, figures, single_link
 from .single_link import ORDERS, RECONSTRUCTED, Manoeuvre, Spectrum, manoeuvre, spectrum
 from .table import COLUMNS, Row
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
 

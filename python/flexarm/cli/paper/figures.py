@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..._check import Array
-from ...data.draw.style import BLUE, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure
+from ...data.draw.style import BLUE, INK, ORANGE, ORDER_COLOURS, RED, Axes, Figure, label_axes, new_figure
 from .control import BAND, KP, KS, KV, PAPER_PEAKS, PAPER_RINGING, RATE, SAMPLES, STEEL, STEP, Control, tip_acceleration
 from .single_link import INSET_HEIGHT, INSET_TIME, MEASURED_HERTZ, PAPER_CHANGE, PAPER_FREQUENCIES, Manoeuvre, Spectrum
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ORDER_NAME = {
     0: "order 0, simplified",

@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
 import numpy as np
 
-from ..._check import Array
-from .style import BLUE, INK, RED, label_axes, new_figure, short
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, RED, Axes, Figure, label_axes, new_figure, short
 
 _FEW = 4  # columns in one stack of panels
 _TALL = 12.0  # inches: height of most figures, at most
 
 
-class Table(Protocol):
-    """Columns over time."""
-
-    @property
-    def t(self) -> Array: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
-    def __getitem__(self, name: str) -> Array: ...
-
-
-class Pair(Protocol):
-    """Measured and simulated columns."""
-
-    @property
-    def measured(self) -> Table: ...
-    @property
-    def simulated(self) -> Table: ...
-    @property
-    def nrmse(self) -> Mapping[str, float]: ...
-
-
-class Correlated(Protocol):
-    """Residuals' autocorrelation at lags 1, 2, ..."""
-
-    @property
-    def correlation(self) -> Array: ...
-
-
-def plot_fit(pairs: Sequence[Pair], tests: Sequence[Mapping[str, Correlated]]) -> Figure:
+def plot_fit(pairs: Sequence[Any], tests: Sequence[Mapping[str, Any]]) -> Figure:
     """A panel for each column of each run, its residual below, and at the end the residuals' autocorrelation; many
-    columns of one run stand in two rows side by side."""
+    columns of one run stand in two rows side by side. Pairs are as of Comparison; the tests have the `correlation` at
+    lags 1, 2, ..."""
     names = list(dict.fromkeys(name for pair in pairs for name in pair.nrmse))
     n, across = len(pairs), 2 if len(pairs) == 1 and len(names) > _FEW else 1
     down = -(-len(names) // across)
@@ -75,7 +43,7 @@ def _add_legend(fig: Figure) -> None:
     fig.legend(*fig.axes[0].get_legend_handles_labels(), loc="outside upper right", fontsize=9, frameon=False, ncols=2)
 
 
-def plot_pair(pair: Pair) -> Figure:
+def plot_pair(pair: Any) -> Figure:
     """Measured and simulated columns over time, a panel for each."""
     names = list(pair.nrmse)
     across = 1 if len(names) <= _FEW else 2 if len(names) <= 3 * _FEW else 3
@@ -93,7 +61,7 @@ def plot_pair(pair: Pair) -> Figure:
     return fig
 
 
-def _panel(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -> None:
+def _panel(ax: Axes, pair: Any, name: str, other: str, run: str, letters: int) -> None:
     t, unit = pair.measured.t, pair.measured.units[name]
     ax.plot(t, pair.measured[name], color=BLUE, linewidth=1.6, label="measured")
     ax.plot(t, pair.simulated[name], color=RED, linewidth=1.1, linestyle="--", label=other)
@@ -105,7 +73,7 @@ def _panel(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) 
     ax.set_xlim(t[0], t[-1])
 
 
-def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool, letters: int) -> None:
+def _curves(top: Axes, below: Axes, pair: Any, name: str, run: str, last: bool, letters: int) -> None:
     t = pair.measured.t
     _panel(top, pair, name, "fitted", run, letters)
     below.plot(t, pair.simulated[name] - pair.measured[name], color=INK, linewidth=0.7)
@@ -115,7 +83,7 @@ def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool,
     top.tick_params(labelbottom=False)
 
 
-def _correlogram(ax: Axes, tests: Sequence[Correlated], counts: Sequence[int], last: bool, first: bool) -> None:
+def _correlogram(ax: Axes, tests: Sequence[Any], counts: Sequence[int], last: bool, first: bool) -> None:
     for k, (test, count) in enumerate(zip(tests, counts, strict=True)):
         lags = np.arange(1, len(test.correlation) + 1) + 0.15 * (k - (len(tests) - 1) / 2)
         ax.vlines(lags, 0, test.correlation, color=INK, linewidth=1.2)

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import Array
-from .style import BLUE, INK, PALETTE, RED, label_axes, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, PALETTE, RED, Axes, Figure, label_axes, new_figure
 
 _FEW = 4  # loops whose names fit in a diagram
 _SLOW = 8  # slowest poles, which set the limits of the s-plane
@@ -30,14 +26,18 @@ def _window(s: NDArray[np.complex128]) -> tuple[float, float]:
     return 1.25 * max(left, 1e-2 * up, 1e-9), 1.2 * max(up, 0.3 * left, 1e-9)
 
 
+def _crosses(ax: Axes, poles: NDArray[np.complex128], good: NDArray[np.bool_]) -> None:
+    """Blue crosses at the poles that fall, larger red ones at those that grow."""
+    ax.plot(poles.real[good], poles.imag[good], "x", color=BLUE, ms=8, mew=1.8, label="falls")
+    if not good.all():
+        ax.plot(poles.real[~good], poles.imag[~good], "x", color=RED, ms=10, mew=2.4, label="grows")
+
+
 def _poles_s(ax: Axes, s: NDArray[np.complex128]) -> None:
     left, up = _window(s)
     right = max(0.25 * left, 1.3 * float(s.real[np.isfinite(s)].max(initial=0.0)))
     finite = s[np.isfinite(s)]
-    good = finite.real <= 0
-    ax.plot(finite.real[good], finite.imag[good], "x", color=BLUE, ms=8, mew=1.8, label="falls")
-    if not good.all():
-        ax.plot(finite.real[~good], finite.imag[~good], "x", color=RED, ms=10, mew=2.4, label="grows")
+    _crosses(ax, finite, finite.real <= 0)
     ax.axvline(0.0, color=INK, lw=1.2)
     ax.set_xlim(-left, right)
     ax.set_ylim(-up, up)
@@ -50,10 +50,7 @@ def _poles_s(ax: Axes, s: NDArray[np.complex128]) -> None:
 def _poles_z(ax: Axes, z: NDArray[np.complex128]) -> None:
     angle = np.linspace(0, 2 * np.pi, 400)
     ax.plot(np.cos(angle), np.sin(angle), color=INK, lw=1.2)
-    good = np.abs(z) <= 1.0 + 1e-9
-    ax.plot(z.real[good], z.imag[good], "x", color=BLUE, ms=8, mew=1.8, label="falls")
-    if not good.all():
-        ax.plot(z.real[~good], z.imag[~good], "x", color=RED, ms=10, mew=2.4, label="grows")
+    _crosses(ax, z, np.abs(z) <= 1.0 + 1e-9)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title("poles z, and the unit circle", fontsize=10, loc="left")
     label_axes(ax, "imaginary part", "real part")

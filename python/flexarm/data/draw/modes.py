@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._check import Array
-from .style import PALETTE, label_axes, legend, new_figure, short, words
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import PALETTE, Figure, label_axes, legend, new_figure, short, words
 
 _WIDE, _LETTER = 4.8, 0.07  # inches: width of the axes, and of a letter
 _LEAST = 12  # letters, so that names stay distinct

@@ -6,11 +6,12 @@ import io
 import sys
 from typing import TYPE_CHECKING, Any
 
+# matplotlib is slow to import, and most programs draw nothing: it is imported where it is used.
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-# matplotlib is slow to import, and most programs draw nothing: all of draw imports it where it is used.
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any
 
 #: Okabe and Ito's colours, distinct for colour-blind readers too.
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"

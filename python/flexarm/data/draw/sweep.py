@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._check import Array
-from .style import BLUE, RED, label_axes, new_figure, short, words
+from .style import BLUE, RED, Axes, Figure, label_axes, new_figure, short, words
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
 
 _WIDE = 10.0  # inches: the widest figure whose letters stay readable on a page
 _LETTER = 0.078  # inches, of a label

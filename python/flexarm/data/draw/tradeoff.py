@@ -6,17 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..._check import Array
 from ..._console import seconds
-from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure, short, words
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, Axes, Figure, label_axes, new_figure, short, words
 
 _MARKERS: tuple[Any, ...] = ("o", "s", "^", "D", "v", "p", "*", "P", "X", "<", ">", "h")
 _FILLS = ("full", "none", "left", "top", "right", "bottom")

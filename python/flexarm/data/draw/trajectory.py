@@ -1,49 +1,83 @@
-"""Curves over time."""
+"""Curves over time, of one run or beside recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from ..._check import Array
-from .style import PALETTE, label_axes, legend, new_figure, short, words
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import BLUE, INK, PALETTE, RED, Figure, label_axes, legend, new_figure, short, words
 
 _DASHES = ("-", "--", "-.", ":")
 _LETTERS = 32  # of a name along an axis
 
 
-def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]]]]) -> Figure:
-    """Curves over time (s), (nt,): panels (name of the axis, [(label, values (nt,)), ...]), one below the other."""
+#: name of the axis, [(label, values (nt,)), ...]
+Panel = tuple[str, list[tuple[str, Array]]]
+
+
+def by_unit(curves: Iterable[tuple[str, str, Array]], named: Callable[[str, str], str]) -> list[Panel]:
+    """A panel for each unit of curves (label, unit, values); `named` tells from a unit and the first label how several
+    curves are called together."""
+    groups: dict[str, list[tuple[str, Array]]] = {}
+    for label, unit, y in curves:
+        groups.setdefault(unit, []).append((label, y))
+    panels = []
+    for unit, own in groups.items():
+        name = own[0][0] if len(own) == 1 else named(unit, own[0][0])
+        panels.append((f"{name} ({unit})".strip() if unit not in ("", "1") else name, own))
+    return panels
+
+
+def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool = False) -> Figure:
+    """Curves over time (s), (nt,), one panel below the other; `held`: each value stands until the next."""
     fig = new_figure(9.0, 0.8 + 2.6 * len(panels))
     grid = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     marker = "o" if len(t) == 1 else None
     for ax, (ylabel, curves) in zip(grid, panels, strict=True):
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y, label=words(label), color=colour, linestyle=dash, marker=marker, linewidth=1.4)
+            look = {"marker": marker, "drawstyle": "steps-post" if held else "default"}
+            ax.plot(t, y, label=words(label), color=colour, linestyle=dash, linewidth=1.4, **look)
         label_axes(ax, short(ylabel, _LETTERS))
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
         legend(ax, len(curves))
     grid[-1].set_xlabel("Time (s)")
+    if title:
+        fig.suptitle(words(title), fontsize=12, wrap=True)
     return fig
 
 
-def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[str], title: str) -> Figure:
-    """Samples y (n, k) over time (s), each held until the next; a panel for each unit."""
-    units = list(dict.fromkeys(all_units))
-    fig = new_figure(9.0, 1.0 + 2.8 * len(units))
-    panels = fig.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
-    for ax, unit in zip(panels, units, strict=True):
-        own = [k for k, u in enumerate(all_units) if u == unit]
-        for i, k in enumerate(own):
-            colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y[:, k], dash, label=words(labels[k]), color=colour, linewidth=1.2, drawstyle="steps-post")
-        name = labels[own[0]] if len(own) == 1 else labels[own[0]].rsplit(" ", 1)[0]
-        name = short(name, _LETTERS)
-        label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
-        legend(ax, len(own) if len(own) > 1 else 0)
-    fig.suptitle(words(title), fontsize=12, wrap=True)
+class Curves(NamedTuple):
+    """One recording: its title, its times (s), the start of its evaluation (s), and by the name of an axis the measured
+    values, the model's, and its NRMSE (%)."""
+
+    title: str
+    t: Array
+    since: float
+    panels: Mapping[str, tuple[Array, Array, float]]
+
+
+def plot_recordings(recordings: Sequence[Curves]) -> Figure:
+    """A column for each recording, a panel for each quantity."""
+    names = list(dict.fromkeys(name for r in recordings for name in r.panels))
+    fig = new_figure(1.0 + 5.5 * len(recordings), 0.8 + 1.9 * len(names))
+    grid = fig.subplots(len(names), len(recordings), sharex="col", sharey="row", squeeze=False)
+    for k, recording in enumerate(recordings):
+        for i, name in enumerate(names):
+            ax = grid[i, k]
+            last = i == len(names) - 1
+            label_axes(ax, name if k == 0 else "", "Time (s)" if last else "")
+            if name not in recording.panels:
+                continue
+            measured, model, error = recording.panels[name]
+            ax.plot(recording.t, measured, color=INK, linewidth=2.2, alpha=0.45, label="measured")
+            ax.plot(recording.t, model, color=BLUE, linewidth=1.1, label="model")
+            if recording.since > recording.t[0]:
+                ax.axvline(recording.since, color=RED, linewidth=1.0, linestyle="--", label="judged from here on")
+            score = f"NRMSE {error:.1f} %"
+            ax.set_title(f"{recording.title}: {score}" if i == 0 else score, fontsize=10, loc="left", parse_math=False)
+    axes = max(fig.axes, key=lambda ax: len(ax.get_lines()))
+    fig.legend(*axes.get_legend_handles_labels(), loc="outside upper center", frameon=False, fontsize=9, ncols=3)
+    fig.align_ylabels()
     return fig

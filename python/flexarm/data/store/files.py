@@ -31,7 +31,7 @@ _WORDS = {
 
 
 def explained(error: OSError) -> str:
-    """What the system says, in words; of HDF5's errors too, which bury its number in their text."""
+    """The cause of an error of the system, in words; of HDF5's errors too, which bury its number in their text."""
     found = re.search(r"errno = (\d+)", str(error))
     number = int(found[1]) if found else errno.EAGAIN if "already open" in str(error) else error.errno
     return _WORDS.get(number or 0, error.strerror or str(error))
@@ -57,7 +57,7 @@ def _size(count: float) -> str:
 
 
 def check_space(where: str, path: Path, need: int) -> None:
-    """ValueError where so many bytes do not fit beside what is on the disk, or where there is no folder for the
+    """ValueError where so many bytes do not fit on the disk, or where there is no folder for the
     file."""
     folder = Path(os.path.realpath(path)).parent  # where a link leads
     if not folder.is_dir():
@@ -133,7 +133,7 @@ def label(dataset: Any, titles: Sequence[tuple[str, str]]) -> None:
 
 
 def digest(about: Any, arrays: Mapping[str, Any]) -> int:
-    """A checksum (CRC-32) of arrays, with their names, types and shapes, and of what JSON tells beside them. (HDF5 and
+    """A checksum (CRC-32) of arrays, with their names, types and shapes, and of the JSON beside them. (HDF5 and
     zip have checksums of data, but not of all their own tables, so that one flipped bit there may lose an array.)"""
     found = zlib.crc32(json.dumps(about).encode())
     for name in sorted(arrays):
@@ -144,18 +144,18 @@ def digest(about: Any, arrays: Mapping[str, Any]) -> int:
 
 
 def check_digest(told: Any, about: Any, arrays: Mapping[str, Any]) -> None:
-    """Refuses what is not as it was written. Without a digest it is of an older flexarm."""
+    """Refuses data that are not as they were written. Without a digest it is of an older flexarm."""
     if told is not None and int(told) != digest(about, arrays):
         raise Refused("is damaged: its checksum does not fit")
 
 
 def sealed(about: Mapping[str, Any], arrays: Mapping[str, Any]) -> str:
-    """What an .npz tells in "about" beside arrays: JSON, with the digest of both."""
+    """The "about" of an .npz beside arrays: JSON, with the digest of both."""
     return json.dumps({**about, "digest": digest(about, arrays)})
 
 
 def unsealed(words: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """The reverse of `sealed`. Refuses what is damaged."""
+    """The reverse of `sealed`. Refuses damaged data."""
     about: dict[str, Any] = json.loads(words)
     check_digest(about.pop("digest", None), about, arrays)
     return about
@@ -164,7 +164,7 @@ def unsealed(words: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
 @contextmanager
 def readable(where: str, path: Path, kind: str) -> Iterator[None]:
     """One ValueError for all that can go wrong while a file is read: the zip, zlib, JSON, NumPy and HDF5 readers each
-    raise what they like of a damaged one (BadZipFile, zlib.error, EOFError, KeyError, ...)."""
+    raise many kinds of errors of a damaged one (BadZipFile, zlib.error, EOFError, KeyError, ...)."""
     try:
         yield
     except ImportError:
@@ -178,4 +178,4 @@ def readable(where: str, path: Path, kind: str) -> Iterator[None]:
 
 
 class Refused(Exception):
-    """What is wrong with a file, in words; see `readable`."""
+    """The fault of a file, in words; see `readable`."""

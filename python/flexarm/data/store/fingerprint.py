@@ -22,7 +22,7 @@ import flexarm._core as _core
 
 
 class _Unknown(Exception):
-    """A value that has no fingerprint, and what to do, in words."""
+    """A value that has no fingerprint, and the remedy, in words."""
 
 
 def _hash(*parts: Any) -> bytes:
@@ -144,7 +144,7 @@ def marks(parts: Mapping[str, Any], name: str | None = None) -> dict[str, str]:
     """A hash of each part, and flexarm's version.
 
     Args:
-        parts: values by what they are called.
+        parts: values by their names.
         name: stands for all code of the user's.
 
     Raises:

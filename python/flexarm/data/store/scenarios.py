@@ -135,9 +135,9 @@ class ScenarioFile:
         path: the file, or a link to it. It is laid out anew where it does not exist, or `resume` is false.
         count: of the scenarios. columns: their arrays, by name, which are written in this order.
         fixed: arrays that are written once, by name, with their titles.
-        about: what the file says of itself, for JSON; "marks" are of all that the numbers follow from.
+        about: of the file, for JSON; "marks" are of all that the numbers follow from.
         what: "batch", or what else the file is of. where: what the user calls the path. otherwise: what the user can do
-            instead. rows: what `write` is given before a file that is laid out anew appears.
+            instead. rows: the first rows of a file that is laid out anew.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
@@ -191,7 +191,7 @@ class ScenarioFile:
         place.set_create_intermediate_group(True)
 
         def write(raw: Any) -> None:
-            raw.write(bytes(room))  # what the system refuses, it refuses here: HDF5 cannot close a file on a full disk
+            raw.write(bytes(room))  # a full disk is refused here: HDF5 cannot close a file on a full disk
             raw.flush()
             raw.truncate(room + need)
             # a version whose own tables have checksums, and that needs no clearing after a kill

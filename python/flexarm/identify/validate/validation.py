@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._console import aligned
 from ...data.compare import Comparison
-from ...data.draw.validation import Curves, plot_recordings
+from ...data.draw.trajectory import Curves, plot_recordings
 from ..fit import Fit
 from .recordings import DEFLECTIONS, JOINTS, Recording
 

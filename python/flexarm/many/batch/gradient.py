@@ -19,8 +19,7 @@ from ...arm.variation import Setup
 from ...model.acting.load import Load, at_time
 from ...model.acting.motor import torque_limits
 from ...run.integrators import Integrator
-from ...run.parameter import Parameter
-from ...run.perturbed import check_paths, components, problems
+from ...run.perturbed import Parameter, check_paths, components, problems
 from ...run.problem import Problem
 from ...run.sensitivity import by_parameters, repeated
 from .arguments import default_workers, stepping

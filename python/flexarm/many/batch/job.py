@@ -145,7 +145,7 @@ class Job:
         """ "steps": all in the core; "simulate": one call of `simulate` each."""
         own = INTEGRATORS[self.integrator]
         rubs = has_friction(self.variation.setup.arm) or self._varies_friction()
-        return "steps" if own.in_batches and (own.rubs or not rubs) else "simulate"
+        return "steps" if own.in_batches and (own.solves_friction or not rubs) else "simulate"
 
     def _varies_friction(self) -> bool:
         return any(path.rpartition(".")[2] in ("coulomb", "stiction") for path in self.variation.values)

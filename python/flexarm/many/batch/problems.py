@@ -14,7 +14,7 @@ from ..._check import Array
 from ...analysis.findings import RunWarning
 from ...arm.arm import Arm
 from ...arm.variation import Setup
-from ...model.acting.voltage import is_patch
+from ...model.acting.drive import is_patch
 from ...run.integrators import Integrator
 from ...run.problem import Problem
 from .job import renamed

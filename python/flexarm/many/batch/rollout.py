@@ -20,13 +20,12 @@ from ...arm.arm import Arm
 from ...arm.variation import Setup
 from ...loop import loops
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque
+from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.following import smooth
 from ...model.acting.load import Load
-from ...model.acting.voltage import Voltage
 from ...run.integrators import INTEGRATORS, Integrator
 from ...run.problem import Problem
-from ...run.steps import TURNED, beyond_explicit
+from ...run.steps import FAST_JOINTS, beyond_explicit
 from .arguments import (
     check_balls,
     check_every,
@@ -179,7 +178,7 @@ def judge(
         grown = done & loops.has_grown(v)
         for k in np.flatnonzero(status == OVER):  # after the end its rows are nan
             grown[k] = loops.has_grown(v[k][np.isfinite(v[k]).all(axis=1)])
-        fast = ran & (grown | ~done | (v.shape[1] < 4) | (step * size > TURNED))
+        fast = ran & (grown | ~done | (v.shape[1] < 4) | (step * size > FAST_JOINTS))
     looks = Counter[int]()  # by arm, and at loops
     some = np.flatnonzero(fast if explicit else grown)
     for k in some[np.argsort(-size[some], kind="stable")].tolist():  # the fastest first

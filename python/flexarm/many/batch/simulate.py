@@ -18,9 +18,8 @@ from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...loop.loops import unstable
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque
+from ...model.acting.drive import Motion, Torque, Voltage, split_drives
 from ...model.acting.load import Load
-from ...model.acting.voltage import Voltage, split_drives
 from ...run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
 from ...run.start import check_one_start, start
 from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count

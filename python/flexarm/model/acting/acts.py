@@ -13,9 +13,8 @@ from flexarm._core import Feedback
 from ..._check import Array
 from ..parts.chain import Chain
 from .control import Controller, control_laws, extended, padded
-from .drive import Motion, Torque, standing
+from .drive import Motion, Torque, patch_laws, split_drives, standing
 from .load import at_time
-from .voltage import patch_laws, split_drives
 
 _KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
 

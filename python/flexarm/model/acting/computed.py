@@ -10,12 +10,11 @@ import numpy as np
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, choice
+from ..._check import Array, array, choice, instance, not_negative, positive
 from ..parts.chain import Chain
 from .control import Controller, Run, all_joints
 from .drive import Motion
 from .following import Fitted, check_motion, fitted, kinks_of, motions_of
-from .motor import finite, positive
 
 ELASTIC = ("static", "zero")
 
@@ -28,22 +27,6 @@ def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, ine
     return out
 
 
-def _model_arm(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, list[int]]:
-    """The arm that a law uses as its model, and the rates of its joints' freedoms."""
-    if model is None:
-        return arm, list(rates)
-    own = all_joints(model)
-    if len(own) != len(rates):
-        raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
-    return model, own
-
-
-def _model(model: Any) -> Any:
-    if model is not None and not isinstance(model, Chain):
-        raise ValueError(f"model = {model!r}: must be an Arm or None")
-    return model
-
-
 def per_joint(field: str, value: Any, count: int) -> Array:
     found = array(field, value)
     if found.shape not in ((), (count,)):
@@ -51,7 +34,25 @@ def per_joint(field: str, value: Any, count: int) -> Array:
     return np.broadcast_to(found, (count,))
 
 
-class FeedForward(Controller):
+class _OfInverse(Controller):
+    """The base of laws by inverse dynamics, which act on all joints."""
+
+    model: Chain | None
+
+    def _columns(self, arm: Chain) -> list[Array]:
+        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
+
+    def _model_arm(self, arm: Chain, rates: Sequence[int]) -> tuple[Chain, list[int]]:
+        """The arm that the law uses as its model, and the rates of its joints' freedoms."""
+        if self.model is None:
+            return arm, list(rates)
+        own = all_joints(self.model)
+        if len(own) != len(rates):
+            raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
+        return self.model, own
+
+
+class FeedForward(_OfInverse):
     """The forces that a motion of the joints needs, M(q) q'' + h(q, q') at the reference.
 
     Elastic coordinates are at rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`:
@@ -81,10 +82,7 @@ class FeedForward(Controller):
         self, reference: Any, *, inertia: bool = True, elastic: str = "static", model: Any = None
     ) -> None:  # fmt: skip
         self.reference, self.inertia, self.elastic = reference, bool(inertia), choice("elastic", elastic, ELASTIC)
-        self.model = _model(model)
-
-    def _columns(self, arm: Chain) -> list[Array]:
-        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
+        self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
 
     def forces(self, arm: Chain, t: Any) -> Array:
         """The forces at times t (n,), (n, nv)."""
@@ -97,7 +95,7 @@ class FeedForward(Controller):
 
     def _forces(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Callable[[Array], Array]:
         """A function t (n,) -> forces of all joints' freedoms."""
-        model, own = _model_arm(arm, self.model, rates)
+        model, own = self._model_arm(arm, rates)
         axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(own, motions, strict=True)]
         core = _core.ComputedTorque(model._core, axes, self.elastic == "static", [], model.nv)
         return lambda t: core.feed_forward(t, self.inertia)[:, own]
@@ -115,7 +113,7 @@ class FeedForward(Controller):
         return [Feedback(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
 
 
-class ComputedTorque(Controller):
+class ComputedTorque(_OfInverse):
     """Computed torque, sampled: inverse dynamics makes the arm follow a motion.
 
     (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980.) In C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) +
@@ -143,7 +141,7 @@ class ComputedTorque(Controller):
         self, kp: Any, kv: Any = None, *, reference: Any, rate: float, delay: float = 0.0, elastic: str = "static",
         limit: Any = None, model: Any = None,
     ) -> None:  # fmt: skip
-        self.model = _model(model)
+        self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
         self.kp = array("kp", kp)
         if not (self.kp >= 0.0).all():
             raise ValueError(f"kp = {kp!r}: must not be negative (1/s²)")
@@ -151,16 +149,11 @@ class ComputedTorque(Controller):
         for name in ("kp", "kv"):
             if getattr(self, name).ndim > 1:
                 raise ValueError(f"{name} = {locals()[name]!r}: must be one number, or one for each joint's freedom")
-        self.reference, self.rate, self.delay = reference, positive("rate", rate), finite("delay", delay)
-        if self.delay < 0.0:
-            raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
+        self.reference, self.rate, self.delay = reference, positive("rate", rate), not_negative("delay", delay, "s")
         self.elastic = choice("elastic", elastic, ELASTIC)
         self.limit = None if limit is None else array("limit", limit)
         if self.limit is not None and not (self.limit > 0.0).all():
             raise ValueError(f"limit = {limit!r}: must be positive")
-
-    def _columns(self, arm: Chain) -> list[Array]:
-        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
 
     def law(self, arm: Chain, times: Any = (0.0, 1.0)) -> Any:
         """The law of one arm: a callable (t, q, v) -> forces (nv,), without sampling or delay.
@@ -175,7 +168,7 @@ class ComputedTorque(Controller):
         motions, n = _motions(arm, self.reference, rates, times), len(rates)
         gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
         limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
-        model, own = _model_arm(arm, self.model, rates)
+        model, own = self._model_arm(arm, rates)
         axes = [(i, m.law, *rest) for i, m, *rest in zip(own, motions, *gains, limits.tolist(), strict=True)]
         moved = [(arm.coordinate_of(i), i) for i in rates]
         return _core.ComputedTorque(model._core, axes, self.elastic == "static", moved, size)

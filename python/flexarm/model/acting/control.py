@@ -15,16 +15,15 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, finite_number, instance, number, positive
 from ..parts.arguments import arguments
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from ..parts.joints import Prismatic
 from ..parts.link import Link
-from .drive import Motion, Torque
+from .drive import Motion, Torque, is_patch
 from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
-from .motor import Motor, finite, positive
-from .voltage import is_patch
+from .motor import Motor
 
 
 def listed(name: str, value: Any) -> list[Any]:
@@ -35,8 +34,8 @@ def listed(name: str, value: Any) -> list[Any]:
 
 def limit_of(value: Any, motor: Any = None, count: int | None = None) -> Any:
     """The limit of |u|, or of each of `count` outputs: the lower of the given limit and the motor's."""
-    if motor is not None and not isinstance(motor, Motor):
-        raise ValueError(f"motor = {motor!r}: must be a Motor or None")
+    if motor is not None:
+        instance("motor", motor, Motor)
     most = np.inf if motor is None or motor.limit is None else motor.limit
     if count is None or np.ndim(value) == 0:
         return min(np.inf if value is None else positive("limit", value), most)
@@ -134,14 +133,26 @@ def _in_words(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, (int, float)) else getattr(value, "__name__", type(value).__name__)
 
 
-class _JointLaw(Controller):
-    """u = k_p (r - q) + k_v (r' - dq/dt) - k_s (K - K_s) at one freedom of a joint."""
+class PD(Controller):
+    """u = k_p (reference - q) + k_v (reference_rate - dq/dt) of one joint, continuous.
+
+    Args:
+        kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
+        link, freedom: the joint (-1 is the last), and its freedom if it has several; or link = (link, freedom).
+        reference: of q (rad, m): a number, samples (t, r), linear in between, a callable t -> r, or a Motion, whose
+            rate is then followed, too.
+        reference_rate: of dq/dt (rad/s, m/s), likewise; None: the rate of a Motion, else zero.
+        limit: of |u|; None: the motor's.
+        motor: converts u to a torque; None: u is the torque.
+    """
+
+    type = "pd"
 
     def __init__(
-        self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, reference_rate: Any, limit: Any,
-        motor: Motor | None,
+        self, kp: float, kv: float, link: Any = -1, freedom: int | None = None, *, reference: Any = 0.0,
+        reference_rate: Any = None, limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        self.kp, self.kv = finite("kp", kp), finite("kv", kv)
+        self.kp, self.kv = finite_number("kp", kp), finite_number("kv", kv)
         if freedom is None and isinstance(link, (tuple, list)):  # files have lists
             link, freedom = link
         self.link, self.freedom = link, freedom
@@ -182,34 +193,11 @@ class _JointLaw(Controller):
         return [law, *braking_laws(arm, self.motor, [unit])], []
 
 
-class PD(_JointLaw):
-    """A PD law of one joint, u = k_p (reference - q) + k_v (reference_rate - dq/dt), continuous.
-
-    Args:
-        kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: the joint (-1 is the last), and its freedom if it has several; or link = (link, freedom).
-        reference: of q (rad, m): a number, samples (t, r), linear in between, a callable t -> r, or a Motion, whose
-            rate is then followed, too.
-        reference_rate: of dq/dt (rad/s, m/s), likewise; None: the rate of a Motion, else zero.
-        limit: of |u|; None: the motor's.
-        motor: converts u to a torque; None: u is the torque.
-    """
-
-    type = "pd"
-
-    def __init__(
-        self, kp: float, kv: float, link: Any = -1, freedom: int | None = None, *, reference: Any = 0.0,
-        reference_rate: Any = None, limit: float | None = None, motor: Motor | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(kp, kv, link, freedom, reference, reference_rate, limit, motor)
-
-
-class StrainFeedback(_JointLaw):
+class StrainFeedback(PD):
     """A PD law of a joint with feedback of a beam's strain, continuous.
 
     u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K the curvature at a strain gauge
-    (Eq. 97). Without `static` or `washout` the static strain under gravity shifts the joint from its reference by
-    k_s K / k_p.
+    (Eq. 97). Without `static` or `washout` the static strain under gravity shifts the joint by k_s K / k_p.
 
     Args:
         kp, kv, link, freedom, reference, reference_rate, limit, motor: as of PD.
@@ -233,11 +221,13 @@ class StrainFeedback(_JointLaw):
         static: float | str = 0.0, pose: ArrayLike | None = None, washout: float | None = None,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(kp, kv, link, freedom, reference, reference_rate, limit, motor)
-        self.ks, self.x, self.beam = finite("ks", ks), finite("x", x), beam
+        super().__init__(
+            kp, kv, link, freedom, reference=reference, reference_rate=reference_rate, limit=limit, motor=motor
+        )
+        self.ks, self.x, self.beam = finite_number("ks", ks), finite_number("x", x), beam
         self.strain = choice("strain", strain, STRAIN_NAMES)
         equilibrium = isinstance(static, str)
-        self.static = choice("static", static, ("equilibrium",)) if equilibrium else finite("static", static)
+        self.static = choice("static", static, ("equilibrium",)) if equilibrium else finite_number("static", static)
         self.pose = pose if pose is None else array("pose", pose)
         if self.pose is not None and not equilibrium:
             raise ValueError('pose: is for static = "equilibrium"')
@@ -349,35 +339,38 @@ def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
 
 
 def measured_rows(arm: Chain, measure: Sequence[Any] | None, first: int = 0) -> tuple[Array, Array]:
-    """Matrices by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain";
-    None: the whole state."""
+    """Matrices by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state; None: the whole state."""
     if measure is None:
         return np.eye(arm.nq + arm.nv, arm.nq), np.eye(arm.nq + arm.nv, arm.nv, -arm.nq)
-    by_q, by_v = [], []
-    for k, entry in enumerate(measure, first):
-        field = f"measure[{k}]"
-        kind = entry[0] if isinstance(entry, tuple) and entry else entry
-        if kind in ("joint", "rate") and len(entry) == 2:
-            for i in arm.joint_rates(entry[1], f"{field}: link"):
-                at = arm.coordinate_of(i)
-                if kind == "joint" and at < 0:
-                    raise ValueError(f"{field} = {entry!r}: a ball has no angle")
-                by_q.append(np.eye(arm.nq)[at] if kind == "joint" else np.zeros(arm.nq))
-                by_v.append(np.eye(arm.nv)[i] if kind == "rate" else np.zeros(arm.nv))
-        elif kind == "strain" and len(entry) == 4:
-            strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
-            # strains are linear in the coordinates (Eq. 28-32)
-            by_q.append(arm.strain(np.eye(arm.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain])
-            by_v.append(np.zeros(arm.nv))
-        elif kind in ("charge", "patch_voltage") and len(entry) == 3:
-            by_q.append(getattr(arm, kind)(np.eye(arm.nq), entry[1], entry[2]))
-            by_v.append(np.zeros(arm.nv))
-        else:
-            raise ValueError(
-                f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), '
-                '("charge", link, patch), ("patch_voltage", link, patch), or a sensor'
-            )
-    return np.array(by_q).reshape(-1, arm.nq), np.array(by_v).reshape(-1, arm.nv)
+    parts = [rows_of_entry(arm, f"measure[{k}]", entry) for k, entry in enumerate(measure, first)]
+    return np.vstack([np.zeros((0, arm.nq)), *(p[0] for p in parts)]), np.vstack(
+        [np.zeros((0, arm.nv)), *(p[1] for p in parts)]
+    )
+
+
+def rows_of_entry(arm: Chain, field: str, entry: Any) -> tuple[Array, Array]:
+    """The same of one measurement, such as ("joint", 0)."""
+    kind = entry[0] if isinstance(entry, tuple) and entry else entry
+    if kind in ("joint", "rate") and len(entry) == 2:
+        rates = arm.joint_rates(entry[1], f"{field}: link")
+        unit, at = np.eye(arm.nv)[rates], [arm.coordinate_of(i) for i in rates]
+        if kind == "rate":
+            return np.zeros((len(rates), arm.nq)), unit
+        if min(at) < 0:
+            raise ValueError(f"{field} = {entry!r}: a ball has no angle")
+        return np.eye(arm.nq)[at], 0.0 * unit
+    if kind == "strain" and len(entry) == 4:
+        strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
+        # strains are linear in the coordinates (Eq. 28-32)
+        row = arm.strain(np.eye(arm.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain]
+    elif kind in ("charge", "patch_voltage") and len(entry) == 3:
+        row = getattr(arm, kind)(np.eye(arm.nq), entry[1], entry[2])
+    else:
+        raise ValueError(
+            f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), '
+            '("charge", link, patch), ("patch_voltage", link, patch), or a sensor'
+        )
+    return row[None], np.zeros((1, arm.nv))
 
 
 def control_laws(

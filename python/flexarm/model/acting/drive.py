@@ -1,4 +1,4 @@
-"""Drives of joints: a prescribed motion or a force (torque)."""
+"""Drives: a prescribed motion or a force (torque) of a joint, and the voltage of a piezo patch (paper Eq. 61)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, finite_number, positive
+from ..parts.chain import Chain
 
 
 def sample_times(t: ArrayLike) -> Array:
@@ -28,31 +29,26 @@ def sample_times(t: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True)
-class _Scaled:
-    law: Callable[[float], Any]
-    factor: float
-
-    def __call__(self, t: float) -> Any:
-        value = self.law(t)
-        return self.factor * value if np.ndim(value) == 0 else [self.factor * x for x in value]
-
-
-@dataclass(frozen=True)
-class _Moved:
-    """A callable law, delayed by `delay` (s), its value increased by `offset`; rates of a motion are not changed."""
+class _Changed:
+    """A callable law, `factor` times as large, delayed by `delay` (s), its value increased by `offset`, which rates of
+    a motion are not."""
 
     law: Callable[[float], Any]
-    offset: float
-    delay: float
+    factor: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
 
     def __call__(self, t: float) -> Any:
         value = self.law(t - self.delay)
-        return value + self.offset if np.ndim(value) == 0 else [value[0] + self.offset, *value[1:]]
+        if np.ndim(value) == 0:
+            return self.factor * value + self.offset
+        first, *rest = (self.factor * x for x in value)
+        return [first + self.offset, *rest]
 
 
 def _moved(law: Any, offset: float, delay: float, ends: bool) -> Any:
     if not isinstance(law, _core.PiecewisePolynomial):
-        return _Moved(law, offset, delay)
+        return _Changed(law, 1.0, offset, delay)
     breaks, pieces = law.breaks + delay, np.array(law.coefficients)
     if ends and breaks[0] != law.breaks[0] and breaks[-1] != law.breaks[-1]:
         # constant where the delayed samples do not reach
@@ -69,7 +65,7 @@ def _moved(law: Any, offset: float, delay: float, ends: bool) -> Any:
 def _times_factor(law: Any, factor: float) -> Any:
     if isinstance(law, _core.PiecewisePolynomial):
         return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
-    return _Scaled(law, factor)
+    return _Changed(law, factor)
 
 
 def standing(law: Any) -> Any:
@@ -235,11 +231,8 @@ class SpinUp:
     time: float
 
     def __post_init__(self) -> None:
-        speed, time = number("speed", self.speed), number("time", self.time)
-        if not (np.isfinite(speed) and 0 < time < np.inf):
-            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
-        object.__setattr__(self, "speed", speed)
-        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "speed", finite_number("speed", self.speed))
+        object.__setattr__(self, "time", positive("time", self.time, "s"))
 
     def __call__(self, t: float) -> tuple[float, float, float]:
         speed, time = self.speed, self.time
@@ -286,3 +279,54 @@ class Torque(Scalar):
 
     def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
         self._read("tau", t, tau)
+
+
+class Voltage(Scalar):
+    """Voltage of a patch (V): samples (t, V), linear in between; a callable t -> V; or a number."""
+
+    def __init__(self, t: ArrayLike | Callable[[float], float], V: ArrayLike | None = None) -> None:
+        self._read("V", t, V)
+
+
+def is_patch(key: Any) -> bool:
+    return isinstance(key, tuple) and len(key) > 0 and key[0] == "patch"
+
+
+def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
+    """The drives of joints, and those of patches."""
+    if not isinstance(drive, Mapping):
+        return drive, {}
+    joints = {k: law for k, law in drive.items() if not is_patch(k)}
+    return joints, {k: law for k, law in drive.items() if is_patch(k)}
+
+
+def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Drive]:
+    """The core's drives for voltages of patches, keyed by ("patch", link, patch)."""
+    out: dict[int, Any] = {}
+    for key, law in drives.items():
+        if len(key) != 3:
+            raise ValueError(f'drive {key!r}: must be ("patch", link, patch)')
+        k = arm.patch_column(key[1], key[2], "drive: ")
+        where = f"drive of patch {key[2]} of link {key[1]}"
+        if not isinstance(law, Voltage):
+            raise ValueError(f"{where} = {law!r}: must be a Voltage")
+        if k in out:
+            raise ValueError(f"{where}: is named twice")
+        law.check_span(where, t)
+        out[k] = law.law
+    B = arm.patch_matrix
+    return [_core.Drive(-1, False, law, B[:, k]) for k, law in out.items()]
+
+
+def voltage_forces(arm: Chain, voltages: Any) -> Array:
+    """Generalised forces (nv,) of constant voltages: (n_patches,), or by (link, patch)."""
+    B = arm.patch_matrix
+    V = np.zeros(B.shape[1])
+    if isinstance(voltages, Mapping):
+        for key, value in voltages.items():
+            if not isinstance(key, tuple) or len(key) != 2:
+                raise ValueError(f"voltages: {key!r}: must be (link, patch)")
+            V[arm.patch_column(*key, "voltages: ")] = array("voltages", value, ())
+    else:
+        V = array("voltages", voltages, V.shape)
+    return np.asarray(B @ V)

@@ -10,9 +10,8 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import Array, array
+from ..._check import Array, array, finite_number
 from .drive import Motion, Torque
-from .motor import finite
 
 _LAW = _core.PiecewisePolynomial
 _JUMP_SAMPLES = 400  # samples of a callable in the search for a jump
@@ -26,7 +25,7 @@ def scalar_law(field: str, value: Any) -> Torque:
     if isinstance(value, Torque):
         return value
     if callable(value) or not isinstance(value, (list, tuple, np.ndarray)):
-        return Torque(value if callable(value) else finite(field, value))
+        return Torque(value if callable(value) else finite_number(field, value))
     try:
         t, r = value
     except (TypeError, ValueError):
@@ -203,7 +202,5 @@ def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
             f"reference: has {len(given)} entries; must have {len(names)}, a Motion or a number for each of "
             f"{', '.join(names)}"
         )
-    for k, r in enumerate(given):
-        if not isinstance(r, (Motion, int, float, np.number)):
-            raise ValueError(f"reference[{k}] = {r!r}: must be a Motion or a number")
-    return [r if isinstance(r, Motion) else _constant_motion(finite(f"reference[{k}]", r)) for k, r in enumerate(given)]
+    places = [r if isinstance(r, Motion) else finite_number(f"reference[{k}]", r) for k, r in enumerate(given)]
+    return [r if isinstance(r, Motion) else _constant_motion(r) for r in places]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, instance, number
 from ..parts.chain import Chain
 from .drive import Law, sample_times
 
@@ -44,11 +44,8 @@ class Load(Law):
         along: Sequence[float] | None = None,
         axes: str = "world",
     ) -> None:
-        self.link, self.x, self.axes = (
-            link,
-            None if x is None else number("x", x),
-            choice("axes", axes, ("world", "section")),
-        )
+        self.link, self.x = link, None if x is None else number("x", x)
+        self.axes = choice("axes", axes, ("world", "section"))
         self.along: tuple[float, float] | None = None
         if along is not None:
             a, b = array("along", along, (2,)).tolist()
@@ -60,26 +57,21 @@ class Load(Law):
         self._steady: Array | None = None  # the constant part
         #: the arguments it was made of
         self.given: dict[str, Any] = {
-            "link": link, "x": self.x, "force": _argument("force", force), "moment": _argument("moment", moment), "t":
-            t,
-            "along": along, "axes": axes
+            "link": link, "x": self.x, "force": _argument("force", force), "moment": _argument("moment", moment),
+            "t": t, "along": along, "axes": axes,
         }  # fmt: skip
         if any(callable(value) for value in (force, moment)):
             if t is not None:
                 raise ValueError("t: goes with samples, not with a callable")
-            self.law: Any = _Wrench(_component("force", force), _component("moment", moment))
+            self.law: Any = _Wrench(force=force, moment=moment)
             return
         times = np.array([0.0, 1.0]) if t is None else sample_times(t)
-        columns: list[Array] = []
-        samples: tuple[tuple[str, Any], ...] = (("force", force), ("moment", moment))
-        for name, value in samples:
-            if t is None:
-                columns.append(np.tile(array(name, np.zeros(3) if value is None else value, (3,)), (2, 1)))
-            else:
-                columns.append(array(name, np.zeros((len(times), 3)) if value is None else value, (len(times), 3)))
         self.constant = t is None
-        wrench = np.hstack(columns)
-        self._steady = wrench[0] if self.constant else None
+        shape = (3,) if t is None else (len(times), 3)
+        given: dict[str, Any] = {"force": force, "moment": moment}
+        columns = [array(name, np.zeros(shape) if value is None else value, shape) for name, value in given.items()]
+        wrench = np.broadcast_to(np.concatenate(columns, axis=-1), (len(times), 6))
+        self._steady = wrench[0].copy() if self.constant else None
         slope = np.diff(wrench, axis=0) / np.diff(times)[:, None]
         self.law = tuple(_core.PiecewisePolynomial(times, [slope[:, k], wrench[:-1, k]]) for k in range(6))
 
@@ -112,22 +104,19 @@ class Load(Law):
 
 
 class _Wrench:
-    def __init__(self, force: Callable[[float], Array], moment: Callable[[float], Array]) -> None:
-        self.parts = (force, moment)
+    """Force and moment, callables or constant."""
+
+    def __init__(self, **parts: Any) -> None:
+        still = np.zeros(3)
+        self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
 
     def __call__(self, t: float) -> list[float]:
-        return [float(x) for part in self.parts for x in part(t)]
+        at = (array(f"Load {k} at t = {t}", x(t), (3,)) if callable(x) else x for k, x in self.parts.items())
+        return [float(value) for part in at for value in part]
 
 
 def _argument(name: str, value: Any) -> Any:
     return value if value is None or callable(value) else array(name, value)
-
-
-def _component(name: str, value: Any) -> Callable[[float], Array]:
-    if callable(value):
-        return lambda t: array(f"Load {name} at t = {t}", value(t), (3,))
-    constant = array(name, np.zeros(3) if value is None else value, (3,))
-    return lambda t: constant
 
 
 _NONE = np.zeros((0, 6))
@@ -140,6 +129,5 @@ def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_c
     if not isinstance(loads, (list, tuple)):
         raise ValueError(f"loads = {loads!r}: must be a list of Load")
     for k, load in enumerate(loads):
-        if not isinstance(load, Load):
-            raise ValueError(f"loads[{k}] = {load!r}: must be a Load")
+        instance(f"loads[{k}]", load, Load)
     return [load.place(arm) for load in loads], np.array([load(t) for load in loads]).reshape(-1, 6)

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 
-from ..._check import Array, number
+from ..._check import Array, finite_number, not_negative, positive
 from ..parts.chain import Chain
-
-
-def finite(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not np.isfinite(x):
-        raise ValueError(f"{name} = {value}: must be finite")
-    return x
-
-
-def positive(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not 0.0 < x < np.inf:
-        raise ValueError(f"{name} = {value}: must be positive and finite")
-    return x
+from ..parts.part import Part
 
 
 def torque_limits(arm: Chain) -> Array:
@@ -42,7 +30,8 @@ def reach_of(arm: Chain, columns: Array, limit: Any) -> Array:
     return np.asarray(np.minimum(limit, shares.min(axis=0, initial=np.inf)))
 
 
-class Motor:
+@dataclass(frozen=True, repr=False)
+class Motor(Part):
     """A geared electric motor between a controller and its joint.
 
     With `resistance`, the controller's output is a voltage and the back-EMF brakes; without, it is a current (an
@@ -57,30 +46,24 @@ class Motor:
         rotor_inertia: J_r (kg m²); give `reflected_inertia` = n² J_r to the joint.
     """
 
-    def __init__(
-        self,
-        torque_constant: float = 1.0,
-        gear_ratio: float = 1.0,
-        *,
-        efficiency: float = 1.0,
-        limit: float | None = None,
-        resistance: float | None = None,
-        rotor_inertia: float = 0.0,
-    ) -> None:
-        self.torque_constant, self.gear_ratio = (
-            positive("torque_constant", torque_constant),
-            finite("gear_ratio", gear_ratio),
-        )
-        if self.gear_ratio == 0.0:
+    torque_constant: float = 1.0
+    gear_ratio: float = 1.0
+    _: KW_ONLY
+    efficiency: float = 1.0
+    limit: float | None = None
+    resistance: float | None = None
+    rotor_inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("torque_constant", "efficiency", "limit", "resistance"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
+        if finite_number("gear_ratio", self.gear_ratio) == 0.0:
             raise ValueError("gear_ratio = 0.0: must not be zero")
-        self.efficiency = positive("efficiency", efficiency)
         if self.efficiency > 1.0:
-            raise ValueError(f"efficiency = {efficiency}: must be at most 1")
-        self.limit = None if limit is None else positive("limit", limit)
-        self.resistance = None if resistance is None else positive("resistance", resistance)
-        self.rotor_inertia = finite("rotor_inertia", rotor_inertia)
-        if self.rotor_inertia < 0.0:
-            raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
+            raise ValueError(f"efficiency = {self.efficiency}: must be at most 1")
+        not_negative("rotor_inertia", self.rotor_inertia)
 
     @property
     def reflected_inertia(self) -> float:

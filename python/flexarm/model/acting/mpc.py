@@ -14,15 +14,14 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, number, whole
+from ..._check import Array, array, at_least, flag, instance, not_negative, number, positive, whole, within
 from ..parts.chain import Chain
 from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
-from .drive import Motion, Torque
-from .motor import positive, reach_of
-from .sampled import is_samples
+from .drive import Motion, Torque, split_drives
+from .motor import reach_of
+from .sampled import columns_of, is_samples
 from .tracked import CallableReference, each, extended_by, projection, rows_of
-from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
            "a state that is not finite, or that no arm reaches")  # fmt: skip
@@ -107,35 +106,25 @@ class MPC(Controller):
     ) -> None:  # fmt: skip
         if not hasattr(_core, "Mpc"):
             raise RuntimeError("MPC: this flexarm was built without it (FLEXARM_MPC=OFF)")
-        if not isinstance(delay, bool):
-            raise ValueError(f"delay = {delay!r}: must be true, for one period, or false")
-        if model is not None and not isinstance(model, Chain):
-            raise ValueError(f"model = {model!r}: must be an Arm, or None for the arm that is controlled")
-        given = {k: v for k, v in locals().items() if k not in ("self", "__class__")}
-        self._given_as = given
-        self.model, self.reference, self.rate, self.delay = model, reference, positive("rate", rate), delay
+        self._given_as = {k: v for k, v in locals().items() if k not in ("self", "__class__")}
+        self.model = None if model is None else instance("model", model, Chain, "an Arm or None")
+        self.reference, self.rate, self.delay = reference, positive("rate", rate), flag("delay", delay)
         self.drive, self.loads, self.control = drive, loads, control
         self.track = track if isinstance(track, str) else listed("track", track)
         if isinstance(track, str) and track not in ("joints", "tip"):
             raise ValueError(f'track = {track!r}: must be "joints", "tip" or a list')
         self.inputs = None if inputs is None else [_entry(x) for x in listed("inputs", inputs)]
         self.horizon, self.stages, self.blocks = positive("horizon", horizon), whole("stages", stages), blocks
-        if not 1 <= self.stages <= 1000:
-            raise ValueError(f"stages = {stages}: must be from 1 to 1000")
-        if not 1 <= whole("blocks", blocks) <= stages:
-            raise ValueError(f"blocks = {blocks}: must be from 1 to `stages`, {stages}")
+        within("stages", stages, 1, 1000)
+        within("blocks", whole("blocks", blocks), 1, stages, ", the stages")
         if self.horizon * self.rate < stages * (1 - 1e-9):
             raise ValueError(
                 f"horizon = {horizon}: is shorter than {stages} stages of at least a period, {stages / self.rate:g} s"
             )
-        self.terminal = 0.2 * self.horizon if terminal is None else number("terminal", terminal)
-        if not 0 <= self.terminal < _INF:
-            raise ValueError(f"terminal = {terminal}: must not be negative, in seconds")
+        self.terminal = 0.2 * self.horizon if terminal is None else not_negative("terminal", terminal, "s")
         self.soft = None if soft is None else positive("soft", soft)
         self.strain_limit = list(strain_limit)
-        self.iterations = whole("iterations", iterations)
-        if self.iterations < 1:
-            raise ValueError(f"iterations = {iterations}: must be at least 1")
+        self.iterations = at_least("iterations", iterations, 1)
         #: number of samples that could not be solved so far, in `step` and in all runs
         self.failures = 0
         self._core: Any = None
@@ -149,8 +138,7 @@ class MPC(Controller):
     def _arguments(self) -> dict[str, Any]:
         return dict(self._given_as)
 
-    # -- use outside of a run
-    # -------------------------------------------------------------------------------------------
+    # -- use outside of a run ------------------------------------------------------------------------------------------
 
     def step(self, t: float, q: ArrayLike, v: ArrayLike) -> Array:
         """Inputs u (nu,) from a state q (nq,), v (nv,) of the model at time t (s): one sample of your own loop.
@@ -270,7 +258,7 @@ class MPC(Controller):
         if self.track == "joints":
             for k, _ in model.ball_rates():
                 raise ValueError(f'track = "joints": link {k} has a ball, without coordinates to be led; take "tip"')
-            return [("joint", k) for k, link in enumerate(model.links) if link.joint.nv]
+            return [("joint", k) for k in model.movable]
         return [("tip", -1)] if self.track == "tip" else list(self.track)
 
     def _limited(self, model: Chain) -> list[Any]:
@@ -312,11 +300,7 @@ class MPC(Controller):
                 return [m.law for m in motions]
             return lambda t: np.array([m(t)[:2] for m in motions], dtype=float).T
         if is_samples(given) and not callable(given):
-            times, r = array("reference: t", given[0]), array("reference: r", given[1])
-            columns = r[:, None] if r.ndim == 1 else r
-            if columns.ndim != 2 or len(columns) != times.size or columns.shape[1] not in (1, ny):
-                raise ValueError(f"reference: r has shape {r.shape}: must be ({times.size},) or ({times.size}, {ny})")
-            return [Torque(times, columns[:, k % columns.shape[1]]).law for k in range(ny)]
+            return [law.law for law in columns_of(given[0], given[1], ny)]
         if callable(given):
             return CallableReference(given, ny)
         fixed = array("reference", given)

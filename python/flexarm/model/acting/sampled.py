@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, number
+from ..._check import Array, array, not_negative, number, positive
 from ..parts.chain import Chain
 from .control import (
     Controller,
@@ -28,8 +28,8 @@ from .control import (
 )
 from .drive import Motion, Torque, sample_times
 from .following import along, check_motion, plus, scaled
-from .motor import Motor, positive, reach_of
-from .seen import Seen
+from .motor import Motor, reach_of
+from .record import LawRecord
 
 _MOST = 1e8  # most samples of a run
 
@@ -78,7 +78,7 @@ class PythonLaw:
     ) -> None:  # fmt: skip
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.senses = senses  #: whether it reads sensors
-        self.seen = Seen()
+        self.record = LawRecord()
         self.twice = False  #: whether a repeated call must return the same
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
@@ -103,7 +103,7 @@ class PythonLaw:
             raise ValueError(
                 f"{self.name} at t = {t}: the law gave {said!r}; must be {count_of(self.columns.shape[1])}"
             )
-        self.seen.note(y, u)
+        self.record.note(y, u)
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
 
 
@@ -145,9 +145,7 @@ class Sampled(Controller):
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
-        self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
-        if not 0.0 <= self.delay < np.inf:
-            raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
+        self.law, self.rate, self.delay = law, positive("rate", rate), not_negative("delay", delay, "s")
         self.measure = None if measure is None else [_entry(e) for e in listed("measure", measure)]
         self.actuate = [_entry(e) for e in listed("actuate", actuate)]
         self.motor, self.limit = motor, limit_of(limit, motor, len(self.actuate))
@@ -197,11 +195,11 @@ class Sampled(Controller):
         return braking_laws(arm, self.motor, units.T), laws
 
 
-def _columns_of(t: Any, r: Any, ny: int) -> list[Any]:
+def columns_of(t: Any, r: Any, ny: int) -> list[Any]:
     """Samples (t, r) of a reference, linear in between, as ny laws of time."""
     times, values = sample_times(array("reference: t", t)), array("reference: r", r)
-    if values.shape == times.shape:
-        values = np.repeat(values[:, None], ny, axis=1)
+    if values.shape in (times.shape, (times.size, 1)):
+        values = np.repeat(values.reshape(-1, 1), ny, axis=1)
     if values.shape != (times.size, ny):
         raise ValueError(f"reference: r has shape {values.shape}: must be {times.size} numbers, one for each of t")
     return [Torque(times, column) for column in values.T]
@@ -248,6 +246,7 @@ class LinearController(Sampled):
     """
 
     type = "linear"
+    _given_as: dict[str, Any] | None = None  #: the arguments of a subclass that has others
     #: see PID, PPF and IRC
     pid: ClassVar[Any]
     ppf: ClassVar[Any]
@@ -276,6 +275,8 @@ class LinearController(Sampled):
         self.memory = self.A.shape[0] if self.continuous else 0
 
     def _arguments(self) -> dict[str, Any]:
+        if self._given_as is not None:
+            return self._given_as
         given = super()._arguments()
         return {**given, "rate": None if self.continuous else self.rate} if "rate" in given else given
 
@@ -296,7 +297,7 @@ class LinearController(Sampled):
                 return laws
             return lambda t: np.array([law(t) for law in laws])
         if is_samples(reference):
-            laws = _columns_of(reference[0], reference[1], ny)
+            laws = columns_of(reference[0], reference[1], ny)
             laws[0].check_span("reference", times)
             return laws
         if callable(reference):

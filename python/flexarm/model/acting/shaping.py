@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, choice, number, positive
 from .drive import Motion, Torque, sample_times
 
 #: number of "zv" shapers whose convolution gives each kind
@@ -142,9 +142,7 @@ def input_shaper(kind: str, frequency: float, damping_ratio: float = 0.0) -> Sha
         damping_ratio: of the mode, from 0 to below 1.
     """
     choice("kind", kind, KINDS)
-    w, zeta = number("frequency", frequency), _ratio(damping_ratio)
-    if not 0 < w < np.inf:
-        raise ValueError(f"frequency = {frequency}: must be positive and finite (rad/s)")
+    w, zeta = positive("frequency", frequency, "rad/s"), _ratio(damping_ratio)
     root = math.sqrt(1 - zeta**2)
     n, half, ratio = KINDS[kind], math.pi / (w * root), math.exp(-zeta * math.pi / root)
     shares = np.array([math.comb(n, k) * ratio**k for k in range(n + 1)])

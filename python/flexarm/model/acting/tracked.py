@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, choice, number
-from ..parts.beam import STRAIN_NAMES
+from ..._check import Array, array, choice
 from ..parts.chain import Chain
+from .control import rows_of_entry
 from .drive import Torque
 
 _INF = float("inf")
@@ -71,9 +71,7 @@ def rows_of(model: Chain, field: str, entry: Any) -> list[Any]:
         axes = list(_WORLD) if len(entry) == 2 else [choice(f"{field}: axis", entry[2], _WORLD)]
         return [(np.zeros(model.nv), (link, None, np.eye(3)[_WORLD[a]])) for a in axes]
     if kind == "strain" and len(entry) == 4:
-        strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
-        by_q = model.strain(np.eye(model.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain]
-        return [(_by_rate(model, by_q), None)]
+        return [(_by_rate(model, rows_of_entry(model, field, tuple(entry))[0][0]), None)]
     raise ValueError(
         f'{field} = {entry!r}: must be ("joint", link), ("tip", link), ("tip", link, "x") or ("strain", link, x, "K3")'
     )

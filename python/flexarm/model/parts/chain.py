@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from ..._check import Array, array, batch, finite, number
+from .beam import Beam
 from .link import Link
 from .part import as_table
 
@@ -223,6 +224,18 @@ class Chain:
         """The links with a ball in their joint, each with the slice of v that holds its three rates."""
         ends = [self._core.first(k) + link.joint.nv for k, link in enumerate(self.links)]
         return [(k, slice(end - 3, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
+
+    def beams(self) -> Iterator[tuple[int, Beam, slice, slice]]:
+        """The beams with elastic coordinates: each one's link, itself, and the slices of q and of v that hold them."""
+        for k, link in enumerate(self.links):
+            if link.beam is not None and link.beam.ne:
+                at_q, at_v = self._core.first_q(k) + link.joint.nq, self._core.first(k) + link.joint.nv
+                yield k, link.beam, slice(at_q, at_q + link.beam.ne), slice(at_v, at_v + link.beam.ne)
+
+    @property
+    def movable(self) -> list[int]:
+        """The links whose joints have freedoms."""
+        return [k for k, link in enumerate(self.links) if link.joint.nv]
 
     @property
     def zero(self) -> Array:

@@ -143,12 +143,7 @@ class Joint(Part):
         if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
             columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
             forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
-        sides = []
-        for side in ("inboard", "outboard"):
-            place = getattr(self, side)
-            if place is not None and not isinstance(place, Placement):
-                raise ValueError(f"{side} = {place!r}: must be a Placement or None")
-            sides.append((place or Placement())._core)
+        sides = [(place or Placement())._core for place in (self.inboard, self.outboard)]
         motions = [(rotates, axis) for _, rotates, axis in freedoms]
         self._set("_core", _core.Joint(motions, self.ball, labels, forces, *sides))
         units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)

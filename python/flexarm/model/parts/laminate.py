@@ -11,7 +11,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import Array, choice, number, tilde
+from ..._check import Array, choice, finite_number, positive, tilde
 from .material import Material
 from .part import ModelWarning, Part
 from .sections import SectionMatrix
@@ -30,9 +30,6 @@ class Orthotropic(Part):
         G12: shear modulus in the plane (Pa).
         nu12: Poisson's ratio, strain across for a stress along the fibres.
         G13, G23: shear moduli through the thickness (Pa). None: as G12.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
 
     density: float
@@ -45,13 +42,9 @@ class Orthotropic(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("density", "E1", "E2", "G12", "nu12", "G13", "G23"):
-            value = getattr(self, name)
-            if value is None and name in ("G13", "G23"):
-                continue
-            self._set(name, number(name, value))
-            if name != "nu12" and not (0.0 < number(name, value) < np.inf):
-                raise ValueError(f"{name} = {value}: must be positive and finite")
+        for name in ("density", "E1", "E2", "G12", "G13", "G23"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
         most = (self.E1 / self.E2) ** 0.5
         if not abs(self.nu12) < most:
             raise ValueError(f"nu12 = {self.nu12}: must lie between -sqrt(E1 / E2) and sqrt(E1 / E2), {most:.4g}")
@@ -66,9 +59,6 @@ class Ply(Part):
         material: an Orthotropic, or a Material with poisson_ratio.
         angle: of the fibres (rad), from x towards the strip's other axis: z where the plies lie on one another along y,
             and y where they do along z.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
 
     thickness: float
@@ -77,18 +67,12 @@ class Ply(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("thickness", "angle"):
-            self._set(name, number(name, getattr(self, name)))
-        if not 0.0 < self.thickness < np.inf:
-            raise ValueError(f"thickness = {self.thickness}: must be positive and finite")
-        if not np.isfinite(self.angle):
-            raise ValueError(f"angle = {self.angle}: must be finite")
+        positive("thickness", self.thickness)
+        finite_number("angle", self.angle)
         if abs(self.angle) > 2 * np.pi:
             warnings.warn(f"angle = {self.angle:g} rad of a ply: is it in degrees?", ModelWarning, stacklevel=3)
         if isinstance(self.material, Material) and not self.material._core.shear_modulus > 0.0:
             raise ValueError(f"material = {self.material!r}: must have a poisson_ratio or a shear_modulus")
-        if not isinstance(self.material, (Material, Orthotropic)):
-            raise ValueError(f"material = {self.material!r}: must be an Orthotropic or a Material")
 
     def _moduli(self) -> tuple[Array, Array]:
         """Stiffness of plane stress (xx, ss, xs), and that of shear through the thickness (xn, sn); x and s the strip's
@@ -130,13 +114,8 @@ def laminate(width: float, plies: Sequence[Ply], normal: str = "y") -> SectionMa
 
     Warns:
         ModelWarning: the laminate is thicker than a third of its width, so that plate theory does not hold.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
-    b = number("width", width)
-    if not 0.0 < b < np.inf:
-        raise ValueError(f"width = {width}: must be positive and finite")
+    b = positive("width", width)
     choice("normal", normal, ("y", "z"))
     if not isinstance(plies, (list, tuple)) or not plies or not all(isinstance(p, Ply) for p in plies):
         raise ValueError(f"plies = {plies!r}: must be a list of Ply")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import flexarm._core as _core
 
+from ..._check import instance
 from .beam import Beam, RigidBody
 from .joints import Joint
 from .look import Look
@@ -42,17 +43,7 @@ class Link(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         read_name(self.name)
-        if not isinstance(self.joint, Joint):
-            raise ValueError(f'joint = {self.joint!r}: must be a joint, such as Revolute("z")')
-        for name, kind in (("hub", RigidBody), ("beam", Beam), ("tip", RigidBody)):
-            part = getattr(self, name)
-            if part is not None and not isinstance(part, kind):
-                raise ValueError(f"{name} = {part!r}: must be a {kind.__name__} or None")
-        looks = tuple(self.looks)
-        for k, look in enumerate(looks):
-            if not isinstance(look, Look):
-                raise ValueError(f"looks[{k}] = {look!r}: must be a Look")
-        self._set("looks", looks)
+        self._set("looks", tuple(instance(f"looks[{k}]", look, Look) for k, look in enumerate(self.looks)))
         hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
         self._set("_core", _core.Link(self.joint._core, hub, beam, tip))  # type: ignore[arg-type]
 

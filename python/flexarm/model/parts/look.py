@@ -43,6 +43,7 @@ class Look(Part):
     colour: str | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         count = SIZES[choice("shape", self.shape, tuple(SIZES))]
         if (self.file is not None) != (self.shape == "mesh"):
             raise ValueError(f"file = {self.file!r}: a mesh has a file, a {self.shape} has none")
@@ -55,8 +56,6 @@ class Look(Part):
         if not (size.all() if self.shape == "mesh" else (size > 0).all()):
             raise ValueError(f"size = {size.tolist()}: must be " + ("not 0" if self.shape == "mesh" else "above 0"))
         self._set("size", tuple(size.tolist()))
-        if self.at is not None and not isinstance(self.at, Placement):
-            raise ValueError(f"at = {self.at!r}: must be a Placement or None")
         choice("on", self.on, _ON)
         if self.colour is not None and not re.fullmatch(r"#[0-9a-fA-F]{6}", str(self.colour)):
             raise ValueError(f"colour = {self.colour!r}: must be '#RRGGBB', such as '#8A8F98'")

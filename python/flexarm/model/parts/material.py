@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import flexarm._core as _core
 
-from ..._check import number
 from .part import Part
 
 
@@ -29,10 +28,5 @@ class Material(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
-            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
-                self._set(f, number(f, getattr(self, f)))
-        self._set(
-            "_core",
-            _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus),
-        )
+        made = _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus)
+        self._set("_core", made)

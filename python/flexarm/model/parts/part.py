@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
-from ..._check import plain
-from .arguments import with_inherited
+from ..._check import flag, number, plain, whole
+from .arguments import arguments, members, with_inherited
 
 
 class ModelWarning(UserWarning):
@@ -35,7 +36,8 @@ def read_name(value: Any) -> str | None:
 
 
 class Part:
-    """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
+    """Holds the core's counterpart in `_core`, outside equality, printing and pickling. Bad arguments raise ValueError,
+    which names the field and its value."""
 
     _core: Any
 
@@ -43,9 +45,11 @@ class Part:
         cls.__doc__ = with_inherited(cls)
 
     def __post_init__(self) -> None:
-        """Converts NumPy's numbers to Python's, so that parts compare, print and save alike."""
-        for name, value in self._arguments().items():
-            self._set(name, plain(value))
+        """Checks each argument by its type, and converts NumPy's numbers to Python's, so that parts compare, print and
+        save alike."""
+        kind: Any = type(self)
+        for name, read in _readers(kind).items():
+            self._set(name, read(name, getattr(self, name)))
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # dataclasses here are frozen
@@ -66,6 +70,33 @@ class Part:
             if value is not None and not (isinstance(value, tuple) and not value):
                 out[name] = as_table(value)
         return out
+
+
+_SIMPLE: dict[Any, Callable[[str, Any], Any]] = {float: number, int: whole, bool: flag}
+
+
+@cache
+def _readers(cls: Callable[..., Part]) -> dict[str, Callable[[str, Any], Any]]:
+    """A check of each argument: of a number, a flag, or a part, and whether it may be None."""
+    return {name: _reader([*members(a.hint, deep=False)]) for name, a in arguments(cls).items()}
+
+
+def _reader(kinds: list[Any]) -> Callable[[str, Any], Any]:
+    given, optional = [k for k in kinds if k is not type(None)], type(None) in kinds
+    parts = tuple(k for k in given if isinstance(k, type) and issubclass(k, Part))
+    simple = _SIMPLE.get(given[0]) if len(given) == 1 else None
+
+    def read(name: str, value: Any) -> Any:
+        if value is None and optional:
+            return None
+        if simple is not None:
+            return simple(name, value)
+        if parts and len(parts) == len(given) and not isinstance(value, parts):
+            words = [f"a{'n' * (k.__name__[0] in 'AEIO')} {k.__name__}" for k in parts]
+            raise ValueError(f"{name} = {value!r}: must be {' or '.join(words + ['None'] * optional)}")
+        return plain(value)
+
+    return read
 
 
 def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.polynomial import legendre
 
 import flexarm._core as _core
 
-from ..._check import array, choice, known_keys, number
+from ..._check import array, choice, finite_number, known_keys, not_negative
 from .part import Part
 from .shapes import coefficients
 
@@ -46,8 +47,6 @@ class Piezo(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         names = ("youngs_modulus", "poisson_ratio", "density", "d31", "d32", "d15", "permittivity")
-        for name in names:
-            self._set(name, number(name, getattr(self, name)))
         self._set("_core", _core.Piezo(*(getattr(self, name) for name in names)))
 
 
@@ -102,23 +101,15 @@ class Patch(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("start", "end", "width", "thickness", "angle", *(("offset",) if self.offset is not None else ())):
-            self._set(name, number(name, getattr(self, name)))
-            if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} = {getattr(self, name)}: must be finite")
-        if not self.start >= 0:
-            raise ValueError(f"start = {self.start}: must not be negative")
+        for name in ("end", "width", "thickness", "angle", *(("offset",) if self.offset is not None else ())):
+            finite_number(name, getattr(self, name))
+        not_negative("start", self.start)
         if not self.end > self.start:
             raise ValueError(f"end = {self.end}: must be beyond the start, {self.start}")
-        if not isinstance(self.material, Piezo):
-            raise ValueError(f"material = {self.material!r}: must be a Piezo")
         choice("face", self.face, FACES)
         choice("pair", self.pair, ("opposed", "same"))
         if self.pair == "same" and len(self.face) == 2:
             raise ValueError(f"pair = 'same': needs two faces, 'y' or 'z', not {self.face!r}")
-        for name in ("stiffness", "mass"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name} = {getattr(self, name)!r}: must be true or false")
         if self.profile is not None:
             self._set("profile", _profile(self.profile, self.start, self.end))
         self._layer(0.0 if self.offset is None else self.offset, 1.0, 1.0)  # checks width, thickness, permittivity
@@ -202,8 +193,6 @@ def _profile(profile: Any, start: float, end: float) -> Mapping[str, tuple[float
     worst = float(values[np.abs(values).argmax()])
     if abs(worst) > 1 + 1e-9:
         raise ValueError(f"profile: reaches {worst:.6g}: must stay from -1 to 1, a share of the width")
-    from types import MappingProxyType
-
     return MappingProxyType({k: tuple(v.tolist()) for k, v in out.items()})
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, tilde, whole
+from ..._check import Array, array, instance, tilde, whole, within
 from .material import Material
 from .sections import SectionMatrix
 
@@ -44,12 +44,10 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
         from sectionproperties.pre.geometry import Geometry
     except ImportError as e:
         raise ImportError(f"polygon needs sectionproperties: pip install 'flexarm[sections]' ({e})") from e
-    if not isinstance(material, Material):
-        raise ValueError(f"material = {material!r}: must be a Material")
+    instance("material", material, Material)
     if not material._core.shear_modulus > 0.0:
         raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
-    if not 20 <= whole("elements", elements) <= _MOST:
-        raise ValueError(f"elements = {elements}: must be from 20 to {_MOST}")
+    within("elements", whole("elements", elements), 20, _MOST)
     if not isinstance(holes, (list, tuple, np.ndarray)):
         raise ValueError(f"holes = {holes!r}: must be a list of outlines")
     outline, inner = _corners("points", points), [_corners(f"holes[{k}]", h) for k, h in enumerate(holes)]

@@ -11,7 +11,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import array, number, tilde
+from ..._check import array, instance, number, tilde
 from .material import Material
 from .part import ModelWarning, Part
 
@@ -49,10 +49,11 @@ class Section(Part):
         return None
 
 
+@dataclass(frozen=True)
 class SymmetricSection(Section):
     """A section with two axes of symmetry, y and z."""
 
-    _core: _core.Section
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def _face(self, axis: str) -> Face | None:
         return self._core.faces["yz".index(axis)]
@@ -71,8 +72,6 @@ class Shape(SymmetricSection):
     def __post_init__(self) -> None:
         super().__post_init__()
         maker, numbers, pairs = self._shape
-        for f in numbers:
-            self._set(f, number(f, getattr(self, f)))
         for f in (*pairs, "shear_correction"):
             if f in pairs or getattr(self, f) is not None:
                 self._set(f, _pair(f, getattr(self, f)))
@@ -121,7 +120,6 @@ class Rectangle(Shape):
     shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "rectangle"
     _shape: ClassVar = ("rectangle", ("y", "z"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,6 @@ class Circle(Shape):
     shear_correction: float | Sequence[float] = 9 / 10
     type: ClassVar[str] = "circle"
     _shape: ClassVar = ("circle", ("radius", "inner_radius"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,6 @@ class Tube(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "tube"
     _shape: ClassVar = ("tube", ("radius", "thickness"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -176,7 +172,6 @@ class Ellipse(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "ellipse"
     _shape: ClassVar = ("ellipse", ("y", "z"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -202,7 +197,6 @@ class Box(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "box"
     _shape: ClassVar = ("box", ("y", "z"), ("thickness",))
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -229,7 +223,6 @@ class IBeam(Shape):
     shear_correction: float | Sequence[float] | None = None
     type: ClassVar[str] = "i_beam"
     _shape: ClassVar = ("i_beam", ("y", "z", "flange", "web"), ())
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -250,12 +243,9 @@ class GeneralSection(SymmetricSection):
     torsion_constant: float
     shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "general"
-    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for f in ("area", "second_moment_y", "second_moment_z", "torsion_constant"):
-            self._set(f, number(f, getattr(self, f)))
         self._set("shear_correction", _pair("shear_correction", self.shear_correction))
         k = _both(self.shear_correction)
         sizes = (self.area, self.second_moment_y, self.second_moment_z, self.torsion_constant)
@@ -311,14 +301,9 @@ class SectionMatrix(Section):
 
         Warns:
             ModelWarning: an angle of more than a turn, as if in degrees.
-
-        Raises:
-            ValueError: naming the field and the value.
         """
-        if not isinstance(section, SymmetricSection):
-            raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
-        if not isinstance(material, Material):
-            raise ValueError(f"material = {material!r}: must be a Material")
+        instance("section", section, SymmetricSection, "a doubly symmetric one, as Rectangle")
+        instance("material", material, Material)
         if material.shear_modulus is None and material.poisson_ratio is None:
             raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
         s, E, G = section._core, material.youngs_modulus, material._core.shear_modulus

@@ -30,9 +30,6 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
         link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is for a whole beam.
         modes: shape functions of each piece (Legendre), for each strain that the beam has; or by strain.
         places: where to cut instead (m from the clamp). A patch that is cut becomes one of each piece.
-
-    Raises:
-        ValueError: naming the field and the value.
     """
     if not isinstance(link, Link) or link.beam is None:
         raise ValueError(f"link = {shorten(repr(link), 80)}: must be a Link with a beam")

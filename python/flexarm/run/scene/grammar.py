@@ -15,9 +15,8 @@ import numpy as np
 
 from ..._check import Array, number, whole
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, SpinUp, Torque
+from ...model.acting.drive import Motion, SpinUp, Torque, Voltage
 from ...model.acting.load import Load
-from ...model.acting.voltage import Voltage
 from ...model.parts.arguments import Argument, arguments
 from ...model.parts.tables import ArmFile
 from .. import integrators

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +55,8 @@ def from_urdf(
     Warns:
         RobotWarning: one list of all features of the file that the arm lacks.
     """
-    try:
-        tree = read_urdf(path, tuple(array("gravity", gravity, (3,)).tolist()))
-        springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
-        return _arm(path, tree, tip, flexible, stops, springs)
-    except ValueError as e:
-        raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
+    springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
+    return _arm(read_urdf, path, gravity, tip, flexible, stops, springs)
 
 
 def from_mjcf(
@@ -96,17 +92,20 @@ def from_mjcf(
     Warns:
         RobotWarning: one list of all features of the file that the arm lacks.
     """
+    springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
+    return _arm(read_mjcf, path, gravity, tip, flexible, stops, springs)
+
+
+def _arm(
+    read: Callable[[Any, Any], Tree], path: Any, gravity: Any, tip: Any, flexible: Any, stops: Any,
+    springs: Mapping[str, Any],
+) -> Arm:  # fmt: skip
     try:
-        tree = read_mjcf(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
-        springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
-        return _arm(path, tree, tip, flexible, stops, springs)
+        tree = read(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
+        made = chain(tree, tip, flexible, stops, springs)
+        arm = Arm(made.links, tree.gravity)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
-
-
-def _arm(path: Any, tree: Tree, tip: Any, flexible: Any, stops: Any, springs: Mapping[str, Any]) -> Arm:
-    made = chain(tree, tip, flexible, stops, springs)
-    arm = Arm(made.links, tree.gravity)
     if made.notes:
         text = "\n".join(f"  - {line}" for line in made.notes)
         warnings.warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning, stacklevel=3)

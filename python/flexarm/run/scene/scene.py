@@ -16,9 +16,8 @@ from ..._check import Array, choice, known_keys, named
 from ...arm.arm import Arm
 from ...data.store.files import write_whole
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque
+from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.load import Load
-from ...model.acting.voltage import Voltage
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import shallow
 from ..problem import read_events
@@ -27,11 +26,9 @@ from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from ..simulation import simulate
 from ..start import WORDS, start
-from .compiled import compiled_text
 from .grammar import SceneFile
-from .reader import scene_fields
-from .samples import Files
-from .writer import scene_text
+from .reader import Files, scene_fields
+from .writer import compiled_text, scene_text
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -1,4 +1,4 @@
-"""Scenes as text: the TOML that `load` reads back."""
+"""Scenes as text: the TOML that `load` reads back, and resolved numbers for C++, in the format of its room `scene`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+import flexarm._core as _core
+
 from ..._check import Array
 from ...arm.arm import Arm
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Scalar, SpinUp
+from ...model.acting.drive import Motion, Scalar, SpinUp, is_patch
 from ...model.acting.load import Load
-from ...model.acting.motor import Motor
 from ...model.acting.sampled import is_samples
-from ...model.acting.voltage import is_patch
-from ...model.parts.arguments import arguments
 from ...model.parts.chain import Chain
+from ...model.parts.part import Part
+from ..integrators import integrator_of
+from ..problem import Problem
 from .grammar import SAMPLES
 
 _SAMPLES = 2001  # samples of a callable
@@ -25,8 +27,8 @@ _SAMPLES = 2001  # samples of a callable
 
 def _plain(value: Any) -> Any:
     """A value as Python's own numbers, lists and tables, without None."""
-    if isinstance(value, Motor):
-        value = {name: getattr(value, name) for name in arguments(Motor)}
+    if isinstance(value, Part):
+        return value.to_dict()
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, np.ndarray):
@@ -181,3 +183,43 @@ def scene_text(scene: Mapping[str, Any], comment: str = "") -> str:
     lines += _table("simulation", _plain(about))
     head = [f"# {''.join(filter(str.isprintable, line))}".rstrip() for line in [*comment.splitlines(), *laws.notes]]
     return "\n".join([*head, *lines]) + "\n"
+
+
+_NUMBERS = "a compiled scene holds numbers alone: give samples"
+
+
+def compiled_text(scene: Any) -> str:
+    """The compiled file of a scene.
+
+    Raises:
+        ValueError: a law that is Python code, named by its owner.
+        RuntimeError: flexarm was built without it (FLEXARM_SCENES=OFF).
+    """
+    if not hasattr(_core, "scene_text"):
+        raise RuntimeError("this flexarm was built without compiled scenes (FLEXARM_SCENES=OFF)")
+    if scene.events:
+        raise ValueError("events: are Python code, which a compiled scene cannot hold")
+    integrator = integrator_of(**{"integrator": "ida", **scene.options})
+    options = integrator.core if integrator.fixed else {"integrator": integrator.name, **integrator.options}
+
+    def text(control: Any) -> str:
+        run = Problem(scene.arm, scene.t, scene.q0, scene.v0, None, scene.drive, scene.loads, control, None)
+        laws = {f"drive {key!r}": law for key, law in scene.drive.items()}
+        laws |= {f"loads[{k}]": law for k, law in enumerate(scene.loads)}
+        for where, law in laws.items():
+            if not isinstance(law.law, (tuple, _core.PiecewisePolynomial)):
+                raise ValueError(f"{where} = {law!r}: is a Python function; {_NUMBERS}")
+        return _core.scene_text(run.core, run.times, **options)
+
+    try:
+        return text(scene.control)
+    except ValueError:
+        for k, controller in enumerate(scene.control):  # find the controller with the law
+            try:
+                text([controller])
+            except ValueError as e:
+                raise ValueError(
+                    f"control[{k}] = {controller!r}: is a Python function, or reads or follows one; {_NUMBERS}, or a "
+                    f"controller of numbers, such as LinearController ({e})"
+                ) from None
+        raise

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, number, whole
+from ..._check import Array, array, number, positive, whole
 from ...model.parts.part import Part
 
 _MANY = 100  # equal steps, from which on one recursion computes all
@@ -40,16 +40,15 @@ class LowPass(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < number("frequency", self.frequency) < np.inf:
-            raise ValueError(f"frequency = {self.frequency}: must be positive and finite (Hz)")
-        if whole("order", self.order) not in (1, 2):
+        positive("frequency", self.frequency, "Hz")
+        if self.order not in (1, 2):
             raise ValueError(f"order = {self.order}: must be 1 or 2")
         if self.damping_ratio is None:
             self._set("damping_ratio", float(np.sqrt(0.5)) if self.order == 2 else None)
         elif self.order == 1:
             raise ValueError(f"damping_ratio = {self.damping_ratio}: is of order 2; order = 1 has none")
-        elif not 0 < number("damping_ratio", self.damping_ratio) < np.inf:
-            raise ValueError(f"damping_ratio = {self.damping_ratio}: must be positive and finite")
+        else:
+            positive("damping_ratio", self.damping_ratio)
 
     @property
     def bandwidth(self) -> float:
@@ -182,9 +181,7 @@ def as_low_pass(field: str, value: Any) -> LowPass:
     if isinstance(value, LowPass):
         return value
     try:
-        frequency = number(field, value)
+        number(field, value)
     except ValueError:
         raise ValueError(f"{field} = {value!r}: must be a cut-off in Hz, or a LowPass") from None
-    if not 0 < frequency < np.inf:
-        raise ValueError(f"{field} = {value}: must be positive and finite (Hz)")
-    return LowPass(frequency)
+    return LowPass(positive(field, value, "Hz"))

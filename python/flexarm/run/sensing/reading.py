@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +11,8 @@ from numpy.typing import ArrayLike
 from ..._check import Array, array, choice, named, number, whole
 from ..._console import write_csv
 from ...data.data import Data
-from ...data.draw.trajectory import plot_samples
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ...data.draw.style import Figure
+from ...data.draw.trajectory import by_unit, plot_panels
 
 WINDOWS = ("hann", "boxcar")
 
@@ -56,7 +53,9 @@ class Reading:
 
     def plot(self) -> Figure:
         """A figure of the samples over time, each held until the next."""
-        return plot_samples(self.t, self.y, self.labels, self.units, self.name)
+        curves = zip(self.labels, self.units, self.y.T, strict=True)
+        panels = by_unit(curves, lambda _, label: label.rsplit(" ", 1)[0])
+        return plot_panels(self.t, panels, self.name, held=True)
 
     def save(self, path: str | Path) -> None:
         """Writes a CSV file: t and the components, all digits, under one header line."""

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, number, outside, whole
+from ..._check import Array, array, not_negative, outside, positive
 from ...arm.arm import Arm
 from ...model.acting.load import Load
 from ...model.parts.beam import as_floats
@@ -74,10 +74,9 @@ class Sensor(Part):
         super().__post_init__()
         if self.filter is not None:
             self._set("filter", as_low_pass("filter", self.filter))
-        if self.rate is not None and not 0 < number("rate", self.rate) < np.inf:
-            raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
-        if not 0 <= number("delay", self.delay) < np.inf:
-            raise ValueError(f"delay = {self.delay}: must not be negative (s)")
+        if self.rate is not None:
+            positive("rate", self.rate, "Hz")
+        not_negative("delay", self.delay, "s")
         for name in ("gain", "offset"):
             value = array(name, getattr(self, name))
             self._set(name, as_floats(value) if value.ndim else float(value))
@@ -89,8 +88,7 @@ class Sensor(Part):
                 self._set(name, as_floats(array(name, value)))
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
-        if whole("seed", self.seed) < 0:
-            raise ValueError(f"seed = {self.seed}: must not be negative")
+        not_negative("seed", self.seed)
 
     # -- defined by each kind of sensor --------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..._check import Array, array, choice, number, whole
+from ..._check import Array, array, at_least, choice, positive
 from ...arm.arm import Arm
 from ...model.parts.beam import STRAIN_NAMES, Beam, Vector, as_floats
 from ...model.parts.joints import UNIT
@@ -52,12 +52,9 @@ class Encoder(_OnFreedom):
         super().__post_init__()
         if self.resolution is not None:
             raise ValueError(f"resolution = {self.resolution}: an encoder's follows from pulses")
-        if self.pulses is not None and whole("pulses", self.pulses) < 1:
-            raise ValueError(f"pulses = {self.pulses}: must be at least 1, or None for no steps")
-        if not isinstance(self.quadrature, bool):
-            raise ValueError(f"quadrature = {self.quadrature!r}: must be true or false")
-        if not 0 < number("gear_ratio", self.gear_ratio) < np.inf:
-            raise ValueError(f"gear_ratio = {self.gear_ratio}: must be positive")
+        if self.pulses is not None:
+            at_least("pulses", self.pulses, 1, ", or None for no steps")
+        positive("gear_ratio", self.gear_ratio)
 
     def components(self, arm: Arm) -> list[Component]:
         return [("position", self._unit(arm))]
@@ -165,12 +162,10 @@ class StrainGauge(Sensor):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        number("x", self.x)
         choice("face", self.face, _FACES)
         for name in ("gauge_factor", "distance"):
-            value = getattr(self, name)
-            if value is not None and not 0 < number(name, value) < np.inf:
-                raise ValueError(f"{name} = {value}: must be positive")
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
 
     def _kind(self) -> str:
         return f"strain gauge {self.face}"
@@ -213,16 +208,12 @@ class Accelerometer(Sensor):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.x is not None:
-            number("x", self.x)
         if isinstance(self.axis, str):
             choice("axis", self.axis, (*UNIT, "xyz"))
         else:
             self._set("axis", as_floats(array("axis", self.axis, (3,))))
             if not np.any(self.axis):
                 raise ValueError(f"axis = {self.axis}: must not be zero")
-        if not isinstance(self.gravity, bool):
-            raise ValueError(f"gravity = {self.gravity!r}: must be true or false")
 
     def _kind(self) -> str:
         return f"accelerometer {self.axis}"
@@ -257,8 +248,6 @@ class Camera(Sensor):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.x is not None:
-            number("x", self.x)
         choice("axes", self.axes, ("world", "link"))
 
     def components(self, arm: Arm) -> list[Component]:

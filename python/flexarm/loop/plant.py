@@ -1,4 +1,4 @@
-"""The arm about a state, as what control loops act on."""
+"""The plant of control loops: the arm about a state."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, finite
+from ..analysis.linear import turning
+from ..analysis.modes import shift
 from ..model.parts.chain import Chain
-from .linear import turning
-from .modes import shift
 
 _SLOWEST = 1.0  # 1/s: displacements of a mode are scaled by its frequency, or by this where that is lower
 
@@ -19,7 +19,7 @@ class Plant:
     """Small motions about a state that nothing accelerates: x' = A x + `forces`(columns) u, and [theta; v] = T x.
 
     x are coordinates of modes: displacements, times the frequency, then rates, both to unit mass. So all numbers of A
-    are of the size of frequencies, and what is slow keeps its digits beside what is fast. Forces that hold the arm in
+    are of the size of frequencies, and slow motions keep their digits beside fast ones. Forces that hold the arm in
     the state are taken as constant, whatever gives them.
 
     Attributes:
@@ -63,13 +63,13 @@ class Plant:
         self.T[:nv, :n], self.T[nv:, n:] = self._V / w, self._V
 
     def forces(self, columns: Array) -> Array:
-        """What generalised forces, columns (nv, m), do to x', (2 n, m)."""
+        """x' by generalised forces, columns (nv, m): (2 n, m)."""
         return np.vstack([np.zeros((self.free.size, columns.shape[1])), self._V.T @ columns])
 
     def reads(self, by_q: Array, by_v: Array) -> Array:
-        """Rows by x, (m, 2 n), of what has the derivatives by_q (m, nq) and by_v (m, nv)."""
+        """Rows by x, (m, 2 n), of outputs with the derivatives by_q (m, nq) and by_v (m, nv)."""
         return np.asarray(np.hstack([by_q @ self.E, by_v]) @ self.T)
 
     def feels(self, by_a: Array) -> Array:
-        """Rows by x' of what has the derivatives by_a (m, nv) by the accelerations."""
+        """Rows by x' of outputs with the derivatives by_a (m, nv) by the accelerations."""
         return np.hstack([np.zeros((len(by_a), self.free.size)), by_a @ self._V])

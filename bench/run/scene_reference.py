@@ -1,4 +1,4 @@
-"""docs/scene-reference.md, written from the grammar: python -m flexarm.run.scene.reference > docs/scene-reference.md"""
+"""docs/scene-reference.md, written from the grammar: python bench/run/scene_reference.py > docs/scene-reference.md"""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from itertools import groupby
 from textwrap import dedent
 from typing import Any, get_args, get_origin
 
-from ...model.parts.arguments import Argument, arguments, members, summary
-from ...model.parts.arguments import kinds as all_kinds
-from .grammar import SAMPLES, SIMULATION, SceneFile
+from flexarm.model.parts.arguments import Argument, arguments, members, summary
+from flexarm.model.parts.arguments import kinds as all_kinds
+from flexarm.run.scene.grammar import SAMPLES, SIMULATION, SceneFile
 
 HEAD = """# The scene file
 
@@ -23,7 +23,7 @@ compile`: [cpp.md](cpp.md#scenes).
 **Samples** are laws of time, in place, `torque = { t = [0, 1], tau = [0, 2] }`, or in a file of comma-separated values
 whose first line names the columns, `torque = { file = "torque.csv" }`; see `fa.load` for where that file may be.
 
-Written by `python -m flexarm.run.scene.reference`; do not edit.
+Written by `python bench/run/scene_reference.py`; do not edit.
 """
 
 _Group = tuple[type, ...]  # the class of a table, or several that its type or keys distinguish

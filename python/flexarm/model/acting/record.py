@@ -11,7 +11,7 @@ _FIT = 1e-3  # relative error of a linear fit
 _PAST = 3  # most past samples in a fit
 
 
-class Seen:
+class LawRecord:
     """Inputs and outputs of a sampled law, before its limit."""
 
     def __init__(self) -> None:
