@@ -1,4 +1,4 @@
-"""Classes that functions and methods return, for annotations, `isinstance` and `help`; nobody makes them."""
+"""Classes that functions and methods return, for annotations and `isinstance`; nobody makes them."""
 
 from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
 from .analysis.linear import LinearModel as LinearModel, Derivatives as Derivatives
