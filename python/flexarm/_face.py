@@ -1,6 +1,5 @@
 """The public names: the map of them that `help` shows, made from the lists of imports, and the ways to renamed ones."""
 
-import inspect
 import re
 import sys
 from types import ModuleType
@@ -47,10 +46,10 @@ def grouped(module: ModuleType) -> dict[str, list[str]]:
     return {heading: listed for heading, listed in found.items() if listed}
 
 
-def sentence(thing: object) -> str:
+def sentence(thing: Any) -> str:
     """The first one of a docstring, without its full stop; nothing under `python -OO`."""
-    found = re.match(r"(.*?)\.?(?=\.\s|\n\n|$)", inspect.cleandoc(thing.__doc__ or ""), re.DOTALL)
-    return " ".join(found[1].split()) if found else ""
+    paragraph = (thing.__doc__ or "").strip().partition("\n\n")[0]
+    return re.split(r"\.(?:\s|$)", " ".join(paragraph.split()), maxsplit=1)[0]
 
 
 def describe(module: ModuleType) -> None:
