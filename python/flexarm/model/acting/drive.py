@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, finite_number, positive
+from ..._check import Array, array, choice, finite_number, instance, positive
 from ..parts.chain import Chain
 
 
@@ -308,8 +308,7 @@ def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Dr
             raise ValueError(f'drive {key!r}: must be ("patch", link, patch)')
         k = arm.patch_column(key[1], key[2], "drive: ")
         where = f"drive of patch {key[2]} of link {key[1]}"
-        if not isinstance(law, Voltage):
-            raise ValueError(f"{where} = {law!r}: must be a Voltage")
+        instance(where, law, Voltage)
         if k in out:
             raise ValueError(f"{where}: is named twice")
         law.check_span(where, t)
