@@ -367,12 +367,12 @@ def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
 def test_what_is_told_during_a_run_is_told_once_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A SlowWarning was not listed by check(); a LoopWarning came twice."""
     steps_of = sys.modules["flexarm.run.steps"]
-    monkeypatch.setattr(steps_of, "_MANY", 10)
-    monkeypatch.setattr(steps_of, "_ENDLESS", 10)
+    monkeypatch.setattr(steps_of, "_STEPS_OF_LOOPS", 10)
+    monkeypatch.setattr(steps_of, "_TOO_MANY_STEPS", 10)
     with pytest.warns(fa.errors.SlowWarning) as told:
         run = fa.simulate(sheared(), [0.0, 0.03], drive={0: fa.Torque(0.5)})
     assert len(told) == 1 and told[0].message.finding in run.check()
-    monkeypatch.setattr(steps_of, "_ENDLESS", 1e12)
+    monkeypatch.setattr(steps_of, "_TOO_MANY_STEPS", 1e12)
     control = fa.PD(-25 * INERTIA, 0.0)
     with pytest.warns(fa.errors.LoopWarning) as told:
         run = fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=control, rtol=1e-7, max_order=1)

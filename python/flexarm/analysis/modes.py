@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, at_least, finite, number, whole, within
+from .._check import Array, array, at_least, finite, positive, whole, within
 from ..data.draw.modes import plot_modes
 from ..data.draw.style import Figure
 from ..model.parts.chain import Chain
@@ -110,10 +110,9 @@ class Modes:
         if amplitude is None:
             share = min(0.1 * length(self.arm) / max(moved, 1e-300), 0.5 / max(turned, 1e-300))
         else:
-            size = number("amplitude", amplitude)
-            if not (np.isfinite(size) and size > 0 and moved > 0):
-                raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0, of what moves")
-            share = size / moved
+            if not moved > 0:
+                raise ValueError(f"amplitude = {amplitude!r}: mode {mode} moves no point, and has none")
+            share = positive("amplitude", amplitude, "m") / moved
         about = (float(self.frequencies[mode]), float(self.damping[mode]), mode % n, share * moved)
         return animate_mode(self.arm, self.q, share * self.shapes[:, mode], *about)
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._check import Array, choice, number
+from .._check import Array, choice, positive
 from . import files, text
 from .signal import DataWarning, check_times
 from .store.files import Refused, readable
@@ -86,8 +86,8 @@ class Loaded:
             raise ValueError(f"units = {units!r}: must be units by name, such as {{'theta': 'deg'}}")
         for name, of in (units or {}).items():
             unit_of(name, of)
-        if rate is not None and not 0 < number("rate", rate) < np.inf:
-            raise ValueError(f"rate = {rate}: must be positive and finite (Hz)")
+        if rate is not None:
+            positive("rate", rate, "Hz")
         take = partial(_made, cls, wanted=columns, time=time, rate=rate, given=dict(units or {}), missing=missing)
         if _is_frame(source):
             if key is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice, known_keys, number
+from .._check import Array, array, choice, instance, known_keys, number
 from ..model.parts.beam import Beam, RigidBody, Vector
 from ..model.parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
 from ..model.parts.link import Link
@@ -45,8 +45,7 @@ class Flexible:
     mass: str = "replace"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.beam, Beam):
-            raise ValueError(f"beam = {self.beam!r}: must be a Beam")
+        instance("beam", self.beam, Beam)
         choice("mass", self.mass, _MASS)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -10,23 +9,12 @@ from typing import Any, ClassVar
 
 import flexarm._core as _core
 
-from .._check import choice, number, whole
+from .._check import choice, positive, whole, within
 from .perturbed import Parameter, core_parameters
 from .problem import Problem
 from .steps import Pace
 
 LINEAR_SOLVERS = ("auto", "dense", "chain")
-
-
-def _positive(of: Any, *options: str) -> None:
-    for name in options:
-        if not 0.0 < number(name, getattr(of, name)) < math.inf:
-            raise ValueError(f"{name} = {getattr(of, name)}: must be positive and finite")
-
-
-def _within(name: str, value: float, least: int, most: int) -> None:
-    if not least <= value <= most:
-        raise ValueError(f"{name} = {value}: must be from {least} to {most}")
 
 
 class Integrator:
@@ -78,8 +66,9 @@ class Ida(Integrator):
     linear_solver: str = "auto"
 
     def __post_init__(self) -> None:
-        _positive(self, "rtol", "atol")
-        _within("max_order", whole("max_order", self.max_order), 1, 5)
+        positive("rtol", self.rtol)
+        positive("atol", self.atol)
+        within("max_order", whole("max_order", self.max_order), 1, 5)
         choice("linear_solver", self.linear_solver, LINEAR_SOLVERS)
 
     def run(
@@ -118,8 +107,9 @@ class Implicit(Integrator):
     spectral_radius: float = 1.0
 
     def __post_init__(self) -> None:
-        _positive(self, "step", "rtol")
-        _within("spectral_radius", number("spectral_radius", self.spectral_radius), 0, 1)
+        positive("step", self.step)
+        positive("rtol", self.rtol)
+        within("spectral_radius", self.spectral_radius, 0, 1)
 
 
 @dataclass(frozen=True)
@@ -146,8 +136,9 @@ class Gauss(Integrator):
     rtol: float = 1e-12
 
     def __post_init__(self) -> None:
-        _positive(self, "step", "rtol")
-        _within("stages", whole("stages", self.stages), 1, 4)
+        positive("step", self.step)
+        positive("rtol", self.rtol)
+        within("stages", whole("stages", self.stages), 1, 4)
 
 
 @dataclass(frozen=True)
@@ -167,7 +158,7 @@ class RK4(Integrator):
     step: float
 
     def __post_init__(self) -> None:
-        _positive(self, "step")
+        positive("step", self.step)
 
 
 #: By name, explicit ones last. A new one is a class and its row here, and its steps in C++.

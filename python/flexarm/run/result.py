@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, named
+from .._check import Array, instance, named
 from ..analysis.findings import Findings
 from ..arm.arm import Arm
 from ..data.compare import Comparison
@@ -117,9 +117,8 @@ class Result(outputs.Rows):
             ValueError: bad arguments, or a result without rows.
         """
         runs = (self, *others)
-        for k, run in enumerate(runs):
-            if not isinstance(run, Result):
-                raise ValueError(f"others[{k - 1}] = {run!r}: must be a Result")
+        for k, run in enumerate(others):
+            instance(f"others[{k}]", run, Result)
         names = [f"run {k + 1}" if others else "" for k in range(len(runs))] if titles is None else titles
         texts = isinstance(names, (list, tuple)) and all(isinstance(x, str) for x in names)
         if not texts or len(names) != len(runs):
@@ -192,8 +191,8 @@ class Result(outputs.Rows):
         Args:
             watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.
         """
-        if watch is not None and not isinstance(watch, monitors.Watch):
-            raise ValueError(f"watch = {watch!r}: must be a Watch")
+        if watch is not None:
+            instance("watch", watch, monitors.Watch)
         return monitors.check(self, watch)
 
     def to_pandas(self) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import outside
+from .._check import instance, outside
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..analysis.validity import range_warning, worst_range
@@ -213,8 +213,7 @@ def simulated(
     if "watch" in options:
         raise ValueError("watch: is asked for after the run, by result.check(watch)")
     chosen = integrator_of(integrator, **options)
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Arm)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
     wrong: list[RunWarning] = []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,12 @@ from .integrators import Implicit, Integrator
 from .problem import Problem
 from .result import Result
 from .simulation import SimulationError
+
+
+def _now(name: str, size: str = "") -> Any:
+    """A value of the core; with `size`, nq or nv, the arm's part of a vector, without the states of controllers."""
+    read = attrgetter(f"_core.{name}")
+    return property(lambda self: read(self)[: getattr(self.arm, size)] if size else read(self))
 
 
 class Simulation:
@@ -44,6 +51,27 @@ class Simulation:
     Raises:
         ValueError: bad arguments, a start without accelerations.
     """
+
+    t: float = _now("t")
+    steps: int = _now("steps")
+    terminated: bool = _now("terminated")
+    q: Array = _now("q", "nq")
+    v: Array = _now("v", "nv")
+    a: Array = _now("a", "nv")
+    tau: Array = _now("tau", "nv")
+    friction: Array = _now("friction", "nv")
+
+    @property
+    def t_events(self) -> list[Array]:
+        return self._core.events[0]
+
+    @property
+    def q_events(self) -> list[Array]:
+        return [q[:, : self.arm.nq] for q in self._core.events[1]]
+
+    @property
+    def v_events(self) -> list[Array]:
+        return [v[:, : self.arm.nv] for v in self._core.events[2]]
 
     def __init__(
         self, of: Any, integrator: Integrator | None = None, *, t: ArrayLike | None = None, q0: Any = None,
@@ -87,50 +115,6 @@ class Simulation:
     def _row(self) -> Result:
         rows = {name: getattr(self, name)[None] for name in ("q", "v", "a", "tau", "friction")}
         return Result(self.arm, np.array([self.t]), **rows)
-
-    @property
-    def t(self) -> float:
-        return self._core.t
-
-    @property
-    def q(self) -> Array:
-        return self._core.q[: self.arm.nq]
-
-    @property
-    def v(self) -> Array:
-        return self._core.v[: self.arm.nv]
-
-    @property
-    def a(self) -> Array:
-        return self._core.a[: self.arm.nv]
-
-    @property
-    def friction(self) -> Array:
-        return self._core.friction[: self.arm.nv]
-
-    @property
-    def steps(self) -> int:
-        return self._core.steps
-
-    @property
-    def terminated(self) -> bool:
-        return self._core.terminated
-
-    @property
-    def t_events(self) -> list[Array]:
-        return self._core.events[0]
-
-    @property
-    def q_events(self) -> list[Array]:
-        return [q[:, : self.arm.nq] for q in self._core.events[1]]
-
-    @property
-    def v_events(self) -> list[Array]:
-        return [v[:, : self.arm.nv] for v in self._core.events[2]]
-
-    @property
-    def tau(self) -> Array:
-        return self._core.tau[: self.arm.nv]
 
     def set_tau(self, tau: ArrayLike) -> None:
         """Constant generalised forces (N, N m), (nv,), from now on, to which those of drives are added."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import Array, array, named, number
+from .._check import Array, array, named, positive, within
 from .._console import complain
 from ..data.draw.style import Figure
 from ..data.store.files import write_whole
@@ -25,14 +25,6 @@ from .still import Still
 from .track import Track, make_track
 
 _DPI = 100
-
-
-def magnification(value: Any) -> float:
-    """A factor above zero; ValueError if not."""
-    factor = number("magnify", value)
-    if not (np.isfinite(factor) and factor > 0):
-        raise ValueError(f"magnify = {value!r}: must be a finite number above 0; 1 is to scale")
-    return factor
 
 
 class View:
@@ -118,9 +110,7 @@ class View:
     def _check_time(self, t: Any) -> None:
         if t is None:
             return
-        low, high = self.times
-        if not low <= number("t", t) <= high:
-            raise ValueError(f"t = {t!r}: must be from {low:g} to {high:g} s, the times of this view")
+        within("t", t, *self.times, " s, the times of this view")
 
     def save(
         self, path: str | Path, *, t: float | None = None, fps: float = 30.0, size: Sequence[float] = (9.0, 6.0)
@@ -151,9 +141,7 @@ class View:
         write_whole(file, lambda f: f.write(content), "path")
 
     def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float]) -> None:
-        rate, most = number("fps", fps), 50 if kind == ".gif" else 100
-        if not 1 <= rate <= most:
-            raise ValueError(f"fps = {fps!r}: must be from 1 to {most} of {kind}")
+        rate = float(within("fps", fps, 1, 50 if kind == ".gif" else 100, f" of {kind}"))
         low, high = self.times
         count = max(round((high - low) / self.speed * rate), 1)
         if count > 20_000:
@@ -227,7 +215,7 @@ def show(
     marks: Sequence[Any] = (), **options: Any
 ) -> View:  # fmt: skip
     """See Arm.show; q (nq,). Marks are positions in world axes (m), shown as small balls. Options are those of View."""
-    magnify = magnification(magnify)
+    magnify = positive("magnify", magnify, "1 is to scale")
     track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
     for place in marks:
         track.body.solid("goal", 0, "ball", np.array(place), np.eye(3), [0.02 * track.body.size])
@@ -241,10 +229,7 @@ def animate(
     titles: Sequence[str],
 ) -> View:
     """See Result.animate; runs of (arm, t, q, loads), with loads None if unknown."""
-    magnify = magnification(magnify)
-    rate = number("speed", speed)
-    if not (np.isfinite(rate) and rate > 0):
-        raise ValueError(f"speed = {speed!r}: must be a finite number above 0; 1 is real time")
+    magnify, rate = positive("magnify", magnify, "1 is to scale"), positive("speed", speed, "1 is real time")
     tracks = []
     for (arm, t, q, loads), title in zip(runs, titles, strict=True):
         t, q = array("t", t), array("q", q)

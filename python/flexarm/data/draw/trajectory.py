@@ -39,9 +39,10 @@ def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool =
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             look = {"marker": marker, "drawstyle": "steps-post" if held else "default"}
             ax.plot(t, y, label=words(label), color=colour, linestyle=dash, linewidth=1.4, **look)
-        label_axes(ax, short(ylabel, _LETTERS))
+        name = short(ylabel, _LETTERS)
+        label_axes(ax, name)
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-        legend(ax, len(curves))
+        legend(ax, 0 if len(curves) == 1 and name.startswith(curves[0][0]) else len(curves))
     grid[-1].set_xlabel("Time (s)")
     if title:
         fig.suptitle(words(title), fontsize=12, wrap=True)

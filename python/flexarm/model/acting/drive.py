@@ -6,7 +6,6 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, finite_number, positive
+from ..._check import Array, array, choice, finite_number, instance, positive
 from ..parts.chain import Chain
 
 
@@ -93,7 +92,7 @@ class Law:
 
     def moved(self, offset: float = 0.0, delay: float = 0.0) -> Any:
         """The same law of one number or motion, increased by `offset`, and delayed by `delay` (s). Before and after its
-        samples it has the first or last value."""
+        samples it has the first or last value, at which a motion rests."""
         made = copy.copy(self)
         made.law = _moved(self.law, offset, delay, not self.constant)
         return made
@@ -129,9 +128,6 @@ class Motion(Law):
     be the derivatives of q.
     """
 
-    # q, v and a of each sample by its time; polynomials return them only up to rounding
-    _samples: Mapping[float, tuple[float, float, float]] = MappingProxyType({})
-
     def __init__(
         self,
         t: ArrayLike | Callable[[float], Any],
@@ -156,7 +152,6 @@ class Motion(Law):
         if v is not None and a is not None:
             rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
             self.law = _core.PiecewisePolynomial(times, _quintics(np.diff(times), rows))
-            self._samples = {t: (q, v, a) for t, (q, v, a) in zip(times.tolist(), rows.tolist(), strict=True)}
             return
         from scipy.interpolate import PPoly, make_interp_spline  # slow to import
 
@@ -193,20 +188,7 @@ class Motion(Law):
         """Position, rate and acceleration (q, v, a) at time t (s); for times (nt,) three arrays (nt,)."""
         if np.ndim(t):
             return tuple(np.array([self(x) for x in array("t", t).ravel().tolist()]).T.reshape(3, *np.shape(t)))
-        return self._samples.get(float(t)) or self.law(t)  # type: ignore[arg-type]
-
-    def scaled(self, factor: float) -> Motion:
-        """The same motion, `factor` times as large."""
-        made: Motion = super().scaled(factor)
-        made._samples = {t: (factor * q, factor * v, factor * a) for t, (q, v, a) in self._samples.items()}
-        return made
-
-    def moved(self, offset: float = 0.0, delay: float = 0.0) -> Motion:
-        """The same motion, increased by `offset`, and delayed by `delay` (s). Before and after its samples it rests at
-        the first or last position."""
-        made: Motion = super().moved(offset, delay)
-        made._samples = {t + delay: (q + offset, v, a) for t, (q, v, a) in self._samples.items()}
-        return made
+        return self.law(t)
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
@@ -308,8 +290,7 @@ def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Dr
             raise ValueError(f'drive {key!r}: must be ("patch", link, patch)')
         k = arm.patch_column(key[1], key[2], "drive: ")
         where = f"drive of patch {key[2]} of link {key[1]}"
-        if not isinstance(law, Voltage):
-            raise ValueError(f"{where} = {law!r}: must be a Voltage")
+        instance(where, law, Voltage)
         if k in out:
             raise ValueError(f"{where}: is named twice")
         law.check_span(where, t)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, batch, finite, number
+from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .link import Link
 from .part import as_table
@@ -57,10 +57,7 @@ class Chain:
     def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
-        self.links: tuple[Link, ...] = tuple(links)
-        for k, link in enumerate(self.links):
-            if not isinstance(link, Link):
-                raise ValueError(f"links[{k}] = {link!r}: must be a Link")
+        self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
         self._numbers = _numbers(self.links)
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from ..._check import Array, number, whole
+from ..._check import Array, positive, whole
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, SpinUp, Torque, Voltage
 from ...model.acting.load import Load
@@ -116,10 +116,7 @@ def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
         duration: length of the simulation (s).
         interval: time between two outputs (s), an integer fraction of the duration.
     """
-    duration, interval = number("duration", duration), number("interval", interval)
-    for key, value in (("duration", duration), ("interval", interval)):
-        if not (value > 0 and np.isfinite(value)):
-            raise ValueError(f"{key} = {value}: must be positive and finite")
+    duration, interval = positive("duration", duration), positive("interval", interval)
     parts = duration / interval
     count = round(parts) if parts <= 1e7 else 0
     if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, choice, named, number, whole
+from ..._check import Array, array, at_least, choice, named, number, positive
 from ..._console import write_csv
 from ...data.data import Data
 from ...data.draw.style import Figure
@@ -89,16 +89,14 @@ class PowerSpectrum:
         """
         from scipy.signal import find_peaks  # slow to import
 
-        if not number("prominence", prominence) > 0:
-            raise ValueError(f"prominence = {prominence}: must be positive (dB)")
+        positive("prominence", prominence, "dB")
         top = self.density.max(initial=0.0)
         if not top > 0:
             return np.empty(0)
         level = 10 * np.log10(np.maximum(self.density, 1e-30 * top))
         at, _ = find_peaks(level, prominence=prominence)
         if count is not None:
-            if whole("count", count) < 1:
-                raise ValueError(f"count = {count}: must be at least 1")
+            at_least("count", count, 1)
             at = np.sort(at[np.argsort(-level[at], kind="stable")[:count]])
         below, here, above = level[at - 1], level[at], level[at + 1]
         shift = 0.5 * (below - above) / (below - 2 * here + above)
