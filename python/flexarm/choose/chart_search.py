@@ -216,18 +216,13 @@ class ChartSearch:
         for order in reversed(self.orders):
             for basis in ("legendre", "") if "legendre" in self.bases else ("",):
                 for shift in reversed(self.shifts[-3:]):
-                    if self._converge(self.model(order, shift + _EXTRA_MODES * bool(basis), basis)):
+                    if self._converge(self.models.uniform(order, shift + _EXTRA_MODES * bool(basis), basis)):
                         for row in self.rows:
                             self.grade(row)
                         return True
                     if self.budget.left <= 0:
                         return False
         return False
-
-    def model(self, order: int | str, shift: int, basis: str) -> Model:
-        """The scene's own model with this order, shift and basis for all beams."""
-        model = self.models.uniform(order, shift)
-        return self.models.rebased(model, basis) if basis else model
 
     def _converge(self, model: Model) -> bool:
         high = BY_TOLERANCE | OVER_OUTPUTS  # of high order: first
@@ -267,20 +262,22 @@ class ChartSearch:
         shifts = self.shifts[: self.shifts.index(rich.shift - spare) + 1]
         near = {"order": rich.but(order=orders[-2])} if len(orders) > 1 else {}
         if rich.basis:
-            near["basis"] = self.model(rich.order, shifts[-1], "")
+            near["basis"] = self.models.uniform(rich.order, shifts[-1], "")
         if rich.basis or len(shifts) > 1:
-            near["modes"] = self.model(rich.order, rich.shift - 1, rich.basis)
+            near["modes"] = self.models.uniform(rich.order, rich.shift - 1, rich.basis)
         if self.models.jumps and not self.models.pinned:
             near["pieces"] = replace(rich, pieces=True)
         for name, model in near.items():
             self.near[name] = self.run(model, choice, value, _FIRST)
         rows = [self.truth]
         for basis in self.bases if rich.basis else ("",):
-            at_order = [self.run(self.model(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)]
+            at_order = [
+                self.run(self.models.uniform(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)
+            ]
             rows += at_order
             for row in best(r for r in at_order if r.status == "ok"):
                 for shift in reversed(shifts[:-1]):
-                    fewer = self.run(self.model(row.model.order, shift, basis), choice, value, _FIRST)
+                    fewer = self.run(self.models.uniform(row.model.order, shift, basis), choice, value, _FIRST)
                     rows.append(fewer)
                     if fewer.error is not None and fewer.error > _WORST:
                         break

@@ -273,16 +273,17 @@ class Models:
         own = all(self.own_shapes(k, s) for k, s, _ in used)
         return list(range(1 - max(n for *_, n in used), 1 if own else 3))
 
-    def uniform(self, order: int | str, shift: int) -> Model:
-        """The scene's own model with this order for all beams, and `shift` modes more (at least 1) of each strain in
-        use."""
+    def uniform(self, order: int | str, shift: int, basis: str = "") -> Model:
+        """The scene's own model with this order for all beams, `shift` modes more (at least 1) of each strain in use,
+        and this basis if possible; "": the scene's."""
 
         def change(k: int, beam: BeamModel) -> BeamModel:
             wanted = [n and max(1, n + shift) for n in beam.counts]
             counts = (n if most is None else min(n, most) for n, most in zip(wanted, self.most(k), strict=True))
             return beam if beam.rigid else replace(beam, order=order, counts=tuple(counts))
 
-        return replace(self.given.each(change), shift=shift)
+        model = replace(self.given.each(change), shift=shift)
+        return self.rebased(model, basis) if basis else model
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
         """The model in another basis if possible: "legendre", "clamped-free", or (last link with its tip) "loaded"."""
