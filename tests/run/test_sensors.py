@@ -321,7 +321,7 @@ BAD = [
     (lambda: fa.sensors.Encoder(pulses=0), r"pulses = 0: must be at least 1"),
     (lambda: fa.sensors.Encoder(pulses=1.5), r"pulses = 1.5: must be a whole number"),
     (lambda: fa.sensors.Encoder(resolution=0.1), r"resolution = 0.1: an encoder's follows from pulses"),
-    (lambda: fa.sensors.Encoder(gear_ratio=0), r"gear = 0.0: must be positive"),
+    (lambda: fa.sensors.Encoder(gear_ratio=0), r"gear_ratio = 0.0: must be positive"),
     (lambda: fa.sensors.Encoder(quadrature=4), r"quadrature = 4: must be true or false"),
     (lambda: fa.sensors.Encoder(rate=0), r"rate = 0.0: must be positive"),
     (lambda: fa.sensors.Encoder(rate="fast"), r"rate = 'fast': must be a number"),
