@@ -117,3 +117,20 @@ def test_noise_does_not_depend_on_the_type_of_a_number() -> None:
     run = fa.simulate(arm, np.linspace(0, 1, 11), v0=[1])
     noisy = [fa.sensors.Tachometer(link=link, noise=0.1).read(run).y for link in (0, np.int64(0))]
     np.testing.assert_array_equal(*noisy)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fa.Material("steel", 2e11), "density = 'steel': must be a number"),
+        (lambda: fa.Link(3), "joint = 3: must be a Joint"),
+        (lambda: fa.Link(fa.Fixed(), hub=fa.Fixed()), r"hub = Fixed\(.*\): must be a RigidBody or None"),
+        (lambda: fa.Revolute(inboard=3), "inboard = 3: must be a Placement or None"),
+        (lambda: fa.Ply(1e-3, 7), "material = 7: must be an Orthotropic or a Material"),
+        (lambda: fa.Encoder(quadrature=1), "quadrature = 1: must be true or false"),
+        (lambda: fa.Motor(0.05, limit="high"), "limit = 'high': must be a number"),
+    ],
+)
+def test_a_part_checks_its_arguments_by_their_types(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
