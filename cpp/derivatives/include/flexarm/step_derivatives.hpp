@@ -1,17 +1,16 @@
-// Exact derivatives of a step in time: what filters, optimal control and learning ask for.
+// Exact derivatives of a step in time: for filters, optimal control and learning.
 #pragma once
 
-#include <Eigen/LU>
-#include <array>
 #include <string>
+#include <vector>
 
-#include "flexarm/derivatives.hpp"
+#include "flexarm/problem.hpp"
 #include "flexarm/step.hpp"
 
 namespace flexarm {
 
-/// A step by "implicit" or "rk4" from any state, under forces that are held over it, and what small changes of that
-/// state and these forces change of its end: exact derivatives of the method's own equations at their solution. Nothing
+/// A step by "implicit" or "rk4" from any state, under forces that are held over it, and the derivatives of its end by
+/// that state and these forces: exact ones of the method's own equations at their solution. Nothing
 /// is remembered from one step to the next, as in a rollout whose forces change at every step.
 class StepDerivatives {
  public:
@@ -28,29 +27,14 @@ class StepDerivatives {
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
 
   /// Derivatives of [q; v] at the end by that at the beginning, A (2 nv x 2 nv), and by tau, B (2 nv x nv). O(nv^3).
-  void matrices(Eigen::MatrixXd& A, Eigen::MatrixXd& B);
+  void matrices(Eigen::MatrixXd& A, Eigen::MatrixXd& B) const;
 
  private:
-  struct Stage {
-    Eigen::MatrixXd by_q, by_v, by_tau;  ///< of accelerations
-  };
-  void keep(std::size_t stage);
-  /// Of a number, by q, v at the beginning and tau (nv each), from those by q and v at the end: A^T, B^T times these.
-  void pull_back(Eigen::VectorXd& by_q, Eigen::VectorXd& by_v, Eigen::VectorXd& by_tau);
-  Status implicit(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
-  Status classical(Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
-
-  const Arm* arm_;
+  Problem problem_;
   double h_;
-  bool iterates_;
-  ImplicitEnd alpha_;  ///< of "implicit"
+  ImplicitOptions options_;
   OneStep step_;
-  ForwardDerivatives forward_;
-  InverseDerivatives inverse_;
-  std::vector<Stage> stages_;         ///< of "implicit" the beginning alone
-  std::vector<AppliedLimit> limits_;  ///< of the arm, as in the last step
-  Eigen::VectorXd q_, v_, q0_, v0_, by_a_, sum_q_, sum_v_, sum_tau_, stage_q_, stage_v_, tau_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> factor_;  ///< of "implicit": residual at the end by the accelerations there
+  Tape tape_;  // of the step
 };
 
 }  // namespace flexarm
