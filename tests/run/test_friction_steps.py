@@ -59,8 +59,8 @@ def test_a_batch_has_the_numbers_of_single_runs(integrator: fa.Integrator) -> No
     t, coulomb = np.linspace(0.0, 0.4, 41), np.array([0.0, 0.02, 5.0])
     push = {0: fa.Torque(t, 0.3 * np.sin(9.0 * t))}
     runs = fa.simulate_batch(
-        chain([0.05, 0.0], flexible=False), t, parameters={"link.1.joint.coulomb": coulomb}, drive=push, integrator=integrator,
-        outputs=("q", "v", "a", "tau"),
+        chain([0.05, 0.0], flexible=False), t, parameters={"link.1.joint.coulomb": coulomb}, drive=push,
+        integrator=integrator, outputs=("q", "v", "a", "tau"),
     )  # fmt: skip
     assert not runs.failures
     for k in range(3):
