@@ -75,10 +75,11 @@ PyBatch make_batch(const std::vector<std::shared_ptr<PyProblem>>& problems, cons
     p.integrate = [options = integrator.ida, slow = slow.ptr()](Eigen::Index scenario, const Problem& of,
                                                                 const Eigen::VectorXd& times, const Alive& alive) {
       IdaOptions own = options;
-      own.slow = [&](double now, long steps) {
-        const Locked lock;
-        call(py::reinterpret_borrow<py::object>(slow), scenario, now, steps);
-      };
+      if (slow != Py_None)
+        own.slow = [&](double now, long steps) {
+          const Locked lock;
+          call(py::reinterpret_borrow<py::object>(slow), scenario, now, steps);
+        };
       return simulate_ida(of, times, own, alive);
     };
   }
