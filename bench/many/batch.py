@@ -116,7 +116,7 @@ def costs(seconds: float) -> list[Row]:
             given.pop("step")
         ways[name] = lambda arm=arm, q0=q0, given=given: fa.simulate_batch(arm, t, q0, workers=1, **given)
         stats = ways[name]().stats
-        run[name] = "simulate" if stats["engine"] != "steps" else "lanes" if stats["lanes"] > 1 else "core"
+        run[name] = "lanes" if stats["lanes"] > 1 else "core" if stats["lanes"] else "simulate"
     took = in_turn(ways, seconds, time.process_time)
     return [{"kind": run[name], "way": name, "n": 200, "value": 1e3 * took[name] / 16} for name in ways]
 

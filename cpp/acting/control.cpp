@@ -111,10 +111,6 @@ double Control::next(double from) const {
   return found;
 }
 
-void Control::add_times(double from, double to, std::vector<double>& times) const {
-  for (double t = next(std::nextafter(from, to)); t < to; t = next(std::nextafter(t, to))) times.push_back(t);
-}
-
 bool Control::due(double t) const {
   return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) {
     return l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t ||

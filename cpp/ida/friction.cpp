@@ -32,7 +32,7 @@ std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) 
   return out;
 }
 
-/// The run: its contacts, and what the integrator is given between two switches.
+/// The run: its contacts, and its problem between two switches.
 class Sliding {
  public:
   Sliding(const Problem& problem, Control& control, const std::vector<Parameter>& parameters)
@@ -50,7 +50,7 @@ class Sliding {
     tangents_.emplace(parameters, free_, contacts_.size());
   }
 
-  /// Lets the sampled controllers do what is due at time t, after `settle`. @return whether the forces have changed
+  /// Runs the sampled controllers that are due at time t, after `settle`. @return whether the forces have changed
   bool sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     probe_->q = q;
     probe_->v = v;
@@ -68,7 +68,7 @@ class Sliding {
     s.q = q;
     s.v = v;
     s.drive(t);
-    if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; what rests stays at rest
+    if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; joints at rest stay there
     for (Contact& c : contacts_) {
       if (c.given) continue;
       const double speed = v[c.coordinate], along = speed == 0.0 ? s.ws.a[c.coordinate] : speed;
@@ -110,7 +110,7 @@ class Sliding {
     return tangents_ ? tangents_->parameters() : none;
   }
 
-  /// Whether what holds a contact was no longer finite.
+  /// Whether the force that holds a contact was no longer finite.
   bool ran_away() const { return ran_away_; }
   /// The contacts of the events that `part` has added.
   const std::vector<const Contact*>& switching() const { return switching_; }
@@ -124,7 +124,7 @@ class Sliding {
     return !tangents_ || StateTangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
   }
 
-  /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
+  /// Writes the last row anew: a sample at the end of the run may tear a joint loose, and no step follows to see
   /// it.
   void end(Trajectory& out) {
     if (problem_.samplers.empty()) return;
@@ -136,7 +136,7 @@ class Sliding {
     if (record(out.reached, q, v, out)) separate(out, last);
   }
 
-  /// Takes the friction of what slides out of a row of tau.
+  /// Takes the friction of sliding joints out of a row of tau.
   void separate(Trajectory& out, Eigen::Index row) const {
     for (const Contact& c : contacts_) {
       const double speed = out.v(row, c.coordinate);
@@ -202,10 +202,10 @@ class Sliding {
   std::vector<Contact> contacts_;
   const Arm& arm_;
   const Problem& problem_;
-  Problem part_;  // with what sticks held, and friction on what slides
+  Problem part_;  // with sticking joints held, and friction on sliding ones
   Control& control_;
-  OneStep rests_;  // knows what rests and what slides
-  System free_;    // with nothing held but what is prescribed
+  OneStep rests_;  // knows which joints rest and slide
+  System free_;    // with nothing held but prescribed rates
   std::optional<SlidingTangents> tangents_;
   std::unique_ptr<System> probe_;  // of the part
   std::vector<const Contact*> switching_;
@@ -224,32 +224,22 @@ void add(const SimulationStats& part, SimulationStats& sum) {
 
 /// Adds a part of the run: all its rows but the first, and the occurrences of the run's events.
 void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
+  const auto add_row = [&](Eigen::Index k, const auto& from, auto& to, auto... rows) {
+    (((to.*rows).row(out.done) = (from.*rows).row(k)), ...);
+  };
+  using Tangent = Trajectory::Tangent;
   for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
-    out.q.row(out.done) = part.q.row(k);
-    out.v.row(out.done) = part.v.row(k);
-    out.a.row(out.done) = part.a.row(k);
-    out.tau.row(out.done) = part.tau.row(k);
-    out.friction.row(out.done) = part.friction.row(k);
-    for (std::size_t p = 0; p < out.tangents.size(); ++p) {
-      Trajectory::Tangent& to = out.tangents[p];
-      const Trajectory::Tangent& from = part.tangents[p];
-      to.q.row(out.done) = from.q.row(k);
-      to.v.row(out.done) = from.v.row(k);
-      to.a.row(out.done) = from.a.row(k);
-      to.tau.row(out.done) = from.tau.row(k);
-      to.friction.row(out.done) = from.friction.row(k);
-    }
+    add_row(k, part, out, &Trajectory::q, &Trajectory::v, &Trajectory::a, &Trajectory::tau, &Trajectory::friction);
+    for (std::size_t p = 0; p < out.tangents.size(); ++p)
+      add_row(k, part.tangents[p], out.tangents[p], &Tangent::q, &Tangent::v, &Tangent::a, &Tangent::tau,
+              &Tangent::friction);
     sliding.separate(out, out.done);
   }
   for (std::size_t k = 0; k < out.events.size(); ++k) {
-    EventLog& all = out.events[k];
-    const EventLog& log = part.events[k];
-    all.t.insert(all.t.end(), log.t.begin(), log.t.end());
-    all.q.insert(all.q.end(), log.q.begin(), log.q.end());
-    all.v.insert(all.v.end(), log.v.begin(), log.v.end());
-    all.a.insert(all.a.end(), log.a.begin(), log.a.end());
-    all.q_by.insert(all.q_by.end(), log.q_by.begin(), log.q_by.end());
-    all.v_by.insert(all.v_by.end(), log.v_by.begin(), log.v_by.end());
+    const auto add_all = [&from = part.events[k], &to = out.events[k]](auto... lists) {
+      ((to.*lists).insert((to.*lists).end(), (from.*lists).begin(), (from.*lists).end()), ...);
+    };
+    add_all(&EventLog::t, &EventLog::q, &EventLog::v, &EventLog::a, &EventLog::q_by, &EventLog::v_by);
   }
   add(part.stats, out.stats);
   out.reached = part.reached;
@@ -309,7 +299,7 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
         q = log.q.back();
         v = log.v.back();
       }
-      // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
+      // Rows at the switch itself are those behind it. (A sample may have torn a joint loose.)
       while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
       ++out.stats.switches;
       switches.push_back(out.reached);

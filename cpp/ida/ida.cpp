@@ -50,7 +50,7 @@ void keep_message(int, const char*, const char*, char* text, void* data) {
 }
 #endif
 
-/// Owns what SUNDIALS allocates.
+/// Owns the objects of SUNDIALS.
 struct Solver {
   SUNContext context = nullptr;
   N_Vector y = nullptr, yp = nullptr;
@@ -122,16 +122,22 @@ void check_options(const IdaOptions& o) {
   if (o.max_order < 1 || o.max_order > 5) bad_value("max_order", o.max_order, "must be from 1 to 5");
 }
 
-/// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
-/// and the output times for drives that are functions.
-std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                               const Control& control, const Eigen::VectorXd& t) {
-  bool functions = false;
-  std::vector<double> stops = sample_times(drives, loads, control, t, functions);
-  stops.push_back(t[t.size() - 1]);
-  if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
-  std::sort(stops.begin(), stops.end());
-  return stops;
+/// Whether a drive, a load or a reference of control is a function without samples.
+bool asks_functions(const Problem& problem) {
+  const auto unsampled = [](const auto& all) {
+    return std::any_of(all.begin(), all.end(), [](const auto& x) { return x.breaks.size() == 0; });
+  };
+  const auto follows = [](const Feedback& f) { return f.reference && f.breaks.size() == 0; };
+  return unsampled(problem.drives) || unsampled(problem.loads) ||
+         std::any_of(problem.feedback.begin(), problem.feedback.end(), follows);
+}
+
+/// The time behind `reached` that no step may pass over, or a driven arm at rest would sleep through a pulse: a sample
+/// of drives, loads and controllers, or, where one of these is a function, an output time.
+double stop_time(const System& s, double reached, const Eigen::VectorXd& t, bool functions) {
+  const double from = reached + kOneTime * std::abs(reached), end = t[t.size() - 1];
+  const double next = next_sample(s.drives, s.loads, s.control, std::nextafter(from, end));
+  return std::min(next, functions ? *std::upper_bound(t.begin(), t.end() - 1, from) : end);
 }
 
 /// Finds events from now on.
@@ -180,8 +186,8 @@ void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& fo
       s.log(*s.events, k, t, out);
 }
 
-/// Keeps the tangents of events that have just been logged. The solver's are those of this time; what is prescribed
-/// has its own at any.
+/// Keeps the tangents of events that have just been logged. The solver's are those of this time; prescribed
+/// rates have their own at any.
 void differentiate(IdaSystem& s, Trajectory& out) {
   if (!s.tangents) return;
   for (EventLog& log : out.events)
@@ -203,7 +209,7 @@ void differentiate(IdaSystem& s, Trajectory& out) {
   s.driven = std::nan("");
 }
 
-/// Adds what has been done since the solver began, or began anew.
+/// Adds the solver's counts since it began, or began anew.
 void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   const auto count = [memory](int (*get)(void*, long*), long& sum) {
     long n = 0;
@@ -223,15 +229,15 @@ void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   }
 }
 
-/// Lets the sampled controllers do what is due up to time t, those of the parameters' neighbours, too.
+/// Runs the sampled controllers that are due up to time t, those of the parameters' neighbours, too.
 /// @return whether a force has jumped
 bool sample_all(IdaSystem& s, double t) {
   const bool near = s.tangents && s.tangents->sample(t);
   return s.sample(t) || near;
 }
 
-/// Lets the sampled controllers do what is due at time t; where a force jumps, the solver begins anew, and what events
-/// jump with it over zero is logged.
+/// Runs the sampled controllers that are due at time t; where a force jumps, the solver begins anew, and events that
+/// jump with it over zero are logged.
 /// @return whether it has jumped
 bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const double about = t + kOneTime * std::abs(t);
@@ -284,20 +290,20 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, const std::vector<Event>& ev
             Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
-  bool functions = false;
-  std::vector<double> looks = sample_times(s.drives, s.loads, s.control, t, functions);
   const double span = t[t.size() - 1] - t[0];
-  if (!events.empty())
-    for (int k = 1; k < kFollow; ++k) looks.push_back(t[0] + span * k / kFollow);
-  std::sort(looks.begin(), looks.end());
-  std::size_t next = 0;
+  int looked = 0;
+  const auto next_look = [&](double until) {
+    double next = std::min(until, next_sample(s.drives, s.loads, s.control, std::nextafter(out.reached, until)));
+    const auto grid = [&] { return events.empty() ? until : t[0] + span * looked / kFollow; };
+    while (grid() <= out.reached) ++looked;
+    return std::min(next, grid());
+  };
   for (Eigen::Index k = 1; k < t.size(); ++k) {
-    for (; next < looks.size() && looks[next] < t[k]; ++next) {
-      if (looks[next] <= out.reached) continue;
-      s.drive(looks[next]);
-      if (seen.look(looks[next])) return;
-      out.reached = looks[next];
-      sample_all(s, out.reached);
+    for (double next; (next = next_look(t[k])) < t[k];) {
+      s.drive(next);
+      if (seen.look(next)) return;
+      out.reached = next;
+      sample_all(s, next);
     }
     s.drive(t[k]);
     if (seen.look(t[k]) && out.reached < t[k]) return;
@@ -316,16 +322,15 @@ double seconds_since(std::chrono::steady_clock::time_point clock) {
 }
 
 /// From the state in `solver` to the last of t, or until something stops it.
-void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
-               const IdaOptions& options, const Alive& alive, Trajectory& out) {
+void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool functions, const IdaOptions& options,
+               const Alive& alive, Trajectory& out) {
   long steps = 0, told = kSlow;
   std::vector<int> found(s.events->size());
   Watch pace(t[0], t[t.size() - 1] - t[0]);
   int look = 1;
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
-    IDASetStopTime(solver.memory,
-                   *std::upper_bound(stops.begin(), stops.end() - 1, out.reached + kOneTime * std::abs(out.reached)));
+    IDASetStopTime(solver.memory, stop_time(s, out.reached, t, functions));
     check_flag(IDASetMaxNumSteps(solver.memory, look));
     sunrealtype now = out.reached;
     long before = 0, after = 0;
@@ -393,9 +398,8 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
   if (s.tangents) solver.tangents.emplace().attach(solver.memory, s, solver.y, solver.context, options, parameters);
   watch(solver.memory, events);
-  const std::vector<double> stops = stop_times(problem.drives, problem.loads, control, t);
   try {
-    integrate(solver, s, t, stops, options, alive, out);
+    integrate(solver, s, t, asks_functions(problem), options, alive, out);
   } catch (const Interrupted&) {
     out.failure = kInterrupted;
   }

@@ -18,7 +18,7 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, 
 
 bool ChainInverse::factor(const System& s, double cj) {
   const Eigen::VectorXd &q = s.q, &v = s.v;
-  ws_.feedback = s.ws.feedback;  // with their present offsets, which say what is at its limit
+  ws_.feedback = s.ws.feedback;  // with their present offsets, which tell the laws at their limits
   ws_.limits = s.ws.limits;
   move_chain(ws_, q, v);
   joint_stiffness(ws_, spring_);

@@ -14,7 +14,7 @@
 
 namespace flexarm {
 
-/// What the dense Jacobian needs beyond the residual.
+/// The derivatives in the dense Jacobian.
 struct DenseJacobian {
   InverseDerivatives derivatives;
   Eigen::MatrixXd rate_by_q, rate_by_v;
@@ -69,7 +69,7 @@ struct IdaSystem : System {
   bool within_reach(const double* y) const;
   /// y and dy/dt of the current coordinates, rates and accelerations.
   std::pair<Eigen::VectorXd, Eigen::VectorXd> state();
-  /// F(t, y, y') of what `set` set.
+  /// F(t, y, y') at the state of `set`.
   /// @return whether it is finite
   bool residual(const double* yp, double* r);
 };

@@ -6,11 +6,11 @@ namespace flexarm {
 
 namespace {
 
-// Change of cj, in parts, from which on the state's Jacobian is factored anew. With IDA's own 0.25 what its iterations
-// leave of the state's equations disturbs the tangents: three times the steps at rtol 1e-8.
+// Change of cj, in parts, from which on the state's Jacobian is factored anew. With IDA's own 0.25 the remaining
+// error of the state's equations disturbs the tangents: three times the steps at rtol 1e-8.
 constexpr double kStale = 0.05;
 
-/// In place of r = F_y s + F_y' s' + F_p of each tangent s, what is to be added to s so that r becomes zero.
+/// In place of r = F_y s + F_y' s' + F_p of each tangent s, the change of s by which r becomes zero.
 int corrections(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_Vector* ys, N_Vector* yps, N_Vector* out,
                 void* data, N_Vector, N_Vector, N_Vector) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
@@ -39,7 +39,7 @@ int corrections(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_V
   }
 }
 
-/// What the solver of the tangents' equations keeps.
+/// The memory of the solver of the tangents' equations.
 struct Content {
   SUNNonlinSolSysFn system = nullptr;
   N_Vector change = nullptr;
@@ -49,7 +49,7 @@ struct Content {
   static Content& of(SUNNonlinearSolver solver) { return *static_cast<Content*>(solver->content); }
 };
 
-/// Adds what `corrections` gives, once.
+/// Adds the result of `corrections`, once.
 int solve(SUNNonlinearSolver solver, N_Vector sum, void* memory) {
   Content& c = Content::of(solver);
   if (!c.change) c.change = N_VClone(sum);

@@ -8,8 +8,9 @@
 
 namespace flexarm {
 
-/// Owns what IDAS needs for the tangents of a system. They are corrected after each step's state, by an exact solution
-/// of their equations, which are linear: with the matrices of the state reached, whatever solves those of the state.
+/// Owns the objects of IDAS for the tangents of a system. They are corrected after each step's state, by an exact
+/// solution of their equations, which are linear: with the matrices of the state reached, whatever solves those of the
+/// state.
 class TangentPart {
  public:
   TangentPart() = default;

@@ -6,7 +6,7 @@
 
 namespace flexarm {
 
-/// A freedom with friction, and what it does now.
+/// A freedom with friction, and its state now.
 struct Contact {
   int coordinate;
   double coulomb, stiction;
@@ -29,7 +29,7 @@ class SlidingTangents {
 
   /// The neighbours of the part of the run that comes.
   const std::vector<Parameter>& parameters() const { return near_; }
-  /// Prepares them at q and v, where the contacts are what they are from now on.
+  /// Prepares them at q and v, with the contacts from now on.
   void prepare(const Arm& arm, const std::vector<Contact>& contacts, const Eigen::VectorXd& q,
                const Eigen::VectorXd& v);
   /// Takes over the tangents of the end of a part of the run, which contact n has ended, and lets them leap.

@@ -1,4 +1,4 @@
-// Sampled linear laws over a horizon: what they remember is a part of the state that is predicted.
+// Sampled linear laws over a horizon: their memory is a part of the predicted state.
 #pragma once
 
 #include <limits>
@@ -9,19 +9,19 @@
 namespace flexarm {
 
 /// Of each law its x, the u that acts, and those that are on their way. As in a run (Control), each looks at its times,
-/// and what it gives acts a delay later. It allocates.
+/// and its force acts a delay later. It allocates.
 class HeldLaws {
  public:
   /// @throws std::invalid_argument for a law that is not a LinearLaw, or reads sensors
   HeldLaws(const std::vector<Sampler>& samplers, int nv);
   /// How many numbers are remembered; at the start they are zero.
   Eigen::Index size() const { return size_; }
-  /// Generalised forces per unit of what acts (nv, acting), and where that is among the numbers.
+  /// Generalised forces per unit of acting outputs (nv, acting), and the places of these among the numbers.
   const Eigen::MatrixXd& columns() const { return columns_; }
   const std::vector<Eigen::Index>& acting() const { return acting_; }
   /// The first time after t at which something happens (s).
   double next(double t) const { return times_.next(t + one_time_); }
-  /// Lets happen what does at time t.
+  /// Takes samples, and lets delayed forces begin to act, at time t.
   /// @param z       the numbers
   /// @param slopes  of [q; v; z] as rates (2 nv + size), by whatever their columns are
   /// @param E       of the rates of coordinates (nq, nv); empty without balls

@@ -74,7 +74,7 @@ std::vector<MpcRow> rows_of(const std::vector<MpcOutput>& outputs) {
   return rows;
 }
 
-/// What a limit is measured by.
+/// The unit in which the violation of a limit is measured.
 double span(const MpcRow& r) {
   const double size = r.upper - r.lower;
   if (std::isfinite(size)) return 0.5 * size;
@@ -117,7 +117,7 @@ struct Mpc::Impl {
   MatrixXd plan, shifted;
   VectorXd u, forces, aims, weights, values, gaps, change, r, dr, block_times;
   MpcState begin;    ///< of the plan
-  MpcState carried;  ///< at the next sample, of what is not measured
+  MpcState carried;  ///< at the next sample, of unmeasured coordinates
   MpcState now;
   double time = 0.0;  ///< of the plan's begin
   bool planned = false, prepared = false;

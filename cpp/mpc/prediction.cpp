@@ -35,7 +35,7 @@ Grid::Grid(const MpcOptions& o) {
     const double part = static_cast<double>(b) / static_cast<double>(m);
     first.push_back(b + static_cast<Index>(std::llround(static_cast<double>(n - m) * part * part)));
   }
-  if (m > 1) first[1] = 1;  // it is what is applied
+  if (m > 1) first[1] = 1;  // it is the one applied
   for (Index b = 0; b < m; ++b) {
     const Index from = first[static_cast<std::size_t>(b)], to = first[static_cast<std::size_t>(b) + 1];
     begins[b] = times[from];

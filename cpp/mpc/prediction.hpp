@@ -1,4 +1,4 @@
-// What inputs do over the horizon: the arm's motion under a plan, and its exact derivatives by the plan.
+// Predictions over the horizon: the arm's motion under a plan, and its exact derivatives by the plan.
 #pragma once
 
 #include <memory>
@@ -26,7 +26,7 @@ struct Grid {
   Eigen::MatrixXd shift;
 };
 
-/// One row of what is predicted at the end of each stage: an output, or its rate.
+/// One row of the predictions at the end of each stage: an output, or its rate.
 struct MpcRow {
   std::size_t output;
   bool rate;
@@ -34,10 +34,10 @@ struct MpcRow {
   bool limited() const { return lower > -std::numeric_limits<double>::infinity() || upper < -lower; }
 };
 
-/// What a prediction begins with, or is at.
+/// A state of a prediction.
 struct MpcState {
   Eigen::VectorXd q, v;  ///< (nq), (nv)
-  Eigen::VectorXd z;     ///< what sampled laws remember (HeldLaws)
+  Eigen::VectorXd z;     ///< memory of sampled laws (HeldLaws)
 };
 
 class Prediction {
@@ -56,7 +56,7 @@ class Prediction {
   void hold(double t, const MpcState& at, Eigen::Ref<Eigen::VectorXd> u);
   /// The change (2 nv + z) from one state to another: of q the displacement.
   void difference(const MpcState& from, const MpcState& to, Eigen::VectorXd& change);
-  /// Adds what a change of the first state does to the rows.
+  /// Adds the effect of a change of the first state on the rows.
   void add_free(const Eigen::VectorXd& change, Eigen::VectorXd& rows);
 
   Eigen::MatrixXd states;  ///< [q; v] (nq + nv x stages + 1)

@@ -115,7 +115,7 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
   return Status::ok;
 }
 
-/// What is free, now that friction holds or lets go.
+/// Chooses the free rates, now that friction holds some and lets others go.
 void CollocationStep::choose_free() {
   std::vector<int> now;
   for (int i : movable_)
@@ -224,7 +224,7 @@ bool CollocationStep::factor(double h) {
   return true;
 }
 
-/// Whether a solution is as fast as what the step began with and the forces at its points can make it. An iteration
+/// Whether the initial motion and the forces at its points can make a solution so fast. An iteration
 /// that has run away may find another root far off, or stop there, where its tolerance is large because the motion is.
 bool CollocationStep::believable(double h, Workspace& ws) {
   const double fall = h * arm_->gravity().norm();
@@ -364,7 +364,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   v = v0_;
   if (status != Status::ok) {
     fresh_ = false;
-    a_ = a_before_;  // what a shorter step will continue
+    a_ = a_before_;  // from which a shorter step goes on
     return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
   h_ = h;

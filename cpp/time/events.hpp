@@ -59,7 +59,7 @@ class StepEvents {
              const Step* inside = nullptr);
   /// Begins at the system's state at time t. A value that is zero there is no event.
   void start(double t);
-  /// Looks at the step from the last time to t, where the system's state is now; logs what occurred, in order.
+  /// Looks at the step from the last time to t, where the system's state is now; logs occurrences in order.
   /// @return whether a terminal event did: `out` then says so, and out.reached is its time
   bool look(double t);
   /// `look` at the end of a step of h from `from`, and, of a method that interpolates, before at several places of it,

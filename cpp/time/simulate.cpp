@@ -107,13 +107,14 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
     }
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
       if (!s.record(out))
-        out.failure = way.reason(Status::not_finite);
+        out.failure = way.reason(status = Status::not_finite);
       else if (tape)
         write_row(s, nullptr, 1.0, stop, *tape);
     if (status != Status::ok) out.failure = way.reason(status);
     if (!out.failure.empty() || out.terminated) break;
   }
   if (status != Status::ok && out.failure.empty()) out.failure = way.reason(status);
+  out.status = status;
   const Step::Counts& counts = method.counts();
   out.stats.steps = way.steps;
   out.stats.failed_steps = way.halved;

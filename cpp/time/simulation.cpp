@@ -21,31 +21,28 @@ std::unique_ptr<Step> Method::on(const Arm& arm, double step) const {
 }
 
 struct Simulation::Motion {
-  /// What is set in place of the problem's functions.
+  /// Inputs that replace the problem's functions; nan: not set.
   struct Inputs {
     std::vector<double> force, reference;
-    std::vector<char> force_is, reference_is, load_is;  // whether it is set
     std::vector<Vec6<double>> load;
   };
 
   /// The problem, whose functions look at the inputs first.
   static Problem with_inputs(Problem problem, Inputs& in) {
-    in.force.assign(problem.drives.size(), 0.0);
-    in.reference.assign(problem.feedback.size(), 0.0);
-    in.load.assign(problem.loads.size(), Vec6<double>::Zero());
-    in.force_is.assign(in.force.size(), 0);
-    in.reference_is.assign(in.reference.size(), 0);
-    in.load_is.assign(in.load.size(), 0);
+    const double none = std::nan("");
+    in.force.assign(problem.drives.size(), none);
+    in.reference.assign(problem.feedback.size(), none);
+    in.load.assign(problem.loads.size(), Vec6<double>::Constant(none));
     for (std::size_t k = 0; k < problem.drives.size(); ++k)
       if (auto& f = problem.drives[k].force)
-        f = [&in, k, own = f](double t) { return in.force_is[k] ? in.force[k] : own(t); };
+        f = [&set = in.force[k], own = f](double t) { return std::isnan(set) ? own(t) : set; };
     for (std::size_t k = 0; k < problem.feedback.size(); ++k) {
       auto& f = problem.feedback[k].reference;
-      f = [&in, k, own = f](double t) { return in.reference_is[k] ? in.reference[k] : own ? own(t) : 0.0; };
+      f = [&set = in.reference[k], own = f](double t) { return !std::isnan(set) ? set : own ? own(t) : 0.0; };
     }
     for (std::size_t k = 0; k < problem.loads.size(); ++k) {
       auto& f = problem.loads[k].wrench;
-      f = [&in, k, own = f](double t) -> Vec6<double> { return in.load_is[k] ? in.load[k] : own(t); };
+      f = [&set = in.load[k], own = f](double t) -> Vec6<double> { return std::isnan(set[0]) ? own(t) : set; };
     }
     return problem;
   }
@@ -56,7 +53,7 @@ struct Simulation::Motion {
   const std::unique_ptr<Step> method;
   const double step;
   Stepper way;
-  Trajectory events;  // what has occurred; nothing else of it is used
+  Trajectory events;  // occurrences; nothing else of it is used
   StepEvents seen;
   Status status = Status::ok;
   double anchor;                        // a time from which steps are counted
@@ -126,6 +123,12 @@ struct Simulation::Motion {
     if (!known) way.s.a.setConstant(std::nan(""));
   }
 
+  /// Other forces act from now on.
+  void change() {
+    changed = true;
+    known = false;
+  }
+
   void count_from_here() {
     anchor = way.reached;
     counted = 0;
@@ -140,20 +143,10 @@ struct Simulation::Motion {
       for (double& number : *x) f(number);
     for (Vec6<double>& x : in.load)
       for (double& number : x) f(number);
-    const auto flags = [&f](auto& all) {
-      for (auto& x : all) {
-        double number = static_cast<double>(x);
-        f(number);
-        x = static_cast<std::decay_t<decltype(x)>>(number);
-      }
-    };
-    flags(in.force_is);
-    flags(in.reference_is);
-    flags(in.load_is);
-    long all[] = {counted, changed};
-    flags(all);
-    counted = all[0];
-    changed = all[1] != 0;
+    double flags[] = {static_cast<double>(counted), changed ? 1.0 : 0.0};
+    for (double& number : flags) f(number);
+    counted = static_cast<long>(flags[0]);
+    changed = flags[1] != 0.0;
     method->memory(f);
   }
 };
@@ -210,17 +203,15 @@ void Simulation::set_tau(const Eigen::VectorXd& tau) {
   if (tau.size() != m.way.s.constant_tau.size() || !tau.allFinite())
     bad_value("tau", tau.size(), "numbers; must be " + std::to_string(m.way.s.constant_tau.size()) + ", finite");
   m.way.s.constant_tau = tau;
-  m.changed = true;
-  m.known = false;
+  m.change();
 }
 
 namespace {
 
 template <class T>
-void set_input(const char* name, std::size_t k, std::vector<T>& values, std::vector<char>& is, const T& value) {
+void set_input(const char* name, std::size_t k, std::vector<T>& values, const T& value) {
   if (k >= values.size()) bad_value(name, k, "must be below " + std::to_string(values.size()));
   values[k] = value;
-  is[k] = 1;
 }
 
 }  // namespace
@@ -230,25 +221,20 @@ void Simulation::set_force(std::size_t drive, double value) {
   if (drive < m.problem.drives.size() && m.problem.drives[drive].motion)
     bad_value("drive", drive, "prescribes a motion: only forces are inputs");
   if (!std::isfinite(value)) bad_value("force", value, "must be finite");
-  set_input("drive", drive, m.in.force, m.in.force_is, value);
-  m.changed = true;
-  m.known = false;
+  set_input("drive", drive, m.in.force, value);
+  m.change();
 }
 
 void Simulation::set_load(std::size_t load, const Vec6<double>& wrench) {
-  Motion& m = *motion_;
   if (!wrench.allFinite()) bad_value("load", "nan or inf", "must be finite");
-  set_input("load", load, m.in.load, m.in.load_is, wrench);
-  m.changed = true;
-  m.known = false;
+  set_input("load", load, motion_->in.load, wrench);
+  motion_->change();
 }
 
 void Simulation::set_reference(std::size_t feedback, double value) {
-  Motion& m = *motion_;
   if (!std::isfinite(value)) bad_value("reference", value, "must be finite");
-  set_input("feedback", feedback, m.in.reference, m.in.reference_is, value);
-  m.changed = true;
-  m.known = false;
+  set_input("feedback", feedback, motion_->in.reference, value);
+  motion_->change();
 }
 
 Simulation::State Simulation::state() const {

@@ -73,7 +73,7 @@ Stages stages_of(const GeneralisedAlpha<Engine>& m) {
   return out;
 }
 
-/// Into what a step's beginning is, or from that.
+/// Copies into the numbers of a step's beginning, or from these.
 template <class To, class From>
 void copy(const From& from, To* to) {
   std::copy(from.begin(), from.end(), to);
@@ -226,15 +226,6 @@ struct OneStep::RunOf final : Run {
     scalars(method, visit);
   }
 };
-
-ImplicitEnd::ImplicitEnd(double spectral_radius, double h) {
-  const AlphaNumbers alpha(spectral_radius);
-  const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
-  q_by_a0 = h * h * (0.5 - alpha.beta + alpha.beta * rest);
-  v_by_a0 = h * (1.0 - alpha.gamma + alpha.gamma * rest);
-  q_by_a = h * h * alpha.beta * by_a;
-  v_by_a = h * alpha.gamma * by_a;
-}
 
 const std::vector<OneStep::Traits>& OneStep::methods() {
   static const std::vector<Traits> rows = [] {

@@ -13,7 +13,7 @@ namespace flexarm {
 namespace {
 
 constexpr double kResolved = 1e-6;    // parts of a motion's velocity that a step may miss
-constexpr double kCrawl = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kCrawl = 1e-3;       // parts of a motion's largest speed: a slower one counts as that fast
 constexpr double kInBetween = 1e-4;   // the same, at its samples
 constexpr double kStill = 1e-10;      // speed (rad/s, m/s) below which a joint with dry friction may stick
 constexpr double kSlack = 1e-9;       // parts of its stiction by which a joint may be held beyond it, at first
@@ -27,11 +27,11 @@ constexpr int kAims = 4;              // steps that try to end where a joint com
 constexpr double kFewSteps = 3.0;     // that resolve no swing, of a method that knows the ends of its steps alone
 constexpr std::size_t kMany = 100;    // so many switches within a step are no motion
 
-/// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
-/// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
-/// velocity is the polynomial through theirs. A motion whose samples lie closer than the steps is looked at so, instead
+/// Whether the Gauss points of a step resolve a prescribed motion: its acceleration and velocity there, integrated, are
+/// its change of velocity and place, and at its samples in between (some of them, if they are many) its velocity is
+/// the polynomial through theirs. A motion whose samples lie closer than the steps is looked at so, instead
 /// of stopping at each.
-/// @param speeds  of each motion, as its samples tell: what is far below is no motion
+/// @param speeds  of each motion, at its samples: values far below that are no motion
 bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speeds, double from, double h) {
   static const GaussRule rule(4);
   constexpr int kNodes = 6, kSamples = 8;
@@ -83,6 +83,12 @@ std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::Vector
 
 }  // namespace
 
+double next_stop(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads, const Control& control,
+                 double reached, double until, double step, bool motions) {
+  const double next = next_sample(drives, loads, control, reached + kSameTime * step, motions);
+  return next <= until - kSameTime * step ? next : until;
+}
+
 Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double step_, const Eigen::VectorXd& looks)
     : s(problem, control),
       reached(looks[0]),
@@ -125,19 +131,7 @@ bool Stepper::look() {
 }
 
 double Stepper::next_stop(double until) const {
-  const double least = reached + kSameTime * step, most = until - kSameTime * step;
-  double next = until;
-  const auto look = [&](const Eigen::VectorXd& breaks) {
-    const double* found = std::lower_bound(breaks.data(), breaks.data() + breaks.size(), least);
-    if (found != breaks.data() + breaks.size() && *found <= most) next = std::min(next, *found);
-  };
-  for (const Drive& d : s.drives)
-    if (!d.motion || !method.interpolates()) look(d.breaks);
-  for (const LoadDrive& l : s.loads) look(l.breaks);
-  for (const Feedback& f : s.control.feedback())
-    if (f.reference) look(f.breaks);
-  if (const double sampled = s.control.next(least); sampled <= most) next = std::min(next, sampled);
-  return next;
+  return flexarm::next_stop(s.drives, s.loads, s.control, reached, until, step, !method.interpolates());
 }
 
 Status Stepper::try_step(double from, double h, double last, int level) {
@@ -152,7 +146,7 @@ Status Stepper::look_at_contacts(Status status) {
   return status;
 }
 
-/// Of the system's state, which has been driven, a contact that would no longer do what it does; or null.
+/// A contact that no longer sticks, or slides as it did, at the system's state, which has been driven; or null.
 Stepper::Contact* Stepper::broken() {
   bool held = false;
   for (Contact& c : contacts_) {
@@ -160,7 +154,7 @@ Stepper::Contact* Stepper::broken() {
     held = held || way == Tape::held;
     if (way != Tape::held && way * s.v[c.of.rate] < -kStill) return &c;
   }
-  if (!held || s.accelerate(true) != Status::ok) return nullptr;  // the step itself says what is wrong
+  if (!held || s.accelerate(true) != Status::ok) return nullptr;  // the step itself tells the error
   for (Contact& c : contacts_)
     if (ways_[static_cast<std::size_t>(c.of.rate)] == Tape::held &&
         std::abs(s.friction[c.of.rate]) > c.of.stiction * (1.0 + c.slack))

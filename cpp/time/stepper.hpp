@@ -1,6 +1,7 @@
-// Fixed steps of a problem from one stop to the next: what runs and real-time loops share.
+// Fixed steps of a problem from one stop to the next, for runs and real-time loops.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -12,11 +13,21 @@ namespace flexarm {
 
 constexpr double kSameTime = 1e-6;  // parts of a step by which two times are still one
 
+/// The time that steps from `reached` must end at next, at most `until`: a sample of drives, loads or controllers.
+/// @param motions  whether they end at samples of prescribed motions
+double next_stop(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads, const Control& control,
+                 double reached, double until, double step, bool motions);
+/// The number of equal steps to a stop that is so far away.
+inline long steps_to(double stop, double step) {
+  return std::max(1L, static_cast<long>(std::ceil(stop / step - kSameTime)));
+}
+
 /// A system, the method that moves it, and the time that it has reached. Steps end at stops: samples of drives, loads
 /// and controllers, and the times that the caller asks for; between two stops they are equal, as few as `step` allows.
 /// Of joints with dry friction, each sticks or slides (as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996). A
-/// method that has no switches within its steps holds what sticks exactly still, and pushes with a constant force on
-/// what slides: between two switches the motion is smooth. A step that passes over one is taken again, up to there.
+/// method that has no switches within its steps holds a joint that sticks exactly still, and pushes with a constant
+/// force on one that slides: between two switches the motion is smooth. A step that passes over one is taken again, up
+/// to there.
 class Stepper {
  public:
   System s;
@@ -25,7 +36,8 @@ class Stepper {
   long switches = 0;  ///< of joints between sticking and sliding, at which steps ended
   long hasty = 0;     ///< of these, within a step (three of rk4) behind one of the same joint
 
-  /// @param looks  some times of the run: how fast a prescribed motion is there is a measure of what a step may miss
+  /// @param looks  some times of the run: a prescribed motion's speed there is a measure of the error that a step may
+  /// make
   Stepper(const Problem& problem, Control& control, Step& method, double step, const Eigen::VectorXd& looks);
   /// Drives, and samples controllers, at the start. The method itself is started by `start`.
   void begin();
@@ -40,7 +52,7 @@ class Stepper {
   template <class Seen, class Each>
   Status advance(double stop, const Seen& seen, const Each& each) {
     const double start = reached, whole = stop - start;
-    const long count = std::max(1L, static_cast<long>(std::ceil(whole / step - kSameTime)));
+    const long count = steps_to(whole, step);
     const double h = whole / static_cast<double>(count);
     enough = false;
     for (long k = 0; k < count && !enough; ++k) {
@@ -51,7 +63,7 @@ class Stepper {
     return Status::ok;
   }
   bool enough = false;  ///< set by `seen`: the run ends here
-  /// Lets sampled controllers do what is due at the time reached.
+  /// Runs sampled controllers that are due at the time reached.
   Status sample();
   /// Other forces act from here on.
   Status jump() { return look_at_contacts(method.jump(s.ws, s.q, s.v, s.tau)); }
@@ -120,11 +132,11 @@ class Stepper {
   } now_;
   Tape* tape_ = nullptr;
   std::vector<Contact> contacts_;  // of a method that has no switches within its steps
-  std::vector<signed char> ways_;  // of all rates, what they do until the next switch (Tape::Contact)
+  std::vector<signed char> ways_;  // of all rates, their Tape::Contact until the next switch
   Contact* switched_ = nullptr;    // in the step that has been taken
-  signed char was_ = Tape::free;   // what that one did before
+  signed char was_ = Tape::free;   // its contact before
   bool forced_ = false;            // it did not last at the step's very beginning
-  Contact* restless_ = nullptr;    // what switches without end
+  Contact* restless_ = nullptr;    // one that switches without end
   Eigen::VectorXd q0_, v0_;        // where the step began
   Eigen::VectorXd q1_, v1_;        // where it ended, before it was looked into
   StepCubic cubic_;                // through it, of methods that do not interpolate

@@ -166,22 +166,19 @@ void refuse_balls(const Arm& arm, const std::string& what) {
       bad_value("link[" + std::to_string(n) + "].joint", "a ball", what + " know no quaternions: use Axes");
 }
 
-std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Control& control, const Eigen::VectorXd& t, bool& functions) {
-  std::vector<double> times;
-  functions = false;
-  const auto add = [&](const Eigen::VectorXd& breaks) {
-    for (double b : breaks)
-      if (b > t[0] && b < t[t.size() - 1]) times.push_back(b);
-    functions = functions || breaks.size() == 0;
+double next_sample(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads, const Control& control,
+                   double from, bool motions) {
+  double next = control.next(from);
+  const auto look = [&](const Eigen::VectorXd& breaks) {
+    const double* found = std::lower_bound(breaks.data(), breaks.data() + breaks.size(), from);
+    if (found != breaks.data() + breaks.size()) next = std::min(next, *found);
   };
-  for (const Drive& d : drives) add(d.breaks);
-  for (const LoadDrive& l : loads) add(l.breaks);
-  control.add_times(t[0], t[t.size() - 1], times);
+  for (const Drive& d : drives)
+    if (motions || !d.motion) look(d.breaks);
+  for (const LoadDrive& l : loads) look(l.breaks);
   for (const Feedback& f : control.feedback())
-    if (f.reference) add(f.breaks);
-  std::sort(times.begin(), times.end());
-  return times;
+    if (f.reference) look(f.breaks);
+  return next;
 }
 
 }  // namespace flexarm

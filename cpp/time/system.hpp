@@ -1,4 +1,4 @@
-// A problem in motion: its arm, and what acts on it now. Every integrator has one.
+// A problem in motion: its arm, and the forces and motions that act on it now. Every integrator has one.
 #pragma once
 
 #include <string>
@@ -20,10 +20,10 @@ struct System {
   Workspace ws;
   std::vector<int> free_q;       // coordinates that are not prescribed
   Eigen::VectorXd q, v, a, tau;  // of all coordinates
-  OneStep* rubbing = nullptr;    // knows what dry friction does (Step::rubbing)
+  OneStep* rubbing = nullptr;    // the method that knows dry friction (Step::rubbing)
   Eigen::VectorXd friction;      // of that
 
-  /// @param control  of the problem, which remembers what has been sampled. Both must outlive this
+  /// @param control  of the problem, with its samples. Both must outlive this
   System(const Problem& problem, Control& control);
   int n_q() const { return static_cast<int>(free_q.size()); }
   int n_v() const { return static_cast<int>(ws.free.size()); }
@@ -32,8 +32,8 @@ struct System {
   void drive(double t);
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
   Status accelerate(bool between = false);
-  /// Lets the sampled controllers do what is due up to time t, at the current state.
-  /// @return whether the forces have changed: then tau is what it is behind that
+  /// Runs the sampled controllers that are due up to time t, at the current state.
+  /// @return whether the forces have changed: then tau is the new one
   bool sample(double t);
   /// Accelerations at the current state into a, applied forces and the reactions of prescribed motions into ws.total,
   /// dry friction into friction. @return null, or why there are none
@@ -48,7 +48,7 @@ struct System {
   bool log(const std::vector<Event>& events, std::size_t k, double t, Trajectory& out) const;
 };
 
-/// Asks all that is a function of time what it gives at t: of drives motion(k, value) and force(k, value), of loads
+/// Calls all functions of time at t, and tells their values: of drives motion(k, value) and force(k, value), of loads
 /// wrench(k, value), and of continuous laws with a reference offset(k, value).
 template <class Motion, class Force, class Wrench, class Offset>
 void ask_laws(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
@@ -71,9 +71,9 @@ void refuse_balls(const Arm& arm, const std::string& what);
 Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events,
                             std::size_t parameters = 0);
 
-/// The samples of drives, loads and controllers between the first and the last of t, sorted; `functions` says whether
-/// any is a function without samples.
-std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Control& control, const Eigen::VectorXd& t, bool& functions);
+/// The first sample of drives, loads and controllers from a time on, no earlier; infinite: there is none.
+/// @param motions  whether those of prescribed motions count
+double next_sample(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads, const Control& control,
+                   double from, bool motions = true);
 
 }  // namespace flexarm

@@ -40,9 +40,9 @@ T* block(py::dict& out, const char* name, py::ssize_t size) {
 }
 
 PyBatch make_batch(const std::vector<std::shared_ptr<PyProblem>>& problems, const std::vector<const PyArm*>& arms,
-                   py::ssize_t scenarios, const Eigen::VectorXd& t, double step, py::ssize_t every,
-                   const std::optional<Table>& q0, const std::optional<Table>& v0, const std::optional<Table>& tau,
-                   int nq, int nv, const Method& method, bool lanes, py::ssize_t whole) {
+                   py::ssize_t scenarios, const Eigen::VectorXd& t, py::ssize_t every, const std::optional<Table>& q0,
+                   const std::optional<Table>& v0, const std::optional<Table>& tau, int nq, int nv,
+                   const PyIntegrator& integrator, const py::object& slow, bool lanes, py::ssize_t whole) {
   if (problems.empty()) bad_value("problems", "[]", "must be one, or one for each scenario");
   PyBatch out;
   BatchProblem& p = out.problem;
@@ -62,14 +62,27 @@ PyBatch make_batch(const std::vector<std::shared_ptr<PyProblem>>& problems, cons
   }
   p.scenarios = scenarios;
   p.t = t;
-  p.step = step;
+  p.step = integrator.step;
   p.every = every;
   p.nq = nq;
   p.nv = nv;
   p.q0 = make_table("q0", q0, scenarios, 1, nq, out.kept);
   p.v0 = make_table("v0", v0, scenarios, 1, nv, out.kept);
   p.tau = make_table("tau", tau, scenarios, tau ? std::max<py::ssize_t>(tau->shape(1), t.size() - 1) : 1, nv, out.kept);
-  p.method = method;
+  p.method = integrator.method;
+  if (p.method.name == "ida") {
+    out.kept.append(slow);
+    p.integrate = [options = integrator.ida, slow = slow.ptr()](Eigen::Index scenario, const Problem& of,
+                                                                const Eigen::VectorXd& times, const Alive& alive) {
+      IdaOptions own = options;
+      if (slow != Py_None)
+        own.slow = [&](double now, long steps) {
+          const Locked lock;
+          call(py::reinterpret_borrow<py::object>(slow), scenario, now, steps);
+        };
+      return simulate_ida(of, times, own, alive);
+    };
+  }
   p.lanes = lanes;
   p.whole = whole;
   return out;
@@ -101,6 +114,10 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   o.reached = block<double>(out, "reached", p.scenarios);
   std::vector<std::vector<EventLog>> events(out.contains("events") ? static_cast<std::size_t>(p.scenarios) : 0);
   if (!events.empty()) o.events = events.data();
+  std::vector<std::string> failure(static_cast<std::size_t>(p.scenarios));
+  std::vector<SimulationStats> counts(failure.size());
+  o.failure = failure.data();
+  o.stats = counts.data();
   Lookout lookout(alive);
   const auto look_around = [&lookout](double share) { return lookout(share); };
   BatchStats s;
@@ -113,6 +130,11 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   for (std::size_t b = 0; b < events.size(); ++b)
     if (o.status[b] != static_cast<int>(BatchStatus::not_done))
       out["events"][py::int_(b)] = event_rows(events[b], p.nq, p.nv);
+  py::list apart;
+  for (std::size_t b = 0; !p.in_kernels() && b < counts.size(); ++b)
+    apart.append(py::make_tuple(
+        failure[b], py::dict(py::arg("steps") = counts[b].steps, py::arg("failed_steps") = counts[b].failed_steps,
+                             py::arg("switches") = counts[b].switches, py::arg("hasty") = counts[b].hasty)));
   py::dict stats;
   stats["steps"] = s.steps;
   stats["evaluations"] = s.evaluations;
@@ -121,6 +143,7 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   stats["workers"] = s.workers;
   stats["lanes"] = s.lanes;
   stats["interrupted"] = s.interrupted;
+  stats["apart"] = apart;
   return stats;
 }
 
@@ -128,17 +151,9 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
 
 void bind_batch(py::module_& m) {
   py::class_<PyBatch>(m, "BatchProblem")
-      .def(py::init([](const std::vector<std::shared_ptr<PyProblem>>& problems, const std::vector<const PyArm*>& arms,
-                       py::ssize_t scenarios, const Eigen::VectorXd& t, py::ssize_t every,
-                       const std::optional<Table>& q0, const std::optional<Table>& v0, const std::optional<Table>& tau,
-                       int nq, int nv, const std::string& integrator, double step, double rtol, double spectral_radius,
-                       int stages, bool lanes, py::ssize_t whole) {
-             return make_batch(problems, arms, scenarios, t, step, every, q0, v0, tau, nq, nv,
-                               {integrator, rtol, spectral_radius, stages}, lanes, whole);
-           }),
-           py::keep_alive<1, 2>(), py::keep_alive<1, 3>(), py::arg("problems"), py::arg("arms"), py::kw_only(),
-           py::arg("scenarios"), py::arg("t"), py::arg("every"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
-           py::arg("nq"), py::arg("nv"), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
-           py::arg("spectral_radius"), py::arg("stages"), py::arg("lanes"), py::arg("whole"))
+      .def(py::init(&make_batch), py::keep_alive<1, 2>(), py::keep_alive<1, 3>(), py::arg("problems"), py::arg("arms"),
+           py::kw_only(), py::arg("scenarios"), py::arg("t"), py::arg("every"), py::arg("q0"), py::arg("v0"),
+           py::arg("tau"), py::arg("nq"), py::arg("nv"), py::arg("integrator"), py::arg("slow"), py::arg("lanes"),
+           py::arg("whole"))
       .def("run", &run, py::arg("out"), py::arg("workers"), py::arg("alive"));
 }

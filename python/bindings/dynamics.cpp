@@ -80,6 +80,7 @@ void at_slice(const PyArm& arm, const Vectors& q, const Vectors* v, std::size_t 
 
 /// Forces and accelerations.
 void bind_forces(py::class_<PyArm, Arm>& arm) {
+  const py::arg_v no_loads = py::arg("loads") = std::vector<Load>{}, no_wrenches = py::arg("wrenches") = Rows(0, 6);
   arm.def("one_state", &PyArm::one_state, py::arg("named"), py::arg("balls"));
 
   arm.def(
@@ -88,8 +89,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
          const std::map<int, double>& prescribed, const std::vector<Load>& loads,
          const Vectors& wrenches) { return forward(self, q, v, tau, method, prescribed, {loads, wrenches}); },
       py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method") = "ab",
-      py::arg("prescribed") = std::map<int, double>{}, py::arg("loads") = std::vector<Load>{},
-      py::arg("wrenches") = Rows(0, 6));
+      py::arg("prescribed") = std::map<int, double>{}, no_loads, no_wrenches);
 
   arm.def(
       "inverse_dynamics",
@@ -105,15 +105,14 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         });
         return tau.all();
       },
-      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
-      py::arg("wrenches") = Rows(0, 6));
+      py::arg("q"), py::arg("v"), py::arg("a"), no_loads, no_wrenches);
 
   arm.def(
       "joint_reaction",
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link, bool inboard,
          const std::vector<Load>& loads, const Vectors& wrenches) {
         Answers out(q, {6});
-        const auto lent = self.reactions(loads);
+        const auto lent = self.lend<JointReactions>({{}, loads}, false);
         JointReactions& reaction = *lent;
         Wrenches{loads, wrenches}.tell(reaction);
         for_states(self, count(q), 1, [&](Eigen::Index k) {
@@ -121,34 +120,31 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         });
         return out.all();
       },
-      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"),
-      py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"), no_loads, no_wrenches);
 
   arm.def(
       "inverse_derivatives",
       [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
-        const auto lent = self.derivatives(places);
+        const auto lent = self.lend<InverseDerivatives>({{}, places}, true);
         InverseDerivatives& d = *lent;
         Wrenches{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
-      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
-      py::arg("wrenches") = Rows(0, 6), py::arg("by_v") = true);
+      py::arg("q"), py::arg("v"), py::arg("a"), no_loads, no_wrenches, py::arg("by_v") = true);
 
   arm.def(
       "forward_derivatives",
       [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
          const std::vector<Load>& places, const Vectors& wrenches) {
-        const auto lent = self.forward_derivatives(places);
+        const auto lent = self.lend<ForwardDerivatives>({{}, places}, true);
         ForwardDerivatives& d = *lent;
         Wrenches{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), self, q.transpose()); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
       },
-      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("loads") = std::vector<Load>{},
-      py::arg("wrenches") = Rows(0, 6));
+      py::arg("q"), py::arg("v"), py::arg("tau"), no_loads, no_wrenches);
 
   arm.def(
       "mass_matrix",

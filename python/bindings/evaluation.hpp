@@ -7,6 +7,8 @@
 #include <memory>
 #include <mutex>
 #include <numeric>
+#include <tuple>
+#include <type_traits>
 
 #include "flexarm/derivatives.hpp"
 #include "flexarm/inverse.hpp"
@@ -105,33 +107,27 @@ class PyArm : public flexarm::Arm {
  public:
   using Arm::Arm;
   /// @param matrices  whether its matrices of nv^2 will be used
+  template <class T>
+  typename Pool<T>::Lent lend(Setting setting, bool matrices) const {
+    const auto make = [this](const Setting& s) {
+      if constexpr (std::is_same_v<T, flexarm::Workspace>)
+        return T(*this, s.prescribed, s.loads);
+      else
+        return T(*this, s.loads);
+    };
+    return std::get<Pool<T>>(pools_).lend(std::move(setting), !matrices || nv() <= 1000, make);
+  }
   Pool<flexarm::Workspace>::Lent workspace(Setting setting = {}, bool matrices = false) const {
-    return workspaces_.lend(std::move(setting), !matrices || small(),
-                            [&](const Setting& s) { return flexarm::Workspace(*this, s.prescribed, s.loads); });
-  }
-  Pool<flexarm::InverseDerivatives>::Lent derivatives(std::vector<flexarm::Load> loads) const {
-    return derivatives_.lend({{}, std::move(loads)}, small(),
-                             [&](const Setting& s) { return flexarm::InverseDerivatives(*this, s.loads); });
-  }
-  Pool<flexarm::JointReactions>::Lent reactions(std::vector<flexarm::Load> loads) const {
-    return reactions_.lend({{}, std::move(loads)}, true,
-                           [&](const Setting& s) { return flexarm::JointReactions(*this, s.loads); });
-  }
-  Pool<flexarm::ForwardDerivatives>::Lent forward_derivatives(std::vector<flexarm::Load> loads) const {
-    return forward_derivatives_.lend({{}, std::move(loads)}, small(),
-                                     [&](const Setting& s) { return flexarm::ForwardDerivatives(*this, s.loads); });
+    return lend<flexarm::Workspace>(std::move(setting), matrices);
   }
   /// Whether arguments (name: value) are of one state, and nothing is wrong with them: contiguous arrays of doubles,
   /// as long as they must be, all finite; and a ball's quaternion in q has a length, if `balls`.
   bool one_state(const py::dict& named, bool balls) const;
 
  private:
-  bool small() const { return nv() <= 1000; }
-
-  mutable Pool<flexarm::Workspace> workspaces_;
-  mutable Pool<flexarm::InverseDerivatives> derivatives_;
-  mutable Pool<flexarm::JointReactions> reactions_;
-  mutable Pool<flexarm::ForwardDerivatives> forward_derivatives_;
+  mutable std::tuple<Pool<flexarm::Workspace>, Pool<flexarm::InverseDerivatives>, Pool<flexarm::JointReactions>,
+                     Pool<flexarm::ForwardDerivatives>>
+      pools_;
 };
 
 /// Runs visit(k), which takes about `each` evaluations, for each of n states; checks signals, and releases the

@@ -127,15 +127,14 @@ void bind_gradients(py::module_& m) {
           "tangents",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius,
              const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches,
-             const std::vector<PyParameter>& parameters, bool accelerations, int threads) {
+             const std::vector<Parameter>& parameters, bool accelerations, int threads) {
             std::vector<Balance> balances;
             for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
-            const std::vector<Parameter> by = in_core(parameters);
             std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
-              found =
-                  tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, by, accelerations, threads);
+              found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, parameters, accelerations,
+                               threads);
             }
             return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()));
           },

@@ -165,14 +165,32 @@ PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::ve
   for (std::size_t k = 0; k < events.size(); ++k) problem.events.push_back(make_event(k, events[k]));
 }
 
-std::vector<Parameter> in_core(const std::vector<PyParameter>& given) {
-  std::vector<Parameter> out;
-  for (const PyParameter& p : given) {
-    out.push_back({p.scale, p.forces_only, {}});
-    for (const PyNeighbour& n : p.neighbours) out.back().neighbours.push_back({n.weight, n.offset, n.of->problem});
-  }
+namespace {
+
+template <class T, class... Of, std::size_t... K>
+T made(const py::tuple& t, std::index_sequence<K...>) {
+  return T{t[K].template cast<Of>()...};
+}
+
+/// A plain class: its constructor takes all fields, in their order; they can be read, and it pickles.
+template <class T, class... Of>
+py::class_<T> bind_record(py::module_& m, const char* name, const std::pair<const char*, Of T::*>&... fields) {
+  py::class_<T> out(m, name);
+  out.def(py::init([](const Of&... x) { return T{x...}; }), py::arg(fields.first)...);
+  (out.def_readonly(fields.first, fields.second), ...);
+  out.def(py::pickle(
+      [at = std::make_tuple(fields.second...)](const T& x) {
+        return std::apply([&x](auto... one) { return py::make_tuple(x.*one...); }, at);
+      },
+      [](const py::tuple& t) { return made<T, Of...>(t, std::index_sequence_for<Of...>()); }));
   return out;
 }
+template <class T, class Of>
+std::pair<const char*, Of T::*> field(const char* name, Of T::* at) {
+  return {name, at};
+}
+
+}  // namespace
 
 void bind_problem(py::module_& m) {
   using Eigen::VectorXd;
@@ -181,55 +199,18 @@ void bind_problem(py::module_& m) {
       .def(
           "__call__", [](const Remembered& x, double t) { return call(x.law(), t); }, py::arg("t"))
       .def_property_readonly("law", &Remembered::law);
-  py::class_<PyDrive>(m, "Drive")
-      .def(py::init<int, bool, py::object, VectorXd>(), py::arg("rate"), py::arg("moves"), py::arg("law"),
-           py::arg("column") = VectorXd())
-      .def_readonly("rate", &PyDrive::rate)
-      .def_readonly("moves", &PyDrive::moves)
-      .def_readonly("law", &PyDrive::law)
-      .def_readonly("column", &PyDrive::column)
-      .def(py::pickle([](const PyDrive& x) { return py::make_tuple(x.rate, x.moves, x.law, x.column); },
-                      [](const py::tuple& t) {
-                        return PyDrive{t[0].cast<int>(), t[1].cast<bool>(), t[2].cast<py::object>(),
-                                       t[3].cast<VectorXd>()};
-                      }));
-  py::class_<PyLoad>(m, "LoadLaw")
-      .def(py::init<Load, py::object>(), py::arg("place"), py::arg("law"))
-      .def_readonly("law", &PyLoad::law)
-      .def(py::pickle([](const PyLoad& x) { return py::make_tuple(x.place, x.law); },
-                      [](const py::tuple& t) { return PyLoad{t[0].cast<Load>(), t[1].cast<py::object>()}; }));
-  py::class_<PyFeedback>(m, "Feedback")
-      .def(py::init<VectorXd, VectorXd, VectorXd, py::object, double>(), py::arg("column"), py::arg("by_q"),
-           py::arg("by_v"), py::arg("reference"), py::arg("limit"))
-      .def_readonly("column", &PyFeedback::column)
-      .def_readonly("by_q", &PyFeedback::by_q)
-      .def_readonly("by_v", &PyFeedback::by_v)
-      .def_readonly("reference", &PyFeedback::reference)
-      .def_readonly("limit", &PyFeedback::limit)
-      .def(
-          py::pickle([](const PyFeedback& x) { return py::make_tuple(x.column, x.by_q, x.by_v, x.reference, x.limit); },
-                     [](const py::tuple& t) {
-                       return PyFeedback{t[0].cast<VectorXd>(), t[1].cast<VectorXd>(), t[2].cast<VectorXd>(),
-                                         t[3].cast<py::object>(), t[4].cast<double>()};
-                     }));
-  py::class_<PySampler>(m, "Sampler")
-      .def(py::init<double, double, double, py::object>(), py::arg("first"), py::arg("period"), py::arg("delay"),
-           py::arg("law"))
-      .def_readonly("first", &PySampler::first)
-      .def_readonly("period", &PySampler::period)
-      .def_readonly("delay", &PySampler::delay)
-      .def_readonly("law", &PySampler::law)
-      .def(py::pickle([](const PySampler& x) { return py::make_tuple(x.first, x.period, x.delay, x.law); },
-                      [](const py::tuple& t) {
-                        return PySampler{t[0].cast<double>(), t[1].cast<double>(), t[2].cast<double>(),
-                                         t[3].cast<py::object>()};
-                      }));
-  py::class_<PyEvent>(m, "Event")
-      .def(py::init<py::object, int, int>(), py::arg("value"), py::arg("terminal"), py::arg("direction"))
-      .def_readonly("value", &PyEvent::value)
-      .def(py::pickle(
-          [](const PyEvent& x) { return py::make_tuple(x.value, x.terminal, x.direction); },
-          [](const py::tuple& t) { return PyEvent{t[0].cast<py::object>(), t[1].cast<int>(), t[2].cast<int>()}; }));
+  bind_record(m, "Drive", field("rate", &PyDrive::rate), field("moves", &PyDrive::moves), field("law", &PyDrive::law),
+              field("column", &PyDrive::column))
+      .def(py::init([](int rate, bool moves, const py::object& law) { return PyDrive{rate, moves, law, {}}; }),
+           py::arg("rate"), py::arg("moves"), py::arg("law"));
+  bind_record(m, "LoadLaw", field("place", &PyLoad::place), field("law", &PyLoad::law));
+  bind_record(m, "Feedback", field("column", &PyFeedback::column), field("by_q", &PyFeedback::by_q),
+              field("by_v", &PyFeedback::by_v), field("reference", &PyFeedback::reference),
+              field("limit", &PyFeedback::limit));
+  bind_record(m, "Sampler", field("first", &PySampler::first), field("period", &PySampler::period),
+              field("delay", &PySampler::delay), field("law", &PySampler::law));
+  bind_record(m, "Event", field("value", &PyEvent::value), field("terminal", &PyEvent::terminal),
+              field("direction", &PyEvent::direction));
   py::class_<PyProblem, std::shared_ptr<PyProblem>>(m, "Problem")
       .def(py::init([](const Arm& arm, const VectorXd& t, const VectorXd& q0, const VectorXd& v0, const VectorXd& tau,
                        const std::vector<PyDrive>& drives, const std::vector<PyLoad>& loads,

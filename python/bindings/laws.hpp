@@ -7,7 +7,9 @@
 
 #include "evaluation.hpp"
 #include "flexarm/computed_torque.hpp"
+#include "flexarm/ida.hpp"
 #include "flexarm/parameter.hpp"
+#include "flexarm/simulation.hpp"
 #include "flexarm/trajectory.hpp"
 
 /// The recorded calls of a callable: the last one in each of many equal parts of a run.
@@ -91,17 +93,12 @@ struct PyProblem {
             const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events);
 };
 
-/// A neighbour and a parameter from Python; see Neighbour and Parameter.
-struct PyNeighbour {
-  double weight, offset;
-  const PyProblem* of;
+/// An integrator from Python, with the options of all.
+struct PyIntegrator {
+  flexarm::Method method;  ///< its name is "ida" as well
+  double step;             ///< (s); 0: it chooses its own
+  flexarm::IdaOptions ida;
 };
-struct PyParameter {
-  double scale;
-  bool forces_only;
-  std::vector<PyNeighbour> neighbours;
-};
-std::vector<flexarm::Parameter> in_core(const std::vector<PyParameter>& given);
 
 /// A drive with recorded calls of its callable.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);

@@ -1,10 +1,8 @@
 #include <memory>
 
 #include "flexarm/check.hpp"
-#include "flexarm/ida.hpp"
 #include "flexarm/scene.hpp"
 #include "flexarm/simulate.hpp"
-#include "flexarm/simulation.hpp"
 #include "laws.hpp"
 
 using namespace flexarm;
@@ -131,66 +129,65 @@ void bind_time(py::module_& m) {
            py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"), py::arg("reach"))
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
-  py::class_<PyNeighbour>(m, "Neighbour")
-      .def(py::init([](double weight, double offset, const PyProblem& of) { return PyNeighbour{weight, offset, &of}; }),
+  py::class_<Neighbour>(m, "Neighbour")
+      .def(py::init(
+               [](double weight, double offset, const PyProblem& of) { return Neighbour{weight, offset, of.problem}; }),
            py::arg("weight"), py::arg("offset"), py::arg("problem"), py::keep_alive<1, 4>());
-  py::class_<PyParameter>(m, "Parameter")
-      .def(py::init<double, bool, std::vector<PyNeighbour>>(), py::arg("scale"), py::arg("forces_only"),
+  py::class_<Parameter>(m, "Parameter")
+      .def(py::init<double, bool, std::vector<Neighbour>>(), py::arg("scale"), py::arg("forces_only"),
            py::arg("neighbours"), py::keep_alive<1, 4>());
+
+  py::class_<PyIntegrator>(m, "Integrator")
+      .def(py::init([](const std::string& name, double step, double rtol, double spectral_radius, int stages,
+                       double atol, int max_order, const std::string& linear_solver) {
+             return PyIntegrator{
+                 {name, rtol, spectral_radius, stages}, step, {rtol, atol, max_order, solver_of(linear_solver)}};
+           }),
+           py::arg("name"), py::kw_only(), py::arg("step") = 0.0, py::arg("rtol") = 0.0,
+           py::arg("spectral_radius") = 1.0, py::arg("stages") = 4, py::arg("atol") = 0.0, py::arg("max_order") = 5,
+           py::arg("linear_solver") = "auto");
 
   m.def(
       "simulate_ida",
-      [](const PyProblem& of, const Eigen::VectorXd& t, double rtol, double atol, int max_order,
-         const std::string& linear_solver, const py::object& slow, const py::object& alive,
-         const std::vector<PyParameter>& parameters) {
-        IdaOptions options{rtol, atol, max_order, solver_of(linear_solver)};
+      [](const PyProblem& of, const Eigen::VectorXd& t, const PyIntegrator& by, const py::object& slow,
+         const py::object& alive, const std::vector<Parameter>& parameters) {
+        IdaOptions options = by.ida;
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
             const Locked lock;
             call(slow, now, steps);
           };
-        const std::vector<Parameter> by = in_core(parameters);
-        return run(alive, [&](const Alive& look) { return simulate_ida(of.problem, t, options, look, by); });
+        return run(alive, [&](const Alive& look) { return simulate_ida(of.problem, t, options, look, parameters); });
       },
-      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("rtol"), py::arg("atol"), py::arg("max_order"),
-      py::arg("linear_solver"), py::arg("slow"), py::arg("alive"), py::arg("parameters"));
+      py::arg("problem"), py::arg("t"), py::arg("integrator"), py::kw_only(), py::arg("slow"), py::arg("alive"),
+      py::arg("parameters"));
 
   m.def(
       "simulate_fixed",
-      [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
-         double spectral_radius, int stages, const py::object& alive, Tape* tape) {
-        const std::unique_ptr<Step> method =
-            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step);
+      [](const PyProblem& of, const Eigen::VectorXd& t, const PyIntegrator& by, const py::object& alive, Tape* tape) {
+        const std::unique_ptr<Step> method = by.method.on(*of.problem.arm, by.step);
         if (tape) *tape = Tape(method->stages());
-        return run(alive, [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, step, look, tape); });
+        return run(alive,
+                   [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, by.step, look, tape); });
       },
-      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
-      py::arg("spectral_radius"), py::arg("stages"), py::arg("alive"), py::arg("tape") = nullptr);
+      py::arg("problem"), py::arg("t"), py::arg("integrator"), py::kw_only(), py::arg("alive"),
+      py::arg("tape") = nullptr);
 
 #ifdef FLEXARM_SCENES
   m.def(
       "scene_text",
-      [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double rtol, double step,
-         double spectral_radius, int stages, double atol, int max_order, const std::string& linear_solver) {
-        return scene_text({of.problem,
-                           t,
-                           {integrator, rtol, spectral_radius, stages},
-                           step,
-                           {rtol, atol, max_order, solver_of(linear_solver)}});
+      [](const PyProblem& of, const Eigen::VectorXd& t, const PyIntegrator& by) {
+        return scene_text({of.problem, t, by.method, by.step, by.ida});
       },
-      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("rtol") = 0.0,
-      py::arg("step") = 0.0, py::arg("spectral_radius") = 1.0, py::arg("stages") = 4, py::arg("atol") = 0.0,
-      py::arg("max_order") = 5, py::arg("linear_solver") = "auto");
+      py::arg("problem"), py::arg("t"), py::arg("integrator"));
 #endif
 
   py::class_<Simulation::State>(m, "State").def_readonly("t", &Simulation::State::t);
   py::class_<Simulation>(m, "Simulation")
-      .def(py::init([](const PyProblem& of, const std::string& integrator, double step, double rtol,
-                       double spectral_radius, int stages, double t) {
-             return Simulation(of.problem, {integrator, rtol, spectral_radius, stages}, step, t);
+      .def(py::init([](const PyProblem& of, const PyIntegrator& by, double t) {
+             return Simulation(of.problem, by.method, by.step, t);
            }),
-           py::keep_alive<1, 2>(), py::arg("problem"), py::kw_only(), py::arg("integrator"), py::arg("step"),
-           py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"), py::arg("t"))
+           py::keep_alive<1, 2>(), py::arg("problem"), py::arg("integrator"), py::arg("t"))
       .def("step", [](Simulation& s) { return s.step() == Status::ok; })
       .def(
           "advance",

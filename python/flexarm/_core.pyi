@@ -388,6 +388,8 @@ class Drive:
 class LoadLaw:
     def __init__(self, place: Load, law: Any) -> None: ...
     @property
+    def place(self) -> Load: ...
+    @property
     def law(self) -> Any: ...
 
 class Feedback:
@@ -418,6 +420,10 @@ class Event:
     def __init__(self, value: Any, terminal: int, direction: int) -> None: ...
     @property
     def value(self) -> Any: ...
+    @property
+    def terminal(self) -> int: ...
+    @property
+    def direction(self) -> int: ...
 
 class Remembered:
     def __init__(self, law: Callable[[float], Any]) -> None: ...
@@ -453,14 +459,25 @@ class Neighbour:
 class Parameter:
     def __init__(self, scale: float, forces_only: bool, neighbours: Sequence[Neighbour]) -> None: ...
 
+class Integrator:
+    def __init__(
+        self,
+        name: str,
+        *,
+        step: float = ...,
+        rtol: float = ...,
+        spectral_radius: float = ...,
+        stages: int = ...,
+        atol: float = ...,
+        max_order: int = ...,
+        linear_solver: str = ...,
+    ) -> None: ...
+
 def simulate_ida(
     problem: Problem,
     t: ArrayLike,
+    integrator: Integrator,
     *,
-    rtol: float,
-    atol: float,
-    max_order: int,
-    linear_solver: str,
     slow: Callable[[float, int], None] | None,
     alive: Callable[[float], None] | None,
     parameters: Sequence[Parameter],
@@ -567,28 +584,12 @@ class KalmanFilter:
     @property
     def used(self) -> int: ...
 
-def scene_text(
-    problem: Problem,
-    t: ArrayLike,
-    *,
-    integrator: str,
-    rtol: float = ...,
-    step: float = ...,
-    spectral_radius: float = ...,
-    stages: int = ...,
-    atol: float = ...,
-    max_order: int = ...,
-    linear_solver: str = ...,
-) -> str: ...
+def scene_text(problem: Problem, t: ArrayLike, integrator: Integrator) -> str: ...
 def simulate_fixed(
     problem: Problem,
     t: ArrayLike,
+    integrator: Integrator,
     *,
-    integrator: str,
-    step: float,
-    rtol: float,
-    spectral_radius: float,
-    stages: int,
     alive: Callable[[float], None] | None,
     tape: Tape | None = None,
 ) -> dict[str, Any]: ...
@@ -599,17 +600,7 @@ class State:
     def t(self) -> float: ...
 
 class Simulation:
-    def __init__(
-        self,
-        problem: Problem,
-        *,
-        integrator: str,
-        step: float,
-        rtol: float,
-        spectral_radius: float,
-        stages: int,
-        t: float,
-    ) -> None: ...
+    def __init__(self, problem: Problem, integrator: Integrator, t: float) -> None: ...
     def step(self) -> bool: ...
     def advance(self, until: float) -> bool: ...
     @property
@@ -700,11 +691,8 @@ class BatchProblem:
         tau: _Array | None,
         nq: int,
         nv: int,
-        integrator: str,
-        step: float,
-        rtol: float,
-        spectral_radius: float,
-        stages: int,
+        integrator: Integrator,
+        slow: Callable[[int, float, int], None] | None,
         lanes: bool,
         whole: int,
     ) -> None: ...

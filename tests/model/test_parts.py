@@ -126,8 +126,8 @@ def test_noise_does_not_depend_on_the_type_of_a_number() -> None:
         (lambda: fa.Link(3), "joint = 3: must be a Joint"),
         (lambda: fa.Link(fa.Fixed(), hub=fa.Fixed()), r"hub = Fixed\(.*\): must be a RigidBody or None"),
         (lambda: fa.Revolute(inboard=3), "inboard = 3: must be a Placement or None"),
-        (lambda: fa.Ply(1e-3, 7), "material = 7: must be an Orthotropic or a Material"),
-        (lambda: fa.Encoder(quadrature=1), "quadrature = 1: must be true or false"),
+        (lambda: fa.sections.Ply(1e-3, 7), "material = 7: must be an Orthotropic or a Material"),
+        (lambda: fa.sensors.Encoder(quadrature=1), "quadrature = 1: must be true or false"),
         (lambda: fa.Motor(0.05, limit="high"), "limit = 'high': must be a number"),
     ],
 )

@@ -226,7 +226,7 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
     said = r"scenario 0: control\[0\]: the loop of PD of 'link 0 revolute' feeds energy in: .* 1.43 \+- 3.5i 1/s"
     with pytest.warns(fa.errors.LoopWarning, match=said):
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
-    assert r.stats["engine"] == "steps" and not r.failures
+    assert r.stats["lanes"] > 0 and not r.failures
     with pytest.warns(fa.errors.LoopWarning, match=said):
         fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=law)
     fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=fa.PD(5.0, 1.0, reference=0.1))

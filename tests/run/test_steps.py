@@ -284,7 +284,7 @@ def test_scenarios_that_begin_in_balance_stand_still() -> None:
     arm, acting = in_balance("sprung")
     q0 = np.repeat(arm.equilibrium(loads=acting["loads"])[None], 8, axis=0)
     runs = fa.simulate_batch(arm, np.linspace(0, 0.04, 41), q0, **acting)
-    assert runs.stats["engine"] == "steps" and not runs.failures
+    assert runs.stats["lanes"] > 0 and not runs.failures
     assert np.abs(runs.q - q0[:, None]).max() < 1e-12 * np.abs(q0).max()
 
 

@@ -25,7 +25,6 @@ class Integrator:
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
     solves_friction: ClassVar[bool] = False  # whether dry friction is in its equations
-    in_batches: ClassVar[bool] = False  # whether the core's batches have it
     rtol = 1e-10
 
     @property
@@ -33,17 +32,14 @@ class Integrator:
         """Its options, as keyword arguments of its class."""
         return dict(vars(self))
 
-    def run(
-        self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any
-    ) -> dict[str, Any]:
+    def run(self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any) -> dict[str, Any]:
         """The core's run: of `Ida` with derivatives by parameters, of fixed steps on a tape for them."""
-        return _core.simulate_fixed(problem.core, problem.times, **self.core, alive=alive, tape=tape)
+        return _core.simulate_fixed(problem.core, problem.times, self.core, alive=alive, tape=tape)
 
     @property
-    def core(self) -> dict[str, Any]:
-        """A fixed-step method, as the core takes it."""
-        own = {"rtol": 0.0, "spectral_radius": 1.0, "stages": 4} | self.options
-        return {"integrator": self.name, **own}
+    def core(self) -> _core.Integrator:
+        """It, as the core takes it."""
+        return _core.Integrator(self.name, **vars(self))
 
 
 @dataclass(frozen=True)
@@ -71,15 +67,11 @@ class Ida(Integrator):
         within("max_order", whole("max_order", self.max_order), 1, 5)
         choice("linear_solver", self.linear_solver, LINEAR_SOLVERS)
 
-    def run(
-        self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any
-    ) -> dict[str, Any]:
+    def run(self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any) -> dict[str, Any]:
         tell, grown = problem.tell, lambda time: problem.unstable(time, False)
         pace = None if tell is None else Pace(problem.arm, problem.times, grown, tell)
         by = core_parameters(problem, parameters)
-        return _core.simulate_ida(
-            problem.core, problem.times, **self.options, slow=pace, alive=alive, parameters=by
-        )
+        return _core.simulate_ida(problem.core, problem.times, self.core, slow=pace, alive=alive, parameters=by)
 
 
 @dataclass(frozen=True)
@@ -101,7 +93,6 @@ class Implicit(Integrator):
 
     name: ClassVar[str] = "implicit"
     solves_friction: ClassVar[bool] = True
-    in_batches: ClassVar[bool] = True
     step: float
     rtol: float = 1e-10
     spectral_radius: float = 1.0
@@ -154,7 +145,6 @@ class RK4(Integrator):
     name: ClassVar[str] = "rk4"
     explicit: ClassVar[bool] = True
     iterates: ClassVar[bool] = False
-    in_batches: ClassVar[bool] = True
     step: float
 
     def __post_init__(self) -> None:

@@ -97,7 +97,7 @@ class Simulation:
         self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
         self._patches = list(split_drives(drive)[1])
         with self._problem.both.naming():
-            self._core = _core.Simulation(self._problem.core, **self.integrator.core, t=float(times[0]))
+            self._core = _core.Simulation(self._problem.core, self.integrator.core, float(times[0]))
         self._step = self._core.step
 
     def step(self, until: float | None = None) -> None:

@@ -113,8 +113,6 @@ class Control {
   const std::vector<Feedback>& feedback() const { return feedback_; }
   /// Forces held now (nv).
   const Eigen::VectorXd& held() const { return held_; }
-  /// Times in (from, to) at which something is sampled or changes.
-  void add_times(double from, double to, std::vector<double>& times) const;
   /// The first time from `from` on at which something is sampled or changes; infinite: none.
   double next(double from) const;
   /// Whether anything happens up to time t.

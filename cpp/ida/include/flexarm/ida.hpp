@@ -30,9 +30,9 @@ struct IdaOptions {
 
 /// Integrates from t[0] to the last of t, which must increase. Events are found by IDA's root finding, to the precision
 /// of its interpolation; at a switch of dry friction it starts again.
-/// @param parameters what Trajectory::tangents are by: IDAS' forward sensitivities, whose errors count as those of the
+/// @param parameters of Trajectory::tangents: IDAS' forward sensitivities, whose errors count as those of the
 ///                   state do
-/// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
+/// @throws std::invalid_argument for bad arguments; exceptions of drives, events and `alive` pass through
 Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const IdaOptions& options,
                         const Alive& alive = {}, const std::vector<Parameter>& parameters = {});
 

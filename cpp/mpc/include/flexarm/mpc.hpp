@@ -40,7 +40,7 @@ struct MpcOptions {
   int stages = 25;        ///< implicit steps over the horizon; their lengths grow evenly from `period`
   int blocks = 12;        ///< over which inputs are held; the first is one stage
   double terminal = 0.1;  ///< for how long (s) the horizon's end counts in the cost
-  /// What the cost takes for breaking a soft limit, throughout a second, by as much as its span (or its size).
+  /// The cost of breaking a soft limit, throughout a second, by as much as its span (or its size).
   double soft = 100.0;
   double friction_speed = 0.05;  ///< Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s)
   bool delayed = false;          ///< whether inputs act a period after the sample that they answer
@@ -51,7 +51,7 @@ struct MpcOptions {
   Eigen::MatrixXd columns;       ///< (nv, nu)
   Eigen::VectorXd lower, upper;  ///< limits of u
   Eigen::VectorXd rate_limit;    ///< limits of |du/dt|
-  Eigen::VectorXd effort;        ///< weights of (u less what holds the arm against gravity)^2
+  Eigen::VectorXd effort;        ///< weights of (u less that which holds the arm)^2
   Eigen::VectorXd rate_effort;   ///< weights of (du/dt)^2
 };
 
@@ -60,11 +60,11 @@ struct MpcOptions {
 /// no measurement; `feedback` the rest. The stages are implicit steps (L-stable, of order 2), with their exact
 /// derivatives, condensed to the inputs. Least cost of
 ///   integral of  sum weight (y - r)^2 + rate_weight (dy/dt - dr/dt)^2 + effort (u - u_held)^2 + rate_effort (du/dt)^2
-/// over the horizon, by Gauss and Newton's Hessian, where each stage counts by what it ends at and for its length. The
+/// over the horizon, by Gauss and Newton's Hessian, where each stage counts by its end and its length. The
 /// quadratic program is solved by DAQP (Arnstroem, Bemporad, Axehill 2022), begun with the active set of the last.
 ///
 /// It knows the problem's arm and all that acts on it beside the inputs: motions, forces, loads and laws, at their
-/// times. Sampled laws are linear ones (LinearLaw), at whose times stages are divided; what they remember is predicted,
+/// times. Sampled laws are linear ones (LinearLaw), at whose times stages are divided; their memory is predicted,
 /// from zero at the first sample on. With these it allocates. Its start and events do not matter.
 class Mpc {
  public:
@@ -77,7 +77,8 @@ class Mpc {
 
   /// Forgets its plan: the next sample begins from the forces that hold the arm.
   void reset();
-  /// The inputs that answer the state, (nq) and (nv) without what is carried, at time t (s). Sizes are not checked.
+  /// The inputs that answer the state, (nq) and (nv) without the carried rates', at time t (s). Sizes are not
+  /// checked.
   /// @return when not ok, `u` goes on along the last plan, within its limits: not_finite: of a state with nan, or that
   ///         no arm reaches; not_converged: the quadratic program or a stage was not solved
   Status feedback(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
@@ -85,7 +86,7 @@ class Mpc {
   /// @return when not ok, the next `feedback` does that at the state that it is given
   Status prepare();
 
-  /// What to apply (nu), always finite and within the limits, and as generalised forces (nv).
+  /// The inputs to apply (nu), always finite and within the limits, and as generalised forces (nv).
   const Eigen::VectorXd& u() const;
   const Eigen::VectorXd& forces() const;
   /// The plan: inputs of blocks (nu x blocks), from these times on (s; the horizon's end behind).

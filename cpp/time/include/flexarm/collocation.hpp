@@ -22,7 +22,7 @@ struct CollocationOptions {
 /// its beginning: quaternions of unit length, the same order and symmetry, and a steady spin without error.
 /// Order 2s, symmetric in time, unconditionally stable on linear vibration, whose energy it keeps: it steps over modes
 /// that are fast but quiet, and stays accurate. Of an arm with dry friction, whose switches strike such modes, the
-/// points are Radau's (Radau IIA): order 2s - 1, and what is too fast dies out. Newton's iteration with exact
+/// points are Radau's (Radau IIA): order 2s - 1, and modes that are too fast die out. Newton's iteration with exact
 /// Jacobians, kept as long as they serve; its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
 class CollocationStep final : public Step {
  public:
@@ -69,9 +69,9 @@ class CollocationStep final : public Step {
   std::vector<int> movable_;          ///< rates that are not prescribed
   std::vector<int> free_;             ///< of these, those that dry friction does not hold
   std::vector<bool> free_q_;          ///< whether a coordinate is
-  std::optional<OneStep> rests_;      ///< what dry friction does at an instant
+  std::optional<OneStep> rests_;      ///< dry friction at an instant
   std::vector<signed char> contact_;  ///< of each rate, see Tape::Contact
-  Eigen::VectorXd rub_;               ///< friction of what slides (nv)
+  Eigen::VectorXd rub_;               ///< friction of sliding rates (nv)
   std::vector<Ball> balls_;
   Eigen::MatrixXd turn_weights_;  ///< A less half the weights of the step, which end at the middle
   Eigen::MatrixXd q_, v_, a_;     ///< at the points, one column each

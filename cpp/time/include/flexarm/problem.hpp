@@ -17,7 +17,7 @@ namespace flexarm {
 /// run, so that one problem serves many runs, also at once.
 struct Problem {
   std::shared_ptr<const Arm> arm;
-  Eigen::VectorXd q0, v0;               ///< start (nq), (nv); what is prescribed starts where its motion does
+  Eigen::VectorXd q0, v0;               ///< start (nq), (nv); prescribed ones start with their motion
   Eigen::VectorXd tau;                  ///< constant generalised forces (nv), to which those of drives are added
   std::vector<Drive> drives = {};       ///< motions, forces, and voltages of patches
   std::vector<LoadDrive> loads = {};    ///< external forces and moments

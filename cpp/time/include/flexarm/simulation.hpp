@@ -50,7 +50,7 @@ class Simulation {
   std::string failure() const;        ///< why the last step was not ok
   const Step::Counts& counts() const;
   long steps() const;
-  /// What has occurred since the construction, of each event: these grow.
+  /// Occurrences since the construction, of each event: these grow.
   const std::vector<EventLog>& events() const;
   /// Whether a terminal event has ended the last `step` or `advance`: the state is that of its time, and `step` goes on
   /// from there.
@@ -62,7 +62,7 @@ class Simulation {
   void set_load(std::size_t load, const Vec6<double>& wrench);  ///< [f; m] (N, N m)
   void set_reference(std::size_t feedback, double value);       ///< of a continuous controller, gains included
 
-  /// All that the rest of the run follows from, but for what the problem's own functions remember. A state restored,
+  /// All that determines the rest of the run, except for the memory of the problem's own functions. A state restored,
   /// here or in a simulation of the same problem, goes on as the first did to the last bit.
   struct State {
     double t = 0.0;

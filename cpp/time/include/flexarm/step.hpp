@@ -15,10 +15,10 @@ namespace flexarm {
 
 class OneStep;
 
-/// A fixed-step method. It remembers what it needs from one step to the next: one object per arm in motion.
+/// A fixed-step method. It has a memory from one step to the next: one object per arm in motion.
 class Step {
  public:
-  /// Sets what is given at the time t + c h of the step (0 <= c <= 1), in place: the prescribed entries of q, v and
+  /// Sets in place, at the time t + c h of the step (0 <= c <= 1): the prescribed entries of q, v and
   /// ws.a, the forces tau, the loads of the workspace.
   using Given = std::function<void(double c)>;
   struct Counts {
@@ -29,10 +29,10 @@ class Step {
   };
 
   virtual ~Step() = default;
-  /// Begins at a state, and forgets what was before.
+  /// Begins at a state, and forgets the steps before.
   virtual Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                        const Eigen::VectorXd& tau) = 0;
-  /// Goes on from here under other forces than a moment ago: what is remembered of accelerations no longer holds.
+  /// Goes on from here under other forces than a moment ago: remembered accelerations no longer hold.
   virtual Status jump(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
     return Status::ok;
   }
@@ -43,13 +43,13 @@ class Step {
   /// @return when not ok, q and v are those of the step's beginning
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
-  /// Of an arm whose joints have dry friction, the method that knows what of it acts at an instant; else null.
+  /// Of an arm whose joints have dry friction, the method that determines it at an instant; else null.
   virtual OneStep* rubbing() { return nullptr; }
   /// Whether friction may hold, let go or turn a joint within a step. Where not, a step must end there, and `jump`.
   virtual bool switches_within() const { return false; }
   /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
   virtual bool interpolates() const { return false; }
-  /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
+  /// The state c h after the last step's beginning, 0 <= c <= 1, except for prescribed coordinates.
   virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
   /// Of a method that interpolates: weights of the stages' accelerations (s) in the rates, and, times h, in the
   /// coordinates there, in parts of h.
@@ -58,14 +58,14 @@ class Step {
   virtual void memory(const std::function<void(double&)>& visit) = 0;
   /// To be called when `memory` has been written.
   virtual void recalled() {}
-  /// What its derivatives are made of.
+  /// The coefficients of its derivatives.
   virtual Stages stages() const = 0;
   /// Writes every beginning and step from now on; null: no more.
   void record(Tape* tape) { tape_ = tape; }
   const Counts& counts() const { return counts_; }
-  /// What a step that takes long calls now and then; what it throws leaves the step. Empty: nothing.
+  /// A step that takes long calls `look` now and then; its exceptions leave the step. Empty: nothing is called.
   void look_with(std::function<void()> look) { look_ = std::move(look); }
-  /// What to do where the motion ran away, as the end of a sentence.
+  /// The remedy where the motion ran away, as the end of a sentence.
   virtual const char* remedy() const { return "take a smaller step, or look for what drives it"; }
 
  protected:
@@ -75,26 +75,19 @@ class Step {
 };
 
 struct ImplicitOptions {
-  /// What is left after one step of a mode too fast for the step: 1 keeps the energy of every mode (trapezoidal rule),
+  /// The factor by which one step reduces a mode too fast for it: 1 keeps the energy of every mode (trapezoidal rule),
   /// below 1 fast modes die out and slow ones hardly do; 0 to 1.
   double spectral_radius = 1.0;
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
-  /// What it leaves is the drift of a free arm's energy.
+  /// This error is the drift of a free arm's energy.
   double rtol = 1e-10;
   int max_iterations = 20;
-};
-
-/// Where a step of "implicit" that begins anew (alpha0 = a0 in Chung & Hulbert 1993) ends, by the accelerations at its
-/// beginning and end:  q = q0 + h v0 + q_by_a0 a0 + q_by_a a,  v = v0 + v_by_a0 a0 + v_by_a a.
-struct ImplicitEnd {
-  ImplicitEnd(double spectral_radius, double h);
-  double q_by_a0, v_by_a0, q_by_a, v_by_a;
 };
 
 /// A method of the kernel's table, which batches take as well (step/methods.hpp), on an arm's workspace.
 class OneStep : public Step {
  public:
-  /// What is to be known of a method.
+  /// The properties of a method.
   struct Traits {
     std::string name;
     bool rubs;      ///< dry friction of joints is in its equations
@@ -113,7 +106,7 @@ class OneStep : public Step {
           DryFriction friction = DryFriction::refused) = delete;  ///< the arm must outlive it
   ~OneStep() override;
 
-  /// Advances by the step of the constructor; `start`s by itself the first time. tau, and what is prescribed, are those
+  /// Advances by the step of the constructor; `start`s by itself the first time. tau, and prescribed values, are those
   /// of the step's end.
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
     return advance(h_, ws, q, v, tau, {});
@@ -127,19 +120,20 @@ class OneStep : public Step {
   Stages stages() const override;
   OneStep* rubbing() override;
   bool switches_within() const override;
-  /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
-  /// sticks as far as it may; or, `between` two switches, what stuck when it last began sticks by whatever that needs,
-  /// and what slid slides on.
+  /// Accelerations into ws.a, which holds the prescribed ones, and the forces of dry friction (nv): a joint at rest
+  /// sticks up to its stiction; or, `between` two switches, a joint that stuck when the method last began is held by
+  /// any force that this needs, and one that slid slides on.
   Status accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                     Eigen::VectorXd& friction, bool between = false);
-  /// Forces of dry friction behind the last step (nv; N, N m): what opposes sliding, or holds what sticks.
+  /// Forces of dry friction behind the last step (nv; N, N m): they oppose sliding, or hold joints that stick.
   const Eigen::VectorXd& friction() const { return friction_; }
-  /// What rubs, and is free to, at the last step's end, or where `accelerate` was asked (nv of Tape::Contact).
+  /// The contacts of free rates with dry friction at the last step's end, or where `accelerate` was asked (nv of
+  /// Tape::Contact).
   void contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const;
   /// Takes the step of a switch again, into q and v. @return whether it was solved
   bool repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
               const Eigen::VectorXd& tau, const Given& given);
-  /// Which way the friction of the last step went: what it held, let go or turned, and in how many rounds. Where that
+  /// The branch of the last step's friction: the joints it held, let go or turned, and in how many rounds. Where that
   /// is the same, a step's end is a smooth function of its beginning.
   std::vector<double> way() const;
   /// Iterations of the last step.
@@ -166,8 +160,8 @@ class OneStep : public Step {
 /// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
 /// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
 /// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
-/// Joints with dry friction stick and slide: what sticks is still to the last bit. Where a joint comes to rest, turns
-/// or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
+/// Joints with dry friction stick and slide: one that sticks is still to the last bit. Where a joint comes to rest,
+/// turns or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
 class ImplicitStep final : public OneStep {
  public:
   ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {}) : OneStep("implicit", arm, h, options) {}

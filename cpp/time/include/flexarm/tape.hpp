@@ -1,4 +1,4 @@
-// What a run by fixed steps leaves behind for its derivatives.
+// The record of a run by fixed steps, for its derivatives.
 #pragma once
 
 #include <Eigen/Core>
@@ -33,23 +33,23 @@ struct Tape {
   enum Contact : signed char { torn_back = -3, back = -1, free = 0, ahead = 1, held = 2, torn_ahead = 3 };
   struct Entry {
     double h;            ///< length of the step (s); 0: the method begins anew here, or there is a leap
-    double lag;          ///< of alpha0 - a0, what is left of it at the beginning: 1 but where the step changes
+    double lag;          ///< of alpha0 - a0, the part of it at the beginning: 1 but where the step changes
     Eigen::Index point;  ///< its first place
   };
   /// The beginning of a step in which dry friction came to hold a joint, let it go, or turned: its entry has no places.
   struct Switch {
     Eigen::Index entry;
     double t, h;                             ///< time and length (s)
-    Eigen::VectorXd q, v, a0, alpha0, gain;  ///< state; gain: what the first guess of the accelerations adds to a0
+    Eigen::VectorXd q, v, a0, alpha0, gain;  ///< state; gain: added to a0 in the first guess of a
     Eigen::VectorXd sense, before;           ///< of each rate that rubs: 1, -1 or 0, held; force of friction
     std::vector<int> rates;                  ///< which these are
     Eigen::VectorXd tau;                     ///< forces held over the step beside the problem's; empty: none
   };
-  /// Controllers have sampled, or let pass a force that was on its way. What they saw is a place of its own, at which
-  /// the forces are those of before.
+  /// Controllers have sampled, or let pass a force that was on its way. The state that they saw is a place of its own,
+  /// at which the forces are those of before.
   struct Sample {
     Eigen::Index entry, point;  ///< the last entry before it (-1: none); its place
-    double until;               ///< what was due up to this time has been done (s)
+    double until;               ///< all samples due up to this time are done (s)
     Eigen::VectorXd held;       ///< the forces from here on (nv)
   };
   /// A row of the results: the state within, or at the end of, the step of an entry.
@@ -90,7 +90,7 @@ struct Tape {
                                        [](const Sample& s, Eigen::Index e) { return s.point < e; });
     return next == samples.begin() ? nullptr : &(next - 1)->held;
   }
-  /// Adds a place, of free rates but for what rubs or is given. @return its number
+  /// Adds a place, of free rates, except those that rub or are given. @return its number
   template <class Q, class V, class A>
   Eigen::Index add(double at, const Q& q_at, const V& v_at, const A& a_at) {
     t.push_back(at);

@@ -1,4 +1,4 @@
-// What a simulation gives, whatever the integrator.
+// The result of a simulation, of any integrator.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "flexarm/event.hpp"
+#include "flexarm/workspace.hpp"
 
 namespace flexarm {
 
@@ -25,10 +26,10 @@ struct SimulationStats {
 /// Trajectory::failure when `alive` asked to stop.
 constexpr const char* kInterrupted = "interrupted";
 
-/// What a drive, a load or an event may throw to stop the integration as `alive` does.
+/// A drive, a load or an event may throw this to stop the integration as `alive` does.
 struct Interrupted {};
 
-/// Called now and then with the time reached; the integration stops, and what is done is kept, when it answers false.
+/// Called now and then with the time reached; when it answers false, the integration stops, and its rows are kept.
 using Alive = std::function<bool(double)>;
 
 /// One row per output time. Rows from `done` on are not written when the integration stopped early.
@@ -40,6 +41,7 @@ struct Trajectory {
   Eigen::Index done = 0;
   double reached = 0.0;          ///< time reached (s)
   std::string failure;           ///< empty when all is done
+  Status status = Status::ok;    ///< of the last step
   bool terminated = false;       ///< by a terminal event, at `reached`
   std::vector<EventLog> events;  ///< one per event
   SimulationStats stats;

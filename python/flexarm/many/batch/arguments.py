@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+import flexarm._core as _core
+
 from ..._check import Array, array, check_finite, choice, known_keys, whole
 from ..._threads import cores
 from ...arm.arm import Arm
-from ...run.integrators import INTEGRATORS, Integrator, integrator_of
-
-STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)  #: which the core runs by itself
+from ...run.integrators import Integrator, integrator_of
 
 
 def default_workers(workers: int | None) -> int:
@@ -110,6 +110,6 @@ def check_every(every: int, nstep: int) -> None:
 
 
 def stepping(integrator: str | Integrator, **options: Any) -> Integrator:
-    """The integrator that the core's batches step by; arguments as of `integrator_of`."""
-    choice("integrator", integrator.name if isinstance(integrator, Integrator) else integrator, STEPPERS)
+    """The integrator of a rollout; arguments as of `integrator_of`."""
+    choice("integrator", integrator.name if isinstance(integrator, Integrator) else integrator, _core.ONE_STEP)
     return integrator_of(integrator, **options)

@@ -1,18 +1,22 @@
-"""Scenarios of a batch by the core's steps, all at once."""
+"""Scenarios of a batch, all at once in the core."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import Array
+from ...analysis.findings import LoopWarning, RunWarning
 from ...arm.arm import Arm
 from ...arm.variation import Setup
+from ...loop import loops
 from ...model.acting.control import Controller
+from ...run.steps import Pace
 from .arguments import check_balls
 from .job import ENDED, FAILED, Job
 from .problems import problems_of, run_problems
@@ -43,20 +47,37 @@ def run_steps(
             if given is not None and (np.abs(given[:, at] - value) > 1e-9 * np.maximum(1.0, np.abs(value))).any():
                 raise ValueError(f"{name}: disagrees with the motion of '{one.coordinates[i]}' at t = {job.t[0]}")
     kept = (*job.outputs, "status", "reached", *(("events",) if job.events else ()))
-    stats = run_problems(
-        problems, arms, len(indices), job.every, q0, v0, tau, job.stepping(), {k: blocks[k] for k in kept}, workers,
-        alive, whole=job.whole, names=indices,
-    )  # fmt: skip
-    arms = arms[:1] if all(arm is one for arm in arms) else arms
-    if "q" in blocks:
-        blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
+    integrator = job.stepping
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         s = setups[k % len(setups)]
         return s.arm, one.zero if q0 is None else q0[k % len(q0)], s.loads, list(s.control)
 
-    found = failures_of(blocks, scenario, prescribed, job.t)
-    judge(blocks, scenario, problems, job.t, job.every, job.integrator, job.stepping().core["step"])
+    def grown(k: int, time: float) -> LoopWarning | None:
+        arm, start, loads, control = scenario(k)
+        return loops.unstable(arm, start, prescribed, job.t, loads, control, time, False) if control else None
+
+    def note(k: int, warning: RunWarning) -> None:
+        blocks["wrong"][k] = [*(blocks["wrong"][k] or ()), warning]
+
+    paces: dict[int, Pace] = {}
+
+    def slow(k: int, now: float, steps: int) -> None:
+        if k not in paces:
+            paces[k] = Pace(scenario(k)[0], job.t, partial(grown, k), partial(note, k))
+        paces[k](now, steps)
+
+    stats = run_problems(
+        problems, arms, len(indices), job.every, q0, v0, tau, integrator, {k: blocks[k] for k in kept}, workers,
+        alive, whole=job.whole, names=indices, slow=slow,
+    )  # fmt: skip
+    apart = stats.pop("apart")
+    arms = arms[:1] if all(arm is one for arm in arms) else arms
+    if "q" in blocks:
+        blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
+
+    found = failures_of(blocks, scenario, prescribed, job.t, apart)
+    judge(blocks, scenario, problems, job.t, job.every, integrator, apart)
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED
     blocks["status"][ended] = ENDED

@@ -95,14 +95,14 @@ def step_derivatives(
     failed = np.flatnonzero(found[-1])
     if failed.size:
         which = f" of state {np.unravel_index(failed[0], shape)}" if shape else ""
-        raise ValueError(f"step = {chosen.core['step']}{which}: {_STATUS[found[-1][failed[0]]]}")
+        raise ValueError(f"step = {chosen.options['step']}{which}: {_STATUS[found[-1][failed[0]]]}")
     return StepDerivatives(*found[:-1])
 
 
 def _core_options(of: Integrator) -> tuple[str, float, float, float]:
     """Name, step, rtol and spectral radius."""
-    own = of.core
-    return own["integrator"], own["step"], of.rtol, own["spectral_radius"]
+    own = of.options
+    return of.name, own["step"], of.rtol, own.get("spectral_radius", 1.0)
 
 
 def rollout_gradient(

@@ -13,18 +13,12 @@ from numpy.typing import NDArray
 from ..._check import Array
 from ...arm.arm import Arm
 from ...arm.variation import Variation
-from ...run.integrators import INTEGRATORS, OPTIONS, Integrator
+from ...run.integrators import OPTIONS, Integrator, integrator_of
 from ...run.problem import read_events
 from ...run.result import Result
-from .arguments import stepping
 
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
-
-
-def has_friction(arm: Arm) -> bool:
-    """Whether a joint has dry friction."""
-    return any(np.any(x) for link in arm.links for x in (link.joint.coulomb, link.joint.stiction) if x is not None)
 
 
 class Summary(Protocol):
@@ -137,15 +131,8 @@ class Job:
         out |= {"events": np.full(count, None)} if self.events else {}
         return {**out, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
 
+    @property
     def stepping(self) -> Integrator:
-        """The integrator that the core steps by."""
-        return stepping(self.integrator, step=self.step, **{k: x for k, x in self.options.items() if k in OPTIONS})
-
-    def engine(self) -> str:
-        """ "steps": all in the core; "simulate": one call of `simulate` each."""
-        own = INTEGRATORS[self.integrator]
-        rubs = has_friction(self.variation.setup.arm) or self._varies_friction()
-        return "steps" if own.in_batches and (own.solves_friction or not rubs) else "simulate"
-
-    def _varies_friction(self) -> bool:
-        return any(path.rpartition(".")[2] in ("coulomb", "stiction") for path in self.variation.values)
+        """The integrator of the scenarios."""
+        own = {k: x for k, x in self.options.items() if k in OPTIONS}
+        return integrator_of(self.integrator, step=self.step, **own)

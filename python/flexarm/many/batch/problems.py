@@ -60,12 +60,14 @@ def _differ_in_arms(setups: Sequence[Setup]) -> bool:
 def run_problems(
     problems: Sequence[Problem], arms: Sequence[Arm], count: int, every: int, q0: Array | None, v0: Array | None,
     tau: Array | None, integrator: Integrator, blocks: Mapping[str, Any], workers: int, alive: Any = None,
-    lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None,
+    lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None, slow: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Runs a batch in the core, into `blocks` (q, v, a, tau, events as requested, status, reached). Returns its counts.
+    """Runs a batch in the core, into `blocks` (q, v, a, tau, events as requested, status, reached). Returns its counts;
+    "apart": of each scenario that was run by itself, why it ended and what it counted.
 
     Args:
         arms: of each scenario, in place of the one problem's; or that one.
+        slow: told (scenario, time, steps) now and then by "ida".
         q0, v0: (B or 1, n) in place of the problems'. tau: (B or 1, nt - 1 or more or 1, nv), held.
     """
     one = problems[0]
@@ -74,12 +76,13 @@ def run_problems(
             batch = _core.BatchProblem(
                 [p.core for p in problems], [a._core for a in arms] if len(arms) > len(problems) else [],
                 scenarios=count, t=one.times, every=every, q0=None if q0 is None else q0[:, None],
-                v0=None if v0 is None else v0[:, None], tau=tau, nq=one.arm.nq, nv=one.arm.nv, **integrator.core,
-                lanes=lanes, whole=whole,
+                v0=None if v0 is None else v0[:, None], tau=tau, nq=one.arm.nq, nv=one.arm.nv,
+                integrator=integrator.core, slow=slow, lanes=lanes, whole=whole,
             )  # fmt: skip
             stats = batch.run(dict(blocks), workers, alive)
         except ValueError as e:
             raise ValueError(str(e) if names is None else renamed(str(e), names)) from None
+    stats["apart"] = [(one.both.in_names(reason), counts) for reason, counts in stats["apart"]]
     return stats
 
 

@@ -55,7 +55,7 @@ class BatchResult:
         events: (B,): (t_events, q_events, v_events) of each scenario, as Result has them, or None where it was not
             done; None without events. A file keeps as many occurrences of each event as there are rows; where there
             are more, the scenario counts as failed.
-        stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
+        stats: lanes (scenarios side by side; 0: each a `simulate`), workers, steps,
             resumed (scenarios that the file held already), damaged (that it held damaged, and which were computed
             again), out_of_range (that deserve a RangeWarning, of those resumed too), wall_time (s).
         keeps_loads: whether `self[k].loads` are those of the run; not of a batch read from a file.

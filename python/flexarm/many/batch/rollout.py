@@ -23,9 +23,9 @@ from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.following import smooth
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, Integrator
+from ...run.integrators import Integrator
 from ...run.problem import Problem
-from ...run.steps import FAST_JOINTS, beyond_explicit
+from ...run.steps import FAST_JOINTS, beyond_explicit, halved, switches_too_often
 from .arguments import (
     check_balls,
     check_every,
@@ -47,6 +47,7 @@ _REASONS = {
 RAN_AWAY, NOT_DONE, OVER = 3, 4, 5
 _LOOKS = 3  # scenarios of growing motion whose loops are tested
 
+_Apart = Sequence[tuple[str, Mapping[str, int]]]
 #: arm, q0, loads and controllers by index
 _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
 
@@ -115,19 +116,19 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
 
 
 def failures_of(
-    blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array
+    blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array, apart: _Apart
 ) -> list[Failure]:
     """The failures of scenarios whose `blocks` the core has written; with continuous control, the unstable loop that
     caused one.
 
     Args:
-        scenario: arm, q0, loads and control by index. times: of the run.
+        scenario: arm, q0, loads and control by index. times: of the run. apart: of `run_problems`.
     """
     status, found = blocks["status"], []
     for i in np.flatnonzero((status > 0) & (status < NOT_DONE)).tolist():
         arm, q0, loads, control = scenario(i)
-        reason, reached = _REASONS[int(status[i])], float(blocks["reached"][i])
-        if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
+        reason, reached = apart[i][0] if apart else _REASONS[int(status[i])], float(blocks["reached"][i])
+        if status[i] == RAN_AWAY and not apart and "q" in blocks and "v" in blocks:
             done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
             last = (blocks[name][i, done - 1] for name in ("q", "v"))
             who = arm.in_names(arm._core.farthest_out(*last)) if done else ""
@@ -155,22 +156,38 @@ def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
 
 def judge(
     blocks: Mapping[str, Any], scenario: _Scenario, problems: Sequence[Problem], times: Array, every: int,
-    integrator: str, step: float,
+    integrator: Integrator, apart: _Apart,
 ) -> None:  # fmt: skip
     """Stores in blocks["wrong"], (B,), warnings of scenarios; arguments as of `failures_of`. Tested are the fastest few
     scenarios of an arm: loops of continuous control if rates have grown; steps of an explicit integrator, also if the
     arm moves fast or a run failed.
 
     Args:
-        problems: that were run. every: times between two rows. integrator, step (s): of the run.
+        problems: that were run. every: times between two rows. integrator: of the run.
     """
-    wrong, v, explicit = blocks["wrong"], blocks.get("v"), INTEGRATORS[integrator].explicit
-    pulse = first_missed(problems)
+    wrong, pulse = blocks["wrong"], first_missed(problems)
     if pulse is not None:
-        wrong[pulse[0]] = [pulse[1]]
-    if not explicit and not any(p.controls for p in problems):
-        return
-    status, prescribed, begin = blocks["status"], problems[0].prescribed, float(times[0])
+        wrong[pulse[0]] = [*(wrong[pulse[0]] or ()), pulse[1]]
+    if integrator.explicit or any(p.controls for p in problems):
+        _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
+    step = getattr(integrator, "step", 0.0)
+    for k, (reason, counts) in enumerate(apart if integrator.fixed else ()):
+        if reason or wrong[k]:
+            continue
+        often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
+        often = often or halved(integrator.name, step, counts)
+        wrong[k] = [often] if often else None
+
+
+def _judge_growth(
+    blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array, every: int,
+    integrator: Integrator, apart: bool,
+) -> None:  # fmt: skip
+    """Notes loops of control, and steps of an explicit integrator, that have made rates grow; arguments as of
+    `judge`. Of scenarios that were run by themselves, the steps of all are examined: dry friction may hold growth."""
+    wrong, v, explicit = blocks["wrong"], blocks.get("v"), integrator.explicit
+    step = getattr(integrator, "step", 0.0)
+    status, begin = blocks["status"], float(times[0])
     done, ran = np.isin(status, (0, OVER)), status != NOT_DONE
     grown, fast, size = np.zeros_like(done), ran, np.zeros(len(done))
     if v is not None:
@@ -178,7 +195,7 @@ def judge(
         grown = done & loops.has_grown(v)
         for k in np.flatnonzero(status == OVER):  # after the end its rows are nan
             grown[k] = loops.has_grown(v[k][np.isfinite(v[k]).all(axis=1)])
-        fast = ran & (grown | ~done | (v.shape[1] < 4) | (step * size > FAST_JOINTS))
+        fast = ran & (apart | grown | ~done | (v.shape[1] < 4) | (step * size > FAST_JOINTS))
     looks = Counter[int]()  # by arm, and at loops
     some = np.flatnonzero(fast if explicit else grown)
     for k in some[np.argsort(-size[some], kind="stable")].tolist():  # the fastest first
@@ -274,8 +291,8 @@ def rollout(
         step: length of a step (s), here or in the integrator. Where a sample of a drive, a load or a controller falls
             into a step, it is divided there, as in `simulate`.
         nstep: how many; None: as many as tau has.
-        integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`. Dry friction of joints
-            needs "implicit".
+        integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`. With "rk4", scenarios of
+            joints with dry friction run one by one.
         every: steps between two rows of the result.
         drive, loads, events: as of `simulate`, alike for all scenarios. A motion may also be values (q, v, a) at half
             steps, (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). Motions take the place of q0 and v0 there.
@@ -320,7 +337,7 @@ def rolled(
     arms = _check_arms(arm)
     one = arms[0]
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
-    length = chosen.core["step"]
+    length = chosen.options["step"]
     if nstep is not None and whole("nstep", nstep) < 1:
         raise ValueError(f"nstep = {nstep}: must be at least 1")
     q, v, force = rows("q0", q0, one.zero), rows("v0", v0, np.zeros(one.nv)), forces(tau, one.nv, nstep)
@@ -355,7 +372,7 @@ def rolled(
                              workers, alive, lanes)  # fmt: skip
         if alive and not stats["interrupted"]:
             alive(1.0)
-    interrupted = stats.pop("interrupted")
+    interrupted, apart = stats.pop("interrupted"), stats.pop("apart")
     t, wrong = times[::every], np.full(count, None)
     ranges = out_of_range(arms, t, blocks["q"])
     beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
@@ -365,12 +382,12 @@ def rolled(
         s = setup(k)
         return s.arm, q[k % len(q)], s.loads, s.control
 
-    failures = failures_of(blocks, scenario, problems[0].prescribed, times)
+    failures = failures_of(blocks, scenario, problems[0].prescribed, times, apart)
     result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    judge({**blocks, "wrong": wrong}, scenario, problems, times, every, chosen.name, length)
+    judge({**blocks, "wrong": wrong}, scenario, problems, times, every, chosen, apart)
     found = lowest(wrong)
     if beyond.size and LoopWarning not in found:
         i = int(beyond[0])

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..._check import whole
 from ..._threads import later
 from ...arm.variation import Setup
-from .by_simulate import run_simulations
 from .by_steps import run_steps
 from .executor import gather
 from .job import Job, renamed
@@ -35,14 +34,13 @@ class Runner:
 
     Attributes:
         job, count: the batch and its number of scenarios.
-        engine: of `Job.engine`. workers: threads. batch: scenarios in a chunk, or None.
+        workers: threads. batch: scenarios in a chunk, or None.
         executor: what `simulate_batch` takes.
         stats: what was counted.
     """
 
     job: Job
     count: int
-    engine: str
     workers: int
     batch: int | None = None
     executor: Any = None
@@ -106,8 +104,7 @@ class Runner:
             done = self.count - len(indices)
             for part, setups in self._made(parts, done, alive):
                 blocks, now = storage.blocks(part), _scaled(alive, done, len(part))
-                run = run_steps if self.engine == "steps" else run_simulations
-                failures, stats = run(self.job, setups, part, blocks, self.workers, now)
+                failures, stats = run_steps(self.job, setups, part, blocks, self.workers, now)
                 interrupted = bool(stats.pop("interrupted"))
                 self._add(stats)
                 yield part, self._summed_up(setups, blocks), failures, interrupted
@@ -159,7 +156,7 @@ class Runner:
 
     def _sent(self, part: NDArray[np.int64]) -> dict[str, Any]:
         """What `run_share` is given of a part."""
-        return {"job": self.job.taken(part), "names": part, "engine": self.engine, "workers": self.workers}
+        return {"job": self.job.taken(part), "names": part, "workers": self.workers}
 
 
 def _paced(show: Callable[[float], None] | None, count: int) -> Callable[[float], None] | None:
@@ -182,10 +179,10 @@ def _scaled(show: Any, first: float, share: float) -> Any:
     return None if show is None else lambda part: show(first + share * part)
 
 
-def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> tuple[Any, ...]:
+def run_share(job: Job, names: NDArray[np.int64], workers: int) -> tuple[Any, ...]:
     """What a worker of an executor does with its share of a batch, whose scenarios have these names there: what is
     kept, what failed, and counts."""
-    runner = Runner(job, len(names), engine, workers)
+    runner = Runner(job, len(names), workers)
     try:
         held, failures, interrupted = runner.run(Memory(job, len(names)), None)
     except ValueError as e:

@@ -144,10 +144,10 @@ def simulate_batch(
             of a constant torque, "q0.1".
             Beams and links that repeat are built once. Modes and joints, which change the coordinates, cannot differ.
         integrator, options: as of `simulate`; the step is the shortest time between two of t, if none is given.
-            "implicit" and "rk4" run wholly in the core, whatever acts on the arm; other integrators, and dry friction
-            with "rk4", take one `simulate` for each scenario. `stats["engine"]` says which; docs/batch.md has a table
-            of what each costs. A Python function that several scenarios share is called for all of them in turn: it
-            must not remember one of them.
+            "implicit" and "rk4" step scenarios side by side, whatever acts on the arm; with other integrators, and dry
+            friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
+            what each costs. A Python function that several scenarios share is called for all of them in turn: it must
+            not remember one of them.
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
@@ -187,8 +187,7 @@ def simulate_batch(
         what = f"outputs: {count} scenarios of {job.rows} rows"
         check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
     started = time.perf_counter()
-    engine = job.engine()
-    runner = Runner(job, count, engine, workers, batch, executor)
+    runner = Runner(job, count, workers, batch, executor)
     storage: File | Memory
     if isinstance(out, (str, Path)):
         storage = File(job, count, Path(out), resume, name)
@@ -198,7 +197,7 @@ def simulate_batch(
         show = None if bar is None else lambda done: bar(done / count)
         held, failures, interrupted = runner.run(storage, show)
     beyond = np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]))
-    stats = {"engine": engine, **runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
+    stats = {**runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
     arrays: dict[str, Any] = {k: held.get(k) for k in (*OUTPUTS, "status", "reached", "events")}
     result = BatchResult(job.t[:: job.every], **arrays, variation=job.variation, failures=failures,
                          stats={**stats, "wall_time": time.perf_counter() - started}, _job=job,

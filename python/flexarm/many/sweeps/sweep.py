@@ -71,7 +71,7 @@ def sweep(
         raise ValueError("trajectories = true: needs a folder to write them to, out=")
     job, count = _job(scene, plan)
     workers = default_workers(1 if workers is None and executor is not None else workers)
-    runner = Runner(job, count, job.engine(), workers, batch, executor)
+    runner = Runner(job, count, workers, batch, executor)
     folder = None if out is None else Path(out)
     units = dict(check_quantities(scene.arm, plan.outputs, plan.link))
     storage = Memory(job, count) if folder is None else _file(folder, job, count, resume, name, units)

@@ -200,7 +200,6 @@ def compiled_text(scene: Any) -> str:
     if scene.events:
         raise ValueError("events: are Python code, which a compiled scene cannot hold")
     integrator = integrator_of(**{"integrator": "ida", **scene.options})
-    options = integrator.core if integrator.fixed else {"integrator": integrator.name, **integrator.options}
 
     def text(control: Any) -> str:
         run = Problem(scene.arm, scene.t, scene.q0, scene.v0, None, scene.drive, scene.loads, control, None)
@@ -209,7 +208,7 @@ def compiled_text(scene: Any) -> str:
         for where, law in laws.items():
             if not isinstance(law.law, (tuple, _core.PiecewisePolynomial)):
                 raise ValueError(f"{where} = {law!r}: is a Python function; {_NUMBERS}")
-        return _core.scene_text(run.core, run.times, **options)
+        return _core.scene_text(run.core, run.times, integrator.core)
 
     try:
         return text(scene.control)

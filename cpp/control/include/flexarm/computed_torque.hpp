@@ -27,7 +27,7 @@ class ComputedTorque {
     double limit = std::numeric_limits<double>::infinity();
   };
   /// @param sags  whether the elastic coordinates are in static balance, else zero
-  /// @throws std::invalid_argument naming what does not fit
+  /// @throws std::invalid_argument naming the field and the value
   ComputedTorque(const Arm& arm, std::vector<Axis> axes, bool sags = true);
 
   /// Feedback linearisation, into tau (nv): a = r'' + kv (r' - v) + kp (r - q) of the joints, at their q (nq) and v
@@ -73,7 +73,7 @@ struct TorqueLaw {
   };
   /// @param places  of the axes, in their order
   /// @param rates   of the arm that is moved
-  /// @throws std::invalid_argument naming what does not fit
+  /// @throws std::invalid_argument naming the field and the value
   TorqueLaw(std::shared_ptr<const Arm> arm, std::vector<ComputedTorque::Axis> axes, bool sags,
             std::vector<Place> places, int rates);
   /// Forces (`rates`). @throws std::invalid_argument where it gives none

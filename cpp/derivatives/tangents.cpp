@@ -109,7 +109,7 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
       a(i, column) += weight * n.a[i];
     }
     if (forces_only_[static_cast<std::size_t>(column)] && s_.n_v() == s_.arm.nv())
-      continue;  // else it may move what is held
+      continue;  // else it may move a held rate
     move_chain(n.ws, n.q, n.v);
     joint_forces(n.arm, n.ws, n.a);
     inverse += weight * n.ws.tau;

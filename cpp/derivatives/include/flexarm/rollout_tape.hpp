@@ -8,7 +8,7 @@
 
 namespace flexarm {
 
-/// What a rollout leaves behind.
+/// A rollout with its tape.
 struct TapedRollout {
   Tape tape;                        ///< whose rows are the start and the ends of all steps, without accelerations
   Trajectory::Rows q, v;            ///< (nstep + 1, nv)

@@ -94,7 +94,7 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
     L_(2 * n + k, 2 * n + k) = parameters_[static_cast<std::size_t>(k)].deviation;
   }
   f_.setZero();
-  for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is what comes in
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is its input
     const KalmanSensor& s = sensors_[k];
     if (s.F.rows() == 0) continue;
     f_[first_[k]] = linear(k, q, v);
@@ -115,7 +115,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f_ = f0_;
     return status;
   };
-  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
+  double slack = 0.0;  // the uncertainty of v, in the norm of kinetic energy
   for (Index i = 0; i < n; ++i) slack += step_->inertia()[i] * L_.row(n + i).squaredNorm();
   if (const Status status = (*step_)(0, t_, h_, q_, v_, tau, told_, std::sqrt(slack)); status != Status::ok)
     return failed(status);
@@ -169,7 +169,7 @@ void KalmanFilter::linearise() {
 }
 
 /// Forces that are held over the step, into rows of rows_: those that the model does not know of, with the variance of
-/// their density over h, and those of the product of two errors, a payload's e and that of what it multiplies, u. The
+/// their density over h, and those of the product of two errors, a payload's e and that of its factor, u. The
 /// product has the mean E[e u] and the covariance E[e^2] E[u u^T] + E[e u] E[e u]^T.
 void KalmanFilter::disturb() {
   const Index n = v_.size(), first = L_.cols();
@@ -226,7 +226,7 @@ void KalmanFilter::triangularise() {
   for (Index j = 0; j < states; ++j) L_.col(j).tail(states - j) = rows_.row(j).tail(states - j).transpose();
 }
 
-/// What a sensor is expected to read, and its derivatives by the state, into row_.
+/// The expected reading of a sensor, and its derivatives by the state, into row_.
 double KalmanFilter::expected(std::size_t sensor) {
   const KalmanSensor& s = sensors_[sensor];
   const Index n = v_.size(), m = p_.size();
@@ -248,7 +248,7 @@ double KalmanFilter::expected(std::size_t sensor) {
   return y;
 }
 
-/// What a sensor reads but for places, ahead of its filter.
+/// The reading of a sensor without places, ahead of its filter.
 double KalmanFilter::linear(std::size_t sensor, const VectorXd& q, const VectorXd& v) const {
   return by_q_[sensor].dot(q) + sensors_[sensor].by_v.dot(v) + sensors_[sensor].offset;
 }
@@ -273,7 +273,7 @@ void KalmanFilter::add(double times) {
   f_ += times * gain_.tail(f_.size());
 }
 
-/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
+/// A parameter that is below its bound goes there, and the rest of the state to its most likely value then.
 void KalmanFilter::bound(Index parameter) {
   const Index row = 2 * v_.size() + parameter;
   if (!(p_[parameter] < lowest_[parameter])) return;

@@ -26,7 +26,7 @@ using Rows = Trajectory::Rows;
 
 /// Slopes by accelerations, rates and coordinates at a place.
 struct Slopes {
-  MatrixXd M, C, K;  ///< of the residual, needed - applied; of what does not count the acceleration itself
+  MatrixXd M, C, K;  ///< of the residual, needed - applied; of a rate that does not count, of its acceleration
   MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
 };
 
@@ -104,7 +104,7 @@ class Places {
         out.M(i, i) = 1.0;
       }
   }
-  /// Of changes of forces (nv rows), what motors at place e give: nothing at a limit.
+  /// The part of changes of forces (nv rows) that motors at place e give: nothing at a limit.
   MatrixXd given_out(Index e, const MatrixXd& forces) const {
     MatrixXd out = forces;
     const std::vector<AppliedLimit>& all = s_.ws.limits;
@@ -159,11 +159,11 @@ class Places {
   System s_;
   const std::vector<LoadDrive>& loads_;
   VectorXd inverse_;
-  std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
+  std::optional<InverseDerivatives> made_;  // when first asked for: a balance needs none
   std::vector<Rub> rubs_;
 };
 
-/// The place whose forces hold what is held when a step begins: the one that the method was at before.
+/// The place whose forces hold the held rates when a step begins: the one that the method was at before.
 inline Index place_before(const Tape& tape, Index entry) {
   const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
   return last.point + (last.h == 0.0 ? 0 : tape.stages.count() - 1);

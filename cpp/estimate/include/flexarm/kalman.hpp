@@ -15,7 +15,7 @@ namespace flexarm {
 class PredictiveStep;
 
 /// One number that is measured, by_q being by the coordinates of rates (of balls zero): y = by_q . q + by_v . v +
-/// offset + along . place + noise. The gain of an instrument multiplies by_q, by_v, offset and along; what it reads at
+/// offset + along . place + noise. The gain of an instrument multiplies by_q, by_v, offset and along; its reading at
 /// zero is then added to offset.
 struct KalmanSensor {
   /// A joint's coordinate (rad; m), by the index of its rate in v.
@@ -39,7 +39,7 @@ struct KalmanSensor {
   Eigen::VectorXd before = {}, after = {};
 };
 
-/// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
+/// A constant that is estimated along with the state, in addition to the arm's own. Payloads, and friction with the
 /// arm's own, are kept from becoming negative.
 struct KalmanParameter {
   enum Kind {
@@ -47,7 +47,7 @@ struct KalmanParameter {
     damping,  ///< viscous friction of a joint (N m s/rad; N s/m)
     coulomb,  ///< Coulomb friction of a joint (N m; N)
     offset,   ///< of a joint's force (N m; N)
-    gain      ///< of a joint's force: it is 1 + gain times what was said
+    gain      ///< of a joint's force: it is 1 + gain times the command
   };
   Kind kind;
   int rate;                 ///< of the joint, its index in v; of a payload ignored
@@ -56,8 +56,8 @@ struct KalmanParameter {
 };
 
 struct KalmanOptions {
-  /// Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s), that of the arm's joints as well: what sticks
-  /// creeps.
+  /// Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s), that of the arm's joints as well: a joint
+  /// that sticks creeps.
   double friction_speed = 1e-2;
 };
 
@@ -71,7 +71,7 @@ struct KalmanOptions {
 ///
 /// State x = [q; v; parameters; filters of sensors], errors of q being displacements: of balls rotation vectors in the
 /// axes that turn (the multiplicative filter: Lefferts, Markley, Shuster 1982). Given forces are held over a step. A
-/// payload acts by its inertia and weight. What acts in the problem beside these forces is known: motions, forces and
+/// payload acts by its inertia and weight. All else that acts in the problem is known: motions, forces and
 /// loads at their times, continuous laws at the estimate. Sampled ones are not asked.
 class KalmanFilter {
  public:
@@ -104,7 +104,7 @@ class KalmanFilter {
   const Eigen::MatrixXd& root() const { return L_; }
   /// Standard deviation of a state.
   double deviation(int state) const { return L_.row(state).norm(); }
-  /// Of the last update: innovations (what was read less what was expected; nan: left out) and their standard
+  /// Of the last update: innovations (reading less expected reading; nan: left out) and their standard
   /// deviations, each after the readings ahead of it; the sum of the squares of their ratios (NIS), which with a model
   /// that holds is distributed as chi-square of `used()` degrees of freedom; and how many readings there were.
   const Eigen::VectorXd& innovations() const { return innovations_; }

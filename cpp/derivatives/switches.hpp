@@ -45,7 +45,7 @@ class Switches {
   /// Which way friction went in the step of the last end; and of each rate whether its beginning is one that no step
   /// leaves behind: sliding backwards, or held beyond the stiction.
   const std::vector<double>& way() const { return way_; }
-  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before, of what rubs, and, if
+  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before of rates that rub, and, if
   /// `held`, by forces held over the step (nv columns): by differences among steps in which friction goes the same way.
   MatrixXd slopes(const Tape::Switch& from, bool held) {
     const auto count = static_cast<Index>(from.rates.size());

@@ -1,4 +1,4 @@
-// Looks of sampled laws along a tape, once more: their slopes, and derivatives of a number by what they gave.
+// Looks of sampled laws along a tape, once more: their slopes, and derivatives of a number by their answers.
 #pragma once
 
 #include "places.hpp"
@@ -38,14 +38,14 @@ class Laws {
     for (Sampler& s : samplers_)
       if (const LinearLaw* law = linear(s)) most_ = std::max(most_, law->x.size());
   }
-  /// How many numbers an answer has: forces (nv), and what the largest memory becomes.
+  /// How many numbers an answer has: forces (nv), and the largest new memory.
   Index width() const { return nv_ + most_; }
   /// The memory of a look's law.
   VectorXd memory(const Look& look) {
     const LinearLaw* law = linear(samplers_[look.law]);
     return law ? law->x : VectorXd();
   }
-  /// What a law answers, from a memory that need not be its own; it goes on from what that becomes.
+  /// A law's answer, from a memory that need not be its own; it goes on from the new memory.
   VectorXd answer(const Look& look, const VectorXd& from) {
     Sampler& s = samplers_[look.law];
     const System& now = places_.move(tape_.samples[look.at].point);
@@ -109,7 +109,7 @@ class Laws {
   Index nv_, most_ = 0;
 };
 
-/// Derivatives of a number by what sampled laws answered, going back through the samples of a tape.
+/// Derivatives of a number by the answers of sampled laws, going back through the samples of a tape.
 class LooksBack {
  public:
   LooksBack(const Problem& of, const Tape& tape)

@@ -9,9 +9,9 @@
 
 namespace flexarm {
 
-/// What the equations of motion say at the places of a tape, (places, nv) each: forces that the motion needs, by
-/// inverse dynamics and the dry friction of what slides, and forces that are applied, of drives, laws and loads. They
-/// are equal where a rate is free.
+/// Both sides of the equations of motion at the places of a tape, (places, nv) each: forces that the motion needs, by
+/// inverse dynamics and the dry friction of sliding joints, and forces that are applied, of drives, laws and loads.
+/// They are equal where a rate is free.
 struct Balance {
   Trajectory::Rows needed, applied;
 };
@@ -23,7 +23,7 @@ void keep_sides(const Problem& of, Tape& tape);
 /// same arm with other numbers, say, whose motions are the other's where they are not prescribed here.
 Balance balance(const Problem& of, const Tape& tape);
 
-/// Of each problem, the sum over the places of a tape of what it needs and applies there, times weights (places, nv):
+/// Of each problem, the sum over the places of a tape of its needed and applied forces times weights (places, nv):
 /// with those of an adjoint, and by differences of neighbours, the derivative of its number by a parameter.
 Eigen::VectorXd weigh(const std::vector<const Problem*>& problems, const Tape& tape, const Trajectory::Rows& needed,
                       const Trajectory::Rows& applied, int threads = 1);
@@ -35,25 +35,25 @@ struct Repeated {
 };
 Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options);
 
-/// What this problem's sampled laws answer at the looks of a run's: a row of each, forces (nv) and what the memory of a
-/// LinearLaw becomes. Each looks at the run's state, and a LinearLaw goes on from the run's memory; another law must
+/// Answers of this problem's sampled laws at the looks of a run's: a row of each, forces (nv) and the new memory of a
+/// LinearLaw. Each looks at the run's state, and a LinearLaw goes on from the run's memory; another law must
 /// not remember.
 Trajectory::Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape);
 
-/// Derivatives of a number by what it depends on.
+/// Derivatives of a number that depends on a run.
 struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
   Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
-  Trajectory::Rows switches;         ///< by what `repeat_switches` gives
+  Trajectory::Rows switches;         ///< by the result of `repeat_switches`
   Trajectory::Rows held;             ///< by forces that act all through the step of each switch (switches, nv)
-  Trajectory::Rows looks;            ///< by what `repeat_looks` gives
+  Trajectory::Rows looks;            ///< by the result of `repeat_looks`
 };
 
 /// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
 /// holds, lets go or turns a joint, by differences of such a step.
 /// @param by_p   derivatives of the balance by each parameter, at fixed q, v and a, but for those prescribed
 /// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
-/// @param parameters  whose neighbours tell the start, and are asked at what samples as well, each at its own state
+/// @param parameters  whose neighbours tell the start, and whose sampled laws are asked too, each at its own state
 /// @param accelerations  whether a and tau are asked for as well
 /// @param threads  that make slopes; laws of `of` must bear it
 /// @return of each parameter derivatives of the rows; of friction none
@@ -63,6 +63,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
                                           const std::vector<Trajectory::Rows>& switches_by_p,
                                           const std::vector<Parameter>& parameters, bool accelerations,
                                           int threads = 1);
+/// Derivatives of [q; v] in the last row by that at the start, A (2 nv, 2 nv), and by forces that are held all through
+/// the tape, B (2 nv, nv); without sampled laws and balls.
+void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& options, Eigen::MatrixXd& A,
+                    Eigen::MatrixXd& B);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
                 const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau, int threads = 1);

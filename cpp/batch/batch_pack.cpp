@@ -1,4 +1,4 @@
-// What a group of scenarios is made of: their steps, and their numbers side by side.
+// The data of a group of scenarios: their steps, and their numbers side by side.
 #include "batch_lanes.hpp"
 
 #include <algorithm>
@@ -17,7 +17,7 @@ namespace {
 using Index = Eigen::Index;
 
 /// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.2 to
-/// 3 times what an arm by itself costs (bench/many/few.py).
+/// 3 times as much as an arm by itself (bench/many/few.py).
 constexpr double kFew = 0.25;
 constexpr double kTooLong = 1e8;
 
@@ -42,23 +42,20 @@ BatchSteps::BatchSteps(const Problem& problem, const Eigen::VectorXd& t, double 
   const Index last = t.size() - 1;
   if (const double most = (t[last] - t[0]) / step; !(most <= kTooLong))
     bad_value("step", step, "asks for " + std::to_string(most) + " steps; must ask for at most 1e+08");
-  bool functions = false;
-  std::vector<double> stops = sample_times(problem.drives, problem.loads, problem.control(), t, functions);
-  auto stop = stops.begin();
+  const Control control = problem.control();
   double reached = t[0];
   ends.push_back(reached);
   output.push_back(0);
   for (Index k = 1; k <= last; ++k)
-    while (reached < t[k]) {  // as Stepper::next_stop and Stepper::advance have it
-      stop = std::find_if(stop, stops.end(), [&](double x) { return x >= reached + kSameTime * step; });
-      const bool output_next = stop == stops.end() || *stop > t[k] - kSameTime * step;
-      const double next = output_next ? t[k] : *stop, whole = next - reached;
-      const long count = std::max(1L, static_cast<long>(std::ceil(whole / step - kSameTime)));
+    while (reached < t[k]) {
+      const double next = next_stop(problem.drives, problem.loads, control, reached, t[k], step, true);
+      const double whole = next - reached;
+      const long count = steps_to(whole, step);
       const double h = whole / static_cast<double>(count);
       for (long i = 1; i <= count; ++i) {
         lengths.push_back(h);
         ends.push_back(i == count ? next : reached + static_cast<double>(i) * h);
-        output.push_back(i == count && output_next ? k : -1);
+        output.push_back(i == count && next == t[k] ? k : -1);
       }
       reached = next;
     }

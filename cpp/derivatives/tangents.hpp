@@ -10,7 +10,7 @@
 
 namespace flexarm {
 
-/// A parameter's neighbour as a system of its own, whose controllers remember what they have seen of it.
+/// A parameter's neighbour as a system of its own, with controllers of its own.
 struct Near {
   const Neighbour& of;
   Control control;
@@ -25,7 +25,7 @@ class Nears : public std::vector<std::vector<std::unique_ptr<Near>>> {
   /// Derivatives of the start (nv, np).
   Eigen::MatrixXd q0() const;
   Eigen::MatrixXd v0() const;
-  /// Lets their controllers do what is due up to time `until`, each at its own state at time t, by the tangents of the
+  /// Runs their controllers that are due up to time `until`, each at its own state at time t, by the tangents of the
   /// run's. @return whether any force has changed
   bool sample(double t, double until, const System& run, const Eigen::MatrixXd& q, const Eigen::MatrixXd& v,
               const Eigen::MatrixXd& a);
@@ -68,7 +68,7 @@ class StateTangents {
   /// `linearise`: without balls, dq = (dv - r1) / cj leaves (cj M + C + K / cj) dv = K r1 / cj - r2.
   void correct(double cj, const Eigen::MatrixXd& r1, const Eigen::MatrixXd& r2, Eigen::MatrixXd& dq,
                Eigen::MatrixXd& dv);
-  /// Lets the neighbours' controllers do what is due up to time t, each at its own state; before those of the system.
+  /// Runs the neighbours' controllers that are due up to time t, each at its own state; before those of the system.
   /// @return whether any force has changed
   bool sample(double t);
   /// Writes row `row` of each parameter: the tangents at the system's q, v and a, which has been driven at time t.

@@ -14,9 +14,10 @@ using namespace taped;
 namespace {
 
 /// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
-/// @param held  derivatives of the forces that controllers hold (nv, np); empty: none do
+/// @param by_p  of the first columns
+/// @param held  derivatives of the forces that are held (nv, np); empty: none are
 void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at, MatrixXd& out) {
-  out.resize(at.n, static_cast<Index>(by_p.size()));
+  out.setZero(at.n, std::max(held.cols(), static_cast<Index>(by_p.size())));
   for (std::size_t p = 0; p < by_p.size(); ++p)
     out.col(static_cast<Index>(p)) = (by_p[p].needed.row(e) - by_p[p].applied.row(e)).transpose();
   if (held.size() > 0) out -= at.given_out(e, held);
@@ -32,37 +33,17 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
   return first;
 }
 
-}  // namespace
-
-Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options) {
-  Switches steps(of, tape, options);
-  Repeated out{Rows(static_cast<Index>(tape.switches.size()), 2 * of.arm->nv()), {}};
-  for (const Tape::Switch& from : tape.switches) {
-    out.ends.row(static_cast<Index>(out.ways.size())) = steps.end(from);
-    out.ways.push_back(steps.way());
-  }
-  return out;
-}
-
-Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape) {
-  const std::vector<Look> looks = looks_of(run, tape);
-  Laws laws(run, tape), own(of, tape);
-  Rows out(static_cast<Index>(looks.size()), own.width());
-  for (std::size_t k = 0; k < looks.size(); ++k) {
-    const VectorXd from = laws.memory(looks[k]);
-    laws.answer(looks[k], from);
-    out.row(static_cast<Index>(k)) = own.answer(looks[k], from);
-  }
-  return out;
-}
-
-std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
-                                          const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
-                                          const std::vector<Parameter>& parameters, bool accelerations, int threads) {
+/// Tangents of the rows of a tape, a column each of those at its start, and of forces that are held from there.
+/// @param by_p, switches_by_p, accelerations, threads  see `tangents`
+/// @param nears  whose controllers go along
+std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, const ImplicitOptions& options,
+                                       const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
+                                       Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
+                                       int threads) {
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = places.n, np = static_cast<Index>(parameters.size());
+  const Index n = places.n, np = q.cols();
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(slopes, *of.arm, tape);
@@ -70,12 +51,11 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   const Rows rows(count, n), others(accelerations ? count : 0, n);
   std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np),
                                        {Rows(count, of.arm->nq()), rows, others, others, {}});
-  Nears nears(parameters);
-  MatrixXd q = places.in_turns(0, nears.q0()), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q,
-           stage_v, held;
+  MatrixXd a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
+  q = places.in_turns(0, q);
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
-      q.row(i).setZero();  // what a parameter makes of a motion is in the balance
+      q.row(i).setZero();  // the change of a motion by a parameter is in the balance
       v.row(i).setZero();
     }
   const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
@@ -89,10 +69,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     const Slopes& at = slopes(e);
     Eigen::RowVectorXd force =
         at.M_needed.row(i) * z + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
-    for (Index p = 0; p < np; ++p) {
-      const Balance& by_one = by_p[static_cast<std::size_t>(p)];
-      force[p] += by_one.needed(e, i) - by_one.applied(e, i);
-    }
+    for (std::size_t p = 0; p < by_p.size(); ++p)
+      force[static_cast<Index>(p)] += by_p[p].needed(e, i) - by_p[p].applied(e, i);
     if (held.size() > 0) force -= places.given_out(e, held).row(i);
     return force;
   };
@@ -167,7 +145,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       for (Index c = 0; c < count_rubs; ++c)
         if (from.sense[c] == 0.0) state.row(4 * n + c) = holding(e, from.rates[static_cast<std::size_t>(c)], a0);
       MatrixXd end = switches.slopes(from, held.size() > 0) * state;
-      for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
+      for (std::size_t p = 0; p < switches_by_p.size(); ++p)
+        end.col(static_cast<Index>(p)) += switches_by_p[p].row(number).transpose();
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) {
           end.row(i).setZero();
@@ -226,6 +205,54 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   return out;
 }
 
+}  // namespace
+
+Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options) {
+  Switches steps(of, tape, options);
+  Repeated out{Rows(static_cast<Index>(tape.switches.size()), 2 * of.arm->nv()), {}};
+  for (const Tape::Switch& from : tape.switches) {
+    out.ends.row(static_cast<Index>(out.ways.size())) = steps.end(from);
+    out.ways.push_back(steps.way());
+  }
+  return out;
+}
+
+Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape) {
+  const std::vector<Look> looks = looks_of(run, tape);
+  Laws laws(run, tape), own(of, tape);
+  Rows out(static_cast<Index>(looks.size()), own.width());
+  for (std::size_t k = 0; k < looks.size(); ++k) {
+    const VectorXd from = laws.memory(looks[k]);
+    laws.answer(looks[k], from);
+    out.row(static_cast<Index>(k)) = own.answer(looks[k], from);
+  }
+  return out;
+}
+
+std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
+                                          const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
+                                          const std::vector<Parameter>& parameters, bool accelerations, int threads) {
+  Nears nears(parameters);
+  return carry(of, tape, options, by_p, switches_by_p, nears, nears.q0(), nears.v0(), {}, accelerations, threads);
+}
+
+void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& options, MatrixXd& A, MatrixXd& B) {
+  const Index n = of.arm->nv();
+  MatrixXd q = MatrixXd::Zero(n, 3 * n), v = q, held = q;
+  q.leftCols(n).setIdentity();
+  v.middleCols(n, n).setIdentity();
+  held.rightCols(n).setIdentity();
+  Nears none({});
+  const auto found = carry(of, tape, options, {}, {}, none, q, v, held, false, 1);
+  A.resize(2 * n, 2 * n);
+  B.resize(2 * n, n);
+  for (Index p = 0; p < 3 * n; ++p) {
+    const Trajectory::Tangent& end = found[static_cast<std::size_t>(p)];
+    auto column = p < 2 * n ? A.col(p) : B.col(p - 2 * n);
+    column << end.q.row(end.q.rows() - 1).transpose(), end.v.row(end.v.rows() - 1).transpose();
+  }
+}
+
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
@@ -243,7 +270,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
               Rows::Zero(static_cast<Index>(tape.switches.size()), n),
               {}};
   LooksBack looks(of, tape);
-  // derivatives of the number by the state at the end of what comes next, going back
+  // derivatives of the number by the state at the end of the next entry, going back
   VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
   MatrixXd stage;
   Eigen::PartialPivLU<MatrixXd> mass;
@@ -252,7 +279,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     out.needed(e, i) += force;
     out.applied(e, i) -= force;
   };
-  /// What the accelerations at a place mean for q and v there.
+  /// From derivatives by the accelerations at a place, adds those by q and v there.
   const auto accelerate = [&](Index e, const VectorXd& by, VectorXd& to_q, VectorXd& to_v) {
     const Slopes& at = slopes(e);
     mass.compute(at.M);
@@ -264,7 +291,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     to_v += at.C.transpose() * mu;
     for (Index i = 0; i < n; ++i) count(e, i, mu[i]);
   };
-  /// Adds what a row of results means for the state there.
+  /// From derivatives by a row of results, adds those by the state there.
   const auto read = [&](std::size_t row, VectorXd& to_q, VectorXd& to_v) {
     const auto r = static_cast<Index>(row);
     to_q += places.by_turns(std::max<Index>(tape.rows[row].point, 0), by_q.row(r)).transpose();
@@ -288,7 +315,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     }
     accelerate(e, by, to_q, to_v);
   };
-  /// What the force that holds a rate at a place means, without that of the acceleration that is given back.
+  /// From the derivative by the force that holds a rate at a place, those by the state; returns that by accelerations.
   const auto hold = [&](Index e, Index i, double force) -> VectorXd {
     const Slopes& at = slopes(e);
     v += force * (at.C_needed - at.C_applied).row(i).transpose();

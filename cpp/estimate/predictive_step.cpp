@@ -18,7 +18,7 @@ const double kShare = 1.0 - std::sqrt(0.5);  // of a step, in each stage
 constexpr double kError = 1e-10;             // of velocities, as a part of those of the motion
 constexpr double kFloor = 1e-7;              // the same of an iteration that stalls at the end of its digits
 constexpr double kBest = 1e-3;               // contraction that is believed without having been measured
-constexpr double kStill = 1e-10;             // twice the kinetic energy of what does not matter (J)
+constexpr double kStill = 1e-10;             // twice a kinetic energy that does not matter (J)
 constexpr double kSame = 1e-3;               // of the length of a step, by which a matrix still serves
 constexpr double kTurned = 1e-3;             // of a matrix, by which slopes of friction may be off
 constexpr int kChords = 4, kIterations = 25;

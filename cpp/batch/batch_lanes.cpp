@@ -38,8 +38,7 @@ void LaneGroup::guarded(const F& f) {
   } catch (...) {
     broken_ = true;
     try {
-      if (p_.problems.size() == 1) throw;
-      std::throw_with_nested(ScenarioError(asked_));
+      throw_again(p_, asked_);
     } catch (...) {
       error_ = std::current_exception();
     }

@@ -32,52 +32,62 @@ struct BatchProblem {
   BatchTable q0, v0;       ///< starts, in place of the problems'
   BatchTable tau;          ///< forces beside the problems', row k held from t[k] to t[k + 1]
   int nq = 0, nv = 0;      ///< how many numbers the tables and rows have, the first ones; 0: all
-  Method method = {};      ///< one of OneStep::methods
+  Method method = {};
+  /// In place of that method, another integrator of a scenario's problem.
+  std::function<Trajectory(Eigen::Index scenario, const Problem&, const Eigen::VectorXd& t, const Alive&)> integrate =
+      {};
   bool lanes = true;       ///< whether scenarios may run side by side in the lanes of a pack
   Eigen::Index whole = 0;  ///< scenarios of the batch that this is a part of, or zero: too few of them run one by one
 
   int row_q() const { return nq > 0 ? nq : problems[0]->arm->nq(); }
   int row_v() const { return nv > 0 ? nv : problems[0]->arm->nv(); }
   Eigen::Index rows() const { return (t.size() - 1) / every + 1; }
+  const Problem& of(Eigen::Index scenario) const {
+    return *problems[problems.size() == 1 ? 0 : static_cast<std::size_t>(scenario)];
+  }
+  /// Whether the kernels of batches know the method, and the dry friction of all joints in it. Else each scenario is
+  /// one run of `simulate_fixed`, or `integrate`.
+  bool in_kernels() const;
 };
 
 /// How a scenario ended. The first four are those of Status; `ended`: by an event.
 enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done, ended };
 
-/// The caller's memory, one row-major block (rows, n) for each scenario; what is null is not wanted. Rows behind a
+/// The caller's memory, one row-major block (rows, n) for each scenario; null: not wanted. Rows behind a
 /// failure or a terminal event are nan.
 struct BatchOutput {
   double *q = nullptr, *v = nullptr, *a = nullptr, *tau = nullptr;  ///< nq, nv, nv, nv
   int* status = nullptr;                                            ///< BatchStatus of each scenario
   double* reached = nullptr;                                        ///< time reached (s) of each
-  std::vector<EventLog>* events = nullptr;                          ///< of each: what occurred of each of its events
+  std::vector<EventLog>* events = nullptr;                          ///< of each: the occurrences of each of its events
+  std::string* failure = nullptr;                                   ///< of each run of an integrator: why it ended
+  SimulationStats* stats = nullptr;                                 ///< and its counts
 };
 
 struct BatchStats {
   long long steps = 0, evaluations = 0, factorisations = 0, iterations = 0;
   int workers = 1;
-  int lanes = 1;  ///< scenarios side by side
+  int lanes = 1;  ///< scenarios side by side in the kernels; 0: each was a run by itself
   bool interrupted = false;
 };
 
-/// A function of one scenario's own problem has thrown what is nested in this.
+/// A function of one scenario's own problem has thrown the exception nested in this.
 struct ScenarioError : std::runtime_error {
   Eigen::Index scenario;
   explicit ScenarioError(Eigen::Index which)
       : std::runtime_error("scenario " + std::to_string(which)), scenario(which) {}
 };
 
-/// Runs all scenarios, each as `simulate_fixed` runs its problem: steps end at the times t and at samples of drives,
-/// loads and controllers; between two of these they are equal. What one gives depends on nothing but its own numbers,
-/// and by rounding on whether they are few: not on the workers, nor on the others.
-/// A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does not grow with the
-/// number of scenarios.
+/// Runs all scenarios, each as `simulate_fixed` runs its problem, side by side in the kernels where these can. The
+/// result of one depends on nothing but its own numbers, and by rounding on whether they are few: not on the workers,
+/// nor on the others. A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does
+/// not grow with the number of scenarios.
 /// @param workers  threads, the calling one included; fewer where there is little to do. The problems' functions are
 ///                 called from all of them
 /// @param alive    called by the calling thread about ten times a second with the share of steps done; answers false
-///                 to end the batch: what is not done then has status not_done
-/// @throws std::invalid_argument for bad arguments; ScenarioError; what `alive` and functions that all scenarios share
-///         throw. All workers are joined then. Interrupted ends the batch as `alive` does
+///                 to end the batch: scenarios that are not done then have status not_done
+/// @throws std::invalid_argument for bad arguments; ScenarioError; exceptions of `alive` and of functions that all
+///         scenarios share. All workers are joined then. Interrupted ends the batch as `alive` does
 BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int workers,
                      const std::function<bool(double)>& alive = {});
 

@@ -15,6 +15,8 @@ namespace flexarm {
 
 /// Nan into the rows of a scenario from `row` on.
 void fill_rows(const BatchProblem& problem, const BatchOutput& out, Eigen::Index scenario, Eigen::Index row);
+/// Rethrows the exception of a scenario's function, within a ScenarioError where problems differ.
+[[noreturn]] void throw_again(const BatchProblem& problem, Eigen::Index scenario);
 
 /// The steps of a scenario.
 struct BatchSteps {
@@ -68,7 +70,7 @@ class LaneGroup final : lanes::Scenarios {
   bool broken() const { return broken_; }
 
  private:
-  /// A scenario's controllers, and what looks for its events.
+  /// A scenario's controllers, and the search for its events.
   struct Alone {
     Control control;
     struct Watch {
@@ -80,7 +82,7 @@ class LaneGroup final : lanes::Scenarios {
     };
     std::unique_ptr<Watch> watch;
   };
-  /// What acts on a scenario at a time.
+  /// The forces and motions of a scenario at a time.
   struct Acting {
     Eigen::VectorXd tau;
     std::vector<MotionValue> motions;
@@ -88,9 +90,7 @@ class LaneGroup final : lanes::Scenarios {
     std::vector<Vec6<double>> wrenches;
   };
 
-  const Problem& problem(Eigen::Index b) const {
-    return *p_.problems[p_.problems.size() == 1 ? 0 : static_cast<std::size_t>(b)];
-  }
+  const Problem& problem(Eigen::Index b) const { return p_.of(b); }
   const Arm& arm(Eigen::Index b) const { return *problem(b).arm; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
   Alone& alone(Eigen::Index lane) { return alone_[static_cast<std::size_t>(std::min(lane, count_ - 1))]; }

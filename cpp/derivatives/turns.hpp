@@ -1,5 +1,5 @@
-// What a ball adds to the equations of a step, in small changes: the coordinates of its quaternion are no integrals of
-// its rates.
+// The terms of a ball in the equations of a step, in small changes: the coordinates of its quaternion are no integrals
+// of its rates.
 #pragma once
 
 #include "places.hpp"
@@ -9,14 +9,14 @@
 namespace flexarm {
 namespace taped {
 
-/// The turn of a ball at a place of a step, by what the step began with and by the accelerations of its stages, less
-/// what these would make of an integral of rates (Stages).
+/// Derivatives of a ball's turn at a place of a step, by the state at the step's beginning and by the accelerations of
+/// its stages, less those of an integral of rates (Stages).
 struct Turn {
   Index rate;  ///< the ball's first
   Eigen::Matrix3d by_q, by_v, by_a0, by_alpha0;
   std::vector<Eigen::Matrix3d> by_a;
 
-  /// Adds to q (nv rows) what the beginning makes of it.
+  /// Adds to q (nv rows) the part by the beginning.
   void add_beginning(const MatrixXd& q0, const MatrixXd& v0, const MatrixXd& a0, const MatrixXd& alpha0,
                      MatrixXd& q) const {
     const auto mine = [this](const MatrixXd& x) { return x.middleRows<3>(rate); };

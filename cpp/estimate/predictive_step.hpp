@@ -13,13 +13,13 @@
 
 namespace flexarm {
 
-/// Steps from any state of a problem, under forces held over each beside what else acts, by the two implicit stages of
-/// Alexander (1977, SDIRK of order 2, L-stable): whatever vibrates faster than the step is at rest behind it. (The
+/// Steps from any state of a problem, under forces held over each beside the problem's own, by the two implicit stages
+/// of Alexander (1977, SDIRK of order 2, L-stable): whatever vibrates faster than the step is at rest behind it. (The
 /// generalised-alpha step, begun anew, takes accelerations from its beginning; where a step is long for a vibration
 /// these are loud.) Each stage,
 ///   v = v~ + g h a,  q = q0 displaced by u~ + g h v,  r(q, v, a; p) = inverse dynamics + friction(v) - tau = 0,
 /// is solved by Newton's iteration, begun with the accelerations and the matrix of that step when it was taken last.
-/// What a motion prescribes is that of the stage's time. Coulomb friction c of a joint is
+/// A prescribed motion is that of the stage's time. Coulomb friction c of a joint is
 /// c v / sqrt(v^2 + friction_speed^2).
 ///
 /// Inverse dynamics is linear in a payload's mass m: (1 - m) times that of the arm + m times that of the arm with 1 kg
@@ -53,7 +53,7 @@ class PredictiveStep {
   const Eigen::VectorXd& inertia() const { return inertia_; }
   System& system() { return s_; }
 
-  /// What it remembers of its steps, and to go on from that of another of the same; forgotten, all begin anew.
+  /// The memory of its steps; `recall` goes on from that of another of the same; forgotten, all begin anew.
   Eigen::VectorXd memory() const;
   void recall(const Eigen::VectorXd& memory);
   void forget();

@@ -1,4 +1,4 @@
-// What the derivatives of a run are by: numbers that its arm, or what acts on it, is made of.
+// Parameters, by which a run has derivatives: numbers of its arm, or of the forces and laws that act on it.
 #pragma once
 
 #include <vector>
@@ -7,8 +7,8 @@
 
 namespace flexarm {
 
-/// The same problem with a parameter changed by `offset`. `weight` times what it gives, summed over all neighbours, is
-/// the derivative by the parameter: a difference of high order, which is exact for what is a polynomial of it.
+/// The same problem with a parameter changed by `offset`. `weight` times its result, summed over all neighbours, is
+/// the derivative by the parameter: a difference of high order, which is exact for polynomials.
 struct Neighbour {
   double weight, offset;
   Problem problem;  ///< of the same coordinates
