@@ -63,7 +63,9 @@ struct Contacts {
     left = L::select(where, number<S>(4.0 + 6.0 * count), left);
     for (int c = 0; c < count; ++c) {
       held[c] = L::select(where, yes((stiction[c] > 0.0) & (sense[c] == 0.0)), held[c]);
-      for (S* x : {over + c, way + c, share + c}) *x = L::select(where, S{}, *x);
+      over[c] = L::select(where, S{}, over[c]);
+      way[c] = L::select(where, S{}, way[c]);
+      share[c] = L::select(where, S{}, share[c]);
       force[c] = L::select(where, before[c], force[c]);
     }
   }
