@@ -84,8 +84,7 @@ class Stepper {
     double switched;  // when, last (s)
   };
 
-  /// One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
-  /// method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
+  /// One step, or, where its equations cannot be solved, two of half its length, and so on.
   template <class Seen>
   Status part(double from, double h, double last, int level, const Seen& seen) {
     if (!contacts_.empty()) {
@@ -105,7 +104,7 @@ class Stepper {
       if (share == 1.0 || found != Status::ok || enough) return found;
       return part(from + share * h, (1.0 - share) * h, last, level, seen);
     }
-    if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
+    if (found != Status::not_converged || level == kSplits) return found;
     ++halved;
     s.drive(from);
     const Status half = part(from, 0.5 * h, std::nan(""), level + 1, seen);

@@ -19,6 +19,7 @@ constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual 
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
+constexpr int kPatience = 10;        // the iteration at which one that has not converged begins anew
 
 /// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
@@ -143,6 +144,18 @@ struct GeneralisedAlpha : AlphaNumbers {
     }
   }
 
+  /// The accelerations under which the coordinates go on by h v0. Where a force leaps on a joint with little inertia,
+  /// the accelerations of the step's beginning carry it much too far, and Newton's iteration from there diverges.
+  void predict_uniform(const Engine& engine, const Mask& where) {
+    for (int k = 0; k < engine.free_count; ++k) {
+      const int i = engine.free[k];
+      const S uniform = -(0.5 - beta) / beta * alpha0[i];
+      alpha[i] = L::select(where, uniform, alpha[i]);
+      const S there = ((1.0 - alpha_m) * uniform + alpha_m * alpha0[i] - alpha_f * a0[i]) * (1.0 / (1.0 - alpha_f));
+      a[i] = L::select(where, there, a[i]);
+    }
+  }
+
   /// q and v at the step's end from the auxiliary accelerations.
   void place(Engine& engine, double h, S* q, S* v) {
     for (int k = 0; k < engine.free_count; ++k) {
@@ -163,7 +176,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     return by_turn * most <= kVanishing * place;
   }
 
-  /// Newton's iteration on the residual of inverse dynamics at the step's end.
+  /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it fails, or has not converged at
+  /// iteration kPatience, it begins once more, from `predict_uniform`.
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
@@ -171,10 +185,22 @@ struct GeneralisedAlpha : AlphaNumbers {
     const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
     const S fall = (h * h) * engine.weight;
     newton.begin(kBest);
+    const S scale0 = scale;
     S size{};
-    contacts.begin_step();
-    Mask good = L::everywhere(false), bad = skip;
+    contacts.begin_step(L::everywhere(true));
+    Mask good = L::everywhere(false), bad = skip, again = skip;  // again: has begun twice
     for (iterations = 1; iterations <= max_iterations; ++iterations) {
+      if (iterations > 1 && new_matrix(iterations)) {
+        const Mask failed = L::none_of(good | again) & (bad | L::everywhere(iterations == kPatience));
+        if (L::any(failed)) {
+          predict_uniform(engine, failed);
+          contacts.begin_step(failed);
+          newton.again(failed);
+          scale = L::select(failed, scale0, scale);
+          again = again | failed;
+          bad = bad & L::none_of(failed);
+        }
+      }
       place(engine, h, q, v);
       const bool anew = new_matrix(iterations);
       engine.inverse(q, v, a, tau_own, anew);
@@ -186,7 +212,11 @@ struct GeneralisedAlpha : AlphaNumbers {
         contacts.refactored(L::everywhere(true));
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
-        if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
+        if (L::all(good | bad)) {  // an engine that could not factor has nothing to solve with
+          if (L::all(good | again)) break;
+          iterations = iterations < 3 ? 3 : iterations | 1;  // a new matrix comes next
+          continue;
+        }
       }
       S released{}, residual{}, force = contacts.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
@@ -217,7 +247,10 @@ struct GeneralisedAlpha : AlphaNumbers {
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
-      if (L::all(good | bad)) break;
+      if (L::all(good | bad)) {
+        if (L::all(good | again)) break;
+        iterations = iterations < 3 ? 3 : iterations | 1;  // a new matrix comes next
+      }
     }
     if (iterations > max_iterations) iterations = max_iterations;
     place(engine, h, q, v);

@@ -59,12 +59,14 @@ struct Contacts {
   }
 
   /// At the beginning of a step.
-  void begin_step() {
-    left = number<S>(4.0 + 6.0 * count);
+  void begin_step(const Mask& where) {
+    left = L::select(where, number<S>(4.0 + 6.0 * count), left);
     for (int c = 0; c < count; ++c) {
-      held[c] = yes((stiction[c] > 0.0) & (sense[c] == 0.0));
-      over[c] = way[c] = share[c] = S{};
-      force[c] = before[c];
+      held[c] = L::select(where, yes((stiction[c] > 0.0) & (sense[c] == 0.0)), held[c]);
+      over[c] = L::select(where, S{}, over[c]);
+      way[c] = L::select(where, S{}, way[c]);
+      share[c] = L::select(where, S{}, share[c]);
+      force[c] = L::select(where, before[c], force[c]);
     }
   }
   /// At a state where joints at rest may stick: forces at an instant. Sliding joints keep their direction.

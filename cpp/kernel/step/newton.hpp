@@ -24,6 +24,11 @@ struct Newton {
     contraction = L::larger(number<S>(best), L::root(contraction) * L::root(L::root(contraction)));
     last = S{};
   }
+  /// Where it begins anew within a step.
+  void again(const Mask& where) {
+    contraction = L::select(where, number<S>(1.0), contraction);
+    last = L::select(where, S{}, last);
+  }
   /// A correction of this size in iteration n = 1, 2, .. of the arms that are `open`.
   void correct(int n, const S& size, const Mask& open) {
     const S one = number<S>(1.0);
