@@ -19,7 +19,6 @@ constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual 
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
-constexpr int kPatience = 10;        // the iteration at which one that has not converged begins anew
 
 /// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
@@ -176,8 +175,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     return by_turn * most <= kVanishing * place;
   }
 
-  /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it fails, or has not converged at
-  /// iteration kPatience, it begins once more, from `predict_uniform`.
+  /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it has not converged, it begins
+  /// once more, from `predict_uniform`.
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
@@ -188,21 +187,19 @@ struct GeneralisedAlpha : AlphaNumbers {
     const S scale0 = scale;
     S size{};
     contacts.begin_step(L::everywhere(true));
-    Mask good = L::everywhere(false), bad = skip, again = skip;  // again: has begun twice
-    for (iterations = 1; iterations <= max_iterations; ++iterations) {
-      if (iterations > 1 && new_matrix(iterations)) {
-        const Mask failed = L::none_of(good | again) & (bad | L::everywhere(iterations == kPatience));
-        if (L::any(failed)) {
-          predict_uniform(engine, failed);
-          contacts.begin_step(failed);
-          newton.again(failed);
-          scale = L::select(failed, scale0, scale);
-          again = again | failed;
-          bad = bad & L::none_of(failed);
-        }
+    Mask good = L::everywhere(false), bad = skip;
+    for (iterations = 1; iterations <= 2 * max_iterations; ++iterations) {
+      const int n = iterations <= max_iterations ? iterations : iterations - max_iterations;
+      if (iterations == max_iterations + 1) {
+        const Mask again = L::none_of(good | skip);
+        predict_uniform(engine, again);
+        contacts.begin_step(again);
+        newton.again(again);
+        scale = L::select(again, scale0, scale);
+        bad = skip;
       }
       place(engine, h, q, v);
-      const bool anew = new_matrix(iterations);
+      const bool anew = new_matrix(n);
       engine.inverse(q, v, a, tau_own, anew);
       ++work.evaluations;
       if (anew) {
@@ -213,8 +210,8 @@ struct GeneralisedAlpha : AlphaNumbers {
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) {  // an engine that could not factor has nothing to solve with
-          if (L::all(good | again)) break;
-          iterations = iterations < 3 ? 3 : iterations | 1;  // a new matrix comes next
+          if (iterations > max_iterations || L::all(good | skip)) break;
+          iterations = max_iterations;
           continue;
         }
       }
@@ -242,17 +239,17 @@ struct GeneralisedAlpha : AlphaNumbers {
         a[i] += now;
         alpha[i] += by_a * now;
       }
-      newton.correct(iterations, moved, open);
-      Mask stalled = newton.stalls(iterations);
+      newton.correct(n, moved, open);
+      Mask stalled = newton.stalls(n);
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
       if (L::all(good | bad)) {
-        if (L::all(good | again)) break;
-        iterations = iterations < 3 ? 3 : iterations | 1;  // a new matrix comes next
+        if (iterations > max_iterations || L::all(good | skip)) break;
+        iterations = max_iterations;
       }
     }
-    if (iterations > max_iterations) iterations = max_iterations;
+    if (iterations > 2 * max_iterations) iterations = 2 * max_iterations;
     place(engine, h, q, v);
     return good;
   }
