@@ -93,7 +93,6 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
     : s(problem, control),
       reached(looks[0]),
       method(method_),
-      solves_(!method_.stages().in_turn),
       step(step_),
       now_{looks[0], step_, std::nan("")},
       ways_(static_cast<std::size_t>(s.arm.nv()), Tape::free),

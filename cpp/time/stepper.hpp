@@ -84,8 +84,8 @@ class Stepper {
     double switched;  // when, last (s)
   };
 
-  /// One step, or, where its equations cannot be solved, or their solution is beyond all reach, two of half its
-  /// length, and so on.
+  /// One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
+  /// method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
   template <class Seen>
   Status part(double from, double h, double last, int level, const Seen& seen) {
     if (!contacts_.empty()) {
@@ -105,14 +105,11 @@ class Stepper {
       if (share == 1.0 || found != Status::ok || enough) return found;
       return part(from + share * h, (1.0 - share) * h, last, level, seen);
     }
-    const bool other = found == Status::not_converged || (found == Status::not_finite && solves_);
-    if (!other || level == kSplits) return found;
+    if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
     ++halved;
     s.drive(from);
-    found = part(from, 0.5 * h, std::nan(""), level + 1, seen);
-    if (found == Status::ok && !enough) found = part(from + 0.5 * h, 0.5 * h, last, level + 1, seen);
-    if (found == Status::not_finite) now_.h = h;  // for `reason`
-    return found;
+    const Status half = part(from, 0.5 * h, std::nan(""), level + 1, seen);
+    return half == Status::ok && !enough ? part(from + 0.5 * h, 0.5 * h, last, level + 1, seen) : half;
   }
   /// The first switch of dry friction within the step that has been taken: takes the step again up to there.
   /// @param share  part of the step up to it
@@ -127,7 +124,6 @@ class Stepper {
   bool look();
 
   Step& method;
-  const bool solves_;  // equations, at each step
   const double step;
   std::vector<double> speeds_;  // of prescribed motions
   Step::Given given_;

@@ -121,9 +121,9 @@ def test_a_step_without_a_solution_is_said() -> None:
     rng = np.random.default_rng(1)
     q, v, tau = (0.2 * rng.normal(size=arm.nv) for _ in range(3))  # a torsion far too fast for the step, and loud
     with pytest.raises(ValueError, match="no solution was found; take a smaller step"):
-        fa.step_derivatives(arm, q, v, tau, step=1e-3)
+        fa.step_derivatives(arm, q, v, tau, step=5e-3)
     with pytest.raises(ValueError, match="step 0: no solution was found"):
-        fa.rollout_gradient(arm, np.stack([q, q]), np.stack([v, v]), tau[None], step=1e-3)
+        fa.rollout_gradient(arm, np.stack([q, q]), np.stack([v, v]), tau[None], step=5e-3)
 
 
 def with_value(arm: fa.Arm, path: str, value: np.ndarray) -> fa.Arm:

@@ -67,9 +67,6 @@ def test_names_in_what_the_core_says() -> None:
     with pytest.raises(ValueError, match="inertia of coordinate 'wrist y'"):
         fa.Arm([fa.Link(fa.Universal(name="wrist"), fa.RigidBody(1.0, inertia=(1, 0, 0)), name="hand")])
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
-    rough = fa.Arm([fa.Link(fa.Revolute(name="elbow", coulomb=1.0), solid, name="forearm")])
-    with pytest.raises(ValueError, match="coulomb of 'elbow' = 1"):
-        fa.rollout(rough, [0.0], step=1e-2, nstep=3, integrator="rk4")
     smooth = fa.Arm([fa.Link(fa.Revolute(name="elbow"), solid, name="forearm")])
     with pytest.raises(fa.SimulationError, match="'elbow' moves at"):
         fa.simulate(smooth, [0, 1, 2], drive={"elbow": fa.Torque(1e13)}, integrator="rk4", step=1e-2)

@@ -408,7 +408,7 @@ def test_a_run_that_fails_before_its_first_row_is_an_error_of_its_own(integrator
 
 
 def test_a_start_out_of_balance_is_named_where_implicit_cannot_follow_what_rings() -> None:
-    """A spring of 270 N m that is let go: in balance, or with "gauss", it goes."""
+    """A spring of 270 N m that is let go: in balance, with shorter steps, or with "gauss", it goes."""
     hub = fa.RigidBody(0.5, inertia=(1e-3,) * 3, end=(0.05, 0, 0))
     beams = [fa.Beam(x, fa.Tube(r, 0.1 * r), fa.Material(2700.0, 70e9, 0.33), {"bending_y": 4, "bending_z": 4})
              for x, r in ((1.2, 0.025), (1.0, 0.0175))]  # fmt: skip
@@ -418,7 +418,8 @@ def test_a_start_out_of_balance_is_named_where_implicit_cannot_follow_what_rings
     arm = fa.Arm(links, gravity=(0, 0, -9.81))
     says = r"start is not in balance: 'link . .*' begins to ring at .* rad/s.*q0=arm.equilibrium.*\"gauss\""
     with pytest.raises(fa.SimulationError, match=says):
-        fa.simulate(arm, [0, 0.02], integrator="implicit", step=1e-3)
+        fa.simulate(arm, [0, 0.02], integrator="implicit", step=5e-3)
+    fa.simulate(arm, [0, 0.02], integrator="implicit", step=1e-3)
     fa.simulate(arm, [0, 0.02], integrator="gauss", step=1e-3)
     fa.simulate(arm, [0, 0.02], arm.equilibrium(), integrator="implicit", step=1e-3)
     free = fa.Arm([replace(link, joint=fa.Revolute("y")) for link in links])  # whose modes at rest have no frequency

@@ -83,8 +83,7 @@ class Implicit(Integrator):
 
     Args:
         step: the longest step (s). Output times and samples of drives and loads are met exactly, by dividing the time
-            between two of them into equal steps, as few as `step` allows. Steps whose equations cannot be solved are
-            halved, but not in batches.
+            between two of them into equal steps, as few as `step` allows.
         rtol: how far the equations of a step are solved, as a part of the motion, in the norm of kinetic energy; a
             tolerance near the error that the step leaves saves a third of the time.
         spectral_radius: the factor, 0 to 1, by which one step reduces a mode much too fast for it. 1 (trapezoidal rule)

@@ -81,7 +81,7 @@ struct ImplicitOptions {
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   /// This error is the drift of a free arm's energy.
   double rtol = 1e-10;
-  int max_iterations = 20;
+  int max_iterations = 20;  ///< from each of two starts: extrapolated accelerations, and velocities alone
 };
 
 /// A method of the kernel's table, which batches take as well (step/methods.hpp), on an arm's workspace.
