@@ -90,7 +90,7 @@ void begin_again(GeneralisedAlpha<Engine>& m, const Tape::Switch& from) {
 void note_beginning(const GeneralisedAlpha<Engine>& m, double h, Tape::Switch& out) {
   const auto all = [&m](const double* x) { return Eigen::Map<const Eigen::VectorXd>(x, m.nv); };
   out.a0 = all(m.a0);
-  out.alpha0 = all(m.alpha0);
+  out.alpha0 = all(m.lagged);
   out.gain = m.continued(h) * (all(m.a0) - all(m.a_before));
 }
 void begin_again(RungeKutta4<Engine>&, const Tape::Switch&) {}
@@ -405,6 +405,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   counts_.evaluations += run.work->evaluations - before.evaluations;
   counts_.factorisations += run.work->factorisations - before.factorisations;
   counts_.iterations += run.work->solves - before.solves;
+  counts_.restarts += run.work->restarts - before.restarts;
   if (!solved || !arm_->within_reach(q, v)) {
     std::copy(run.q0, run.q0 + q.size(), q.begin());
     std::copy(run.v0, run.v0 + v.size(), v.begin());

@@ -30,6 +30,7 @@ void bind_gradients(py::module_& m) {
           by_state[k] = A;
           by_tau[k] = B;
         });
+        (*lent).limits.clear();  // which are those of steps, not of the arm's dynamics
         return py::make_tuple(end_q.all(), end_v.all(), by_state.all(), by_tau.all(), status);
       },
       py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),

@@ -81,3 +81,40 @@ def test_a_scenario_remembers_that_its_numbers_are_wrong() -> None:
     with pytest.warns(fa.errors.StepWarning, match="scenario 5"):
         runs = stiff_one()
     assert "above 2.83 over" in str(runs[5].check()) and "above 2.83 over" not in str(runs[0].check())
+
+
+def flexible(youngs_modulus: float, order: int) -> fa.Arm:
+    beam = fa.Beam(0.4, fa.Rectangle(0.002, 0.02), fa.Material(7800.0, youngs_modulus, 0.3), {"bending_y": 2},
+                   damping_ratio=0.01, order=order)  # fmt: skip
+    link = fa.Link(fa.Revolute("z"), fa.RigidBody(end=(0.05, 0, 0)), beam, fa.RigidBody(0.05))
+    return fa.Arm([link, link], gravity=(0, -9.81, 0))
+
+
+def test_a_pulse_that_the_steps_of_one_scenario_miss_is_told() -> None:
+    """Scenarios of "ida" have steps of their own: those of one may see a pulse that another's miss."""
+
+    def pulse(t: float) -> tuple[float, float, float]:
+        return 0.0, 100.0 if 0.1013 < t < 0.1014 else 0.0, 0.0
+
+    arm, t, loads = flexible(2.1e11, 2), np.linspace(0, 0.2, 21), [fa.Load(-1, force=pulse)]
+    v0 = np.outer([0.0, 0.5, 1.0], np.eye(arm.nv)[0])
+    alone = [told(lambda v=v: fa.simulate(arm, t, v0=v, loads=loads)) for v in v0]
+    assert any(alone)
+    (said,) = told(lambda: fa.simulate_batch(arm, t, v0=v0, loads=loads, integrator="ida"))
+    assert said.category is fa.errors.StepWarning and "loads[0]" in str(said.message)
+
+
+@pytest.mark.parametrize(("integrator", "options"), [("ida", {}), ("gauss", {"step": 1e-3})])
+def test_ranges_are_told_whatever_is_kept(integrator: str, options: dict[str, float]) -> None:
+    arm, t = flexible(2e9, 1), np.linspace(0, 0.2, 21)
+    v0 = np.outer([0.0, 3.0, 10.0], np.eye(arm.nv)[0])
+    kept = told(lambda: fa.simulate_batch(arm, t, v0=v0, integrator=integrator, **options))
+    less = told(lambda: fa.simulate_batch(arm, t, v0=v0, integrator=integrator, outputs=["a"], **options))
+    assert [str(x.message) for x in kept] == [str(x.message) for x in less]
+    assert any(x.category is fa.errors.RangeWarning for x in less)
+
+
+@pytest.mark.parametrize("integrator", ["ida", "gauss", "implicit", "rk4"])
+def test_options_that_are_not_known_are_refused(integrator: str) -> None:
+    with pytest.raises(ValueError, match="argument = 'rtoll'"):
+        fa.simulate_batch(on_springs(), T, integrator=integrator, rtoll=1e-3)

@@ -116,6 +116,14 @@ def test_bad_input(change: dict, says: str) -> None:
         fa.step_derivatives(arm, q, np.zeros(arm.nv), np.zeros(arm.nv), **{"step": 1e-3} | change)
 
 
+@pytest.mark.parametrize("integrator", ["implicit", "rk4"])
+def test_derivatives_of_steps_leave_the_arm_as_it_is(integrator: str) -> None:
+    """Steps hold torques within `torque_limit`; the arm's dynamics do not."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z", torque_limit=3.0), fa.RigidBody(1.0, inertia=(0.1,) * 3))])
+    fa.step_derivatives(arm, [0.0], [0.0], [10.0], step=0.1, integrator=integrator)
+    np.testing.assert_allclose(arm.forward_dynamics([0.0], [0.0], [10.0]), 100.0, rtol=1e-12)
+
+
 def test_a_step_without_a_solution_is_said() -> None:
     arm = arm_of()
     rng = np.random.default_rng(1)

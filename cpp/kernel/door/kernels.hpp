@@ -26,6 +26,7 @@ struct MethodTraits {
 /// Counts of a method's work.
 struct Work {
   long evaluations = 0, factorisations = 0, solves = 0;
+  long restarts = 0;  ///< iterations that began once more, from another start
 };
 
 /// Inputs and outputs of arms in fixed steps. Numbers of lane l are at i width + l.

@@ -53,7 +53,7 @@ struct GeneralisedAlpha : AlphaNumbers {
   S scale;
   // of nq; of nv
   S* q0;
-  S *v0, *a0, *a_before, *alpha0, *alpha, *a, *u, *r, *turn, *tau_own;
+  S *v0, *a0, *a_before, *alpha0, *lagged, *alpha, *a, *u, *r, *turn, *tau_own;  // lagged: alpha0 as this step has it
   int iterations = 0;
   Work work;
   Contacts<Engine> contacts;
@@ -65,7 +65,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     nq = nq_;
     nv = nv_;
     arena.take_zeros(nq, q0);
-    arena.take_zeros(nv, v0, a0, a_before, alpha0, alpha, a, u, r, turn, tau_own);
+    arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
     contacts.lay_out(arena, rubbing, rubbing_count, nv);
     forget();
   }
@@ -137,9 +137,9 @@ struct GeneralisedAlpha : AlphaNumbers {
     }
     for (int k = 0; k < engine.free_count; ++k) {
       const int i = engine.free[k];
-      if (changed) alpha0[i] = a0[i] + ahead * (alpha0[i] - a0[i]);
+      lagged[i] = changed ? a0[i] + ahead * (alpha0[i] - a0[i]) : alpha0[i];
       a[i] = a0[i] + ahead * (a0[i] - a_before[i]);
-      alpha[i] = ((1.0 - alpha_f) * a[i] + alpha_f * a0[i] - alpha_m * alpha0[i]) * (1.0 / (1.0 - alpha_m));
+      alpha[i] = ((1.0 - alpha_f) * a[i] + alpha_f * a0[i] - alpha_m * lagged[i]) * (1.0 / (1.0 - alpha_m));
     }
   }
 
@@ -148,9 +148,9 @@ struct GeneralisedAlpha : AlphaNumbers {
   void predict_uniform(const Engine& engine, const Mask& where) {
     for (int k = 0; k < engine.free_count; ++k) {
       const int i = engine.free[k];
-      const S uniform = -(0.5 - beta) / beta * alpha0[i];
+      const S uniform = -(0.5 - beta) / beta * lagged[i];
       alpha[i] = L::select(where, uniform, alpha[i]);
-      const S there = ((1.0 - alpha_m) * uniform + alpha_m * alpha0[i] - alpha_f * a0[i]) * (1.0 / (1.0 - alpha_f));
+      const S there = ((1.0 - alpha_m) * uniform + alpha_m * lagged[i] - alpha_f * a0[i]) * (1.0 / (1.0 - alpha_f));
       a[i] = L::select(where, there, a[i]);
     }
   }
@@ -159,8 +159,8 @@ struct GeneralisedAlpha : AlphaNumbers {
   void place(Engine& engine, double h, S* q, S* v) {
     for (int k = 0; k < engine.free_count; ++k) {
       const int i = engine.free[k];
-      u[i] = h * v0[i] + (h * h) * ((0.5 - beta) * alpha0[i] + beta * alpha[i]);
-      v[i] = v0[i] + h * ((1.0 - gamma) * alpha0[i] + gamma * alpha[i]);
+      u[i] = h * v0[i] + (h * h) * ((0.5 - beta) * lagged[i] + beta * alpha[i]);
+      v[i] = v0[i] + h * ((1.0 - gamma) * lagged[i] + gamma * alpha[i]);
     }
     engine.place(q0, u, q);
   }
@@ -183,14 +183,17 @@ struct GeneralisedAlpha : AlphaNumbers {
     const double by_a = this->by_a();
     const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
     const S fall = (h * h) * engine.weight;
+    const S scale0 = scale, contraction0 = newton.contraction;
     newton.begin(kBest);
-    const S scale0 = scale;
     S size{};
     contacts.begin_step(L::everywhere(true));
     Mask good = L::everywhere(false), bad = skip;
-    for (iterations = 1; iterations <= 2 * max_iterations; ++iterations) {
-      const int n = iterations <= max_iterations ? iterations : iterations - max_iterations;
-      if (iterations == max_iterations + 1) {
+    iterations = 0;
+    for (int round = 1; round <= 2 * max_iterations; ++round) {
+      const int n = round <= max_iterations ? round : round - max_iterations;
+      ++iterations;
+      if (round == max_iterations + 1) {
+        ++work.restarts;
         const Mask again = L::none_of(good | skip);
         predict_uniform(engine, again);
         contacts.begin_step(again);
@@ -210,8 +213,8 @@ struct GeneralisedAlpha : AlphaNumbers {
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) {  // an engine that could not factor has nothing to solve with
-          if (iterations > max_iterations || L::all(good | skip)) break;
-          iterations = max_iterations;
+          if (round > max_iterations || L::all(good | skip)) break;
+          round = max_iterations;
           continue;
         }
       }
@@ -245,11 +248,12 @@ struct GeneralisedAlpha : AlphaNumbers {
       const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
       if (L::all(good | bad)) {
-        if (iterations > max_iterations || L::all(good | skip)) break;
-        iterations = max_iterations;
+        if (round > max_iterations || L::all(good | skip)) break;
+        round = max_iterations;
       }
     }
-    if (iterations > 2 * max_iterations) iterations = 2 * max_iterations;
+    scale = L::select(good, scale, scale0);  // a step that fails is forgotten
+    newton.contraction = L::select(good, newton.contraction, contraction0);
     place(engine, h, q, v);
     return good;
   }

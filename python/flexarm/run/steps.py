@@ -121,8 +121,15 @@ def switches_too_often(integrator: str, step: float, switches: int, count: int) 
 
 def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
     """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
-    were not may be too long as well."""
+    were not may be too long as well; of "implicit", where a step could be solved from a second start alone."""
     count, steps = stats["failed_steps"], stats["steps"]
+    if integrator == "implicit" and count:
+        what = (
+            f"the equations of {count} of {steps} steps could be solved from a second start alone: a force leaps, or a "
+            "mode vibrates, faster than the steps resolve"
+        )
+        remedy = "the motion behind may be wrong; compare it with a run of a smaller step"
+        return StepWarning(Finding(_where(integrator, step), what, count, 0, "steps", remedy))
     most = max(_FEW_HALVED, _SHARE_HALVED * steps)
     if not count > most:
         return None

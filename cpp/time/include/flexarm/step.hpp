@@ -25,6 +25,7 @@ class Step {
     long evaluations = 0;     ///< of inverse or forward dynamics
     long factorisations = 0;  ///< of iteration matrices
     long iterations = 0;      ///< linear solves
+    long restarts = 0;        ///< steps whose iteration began once more, from another start
     long switches = 0;        ///< steps in which dry friction came to hold a joint, let it go, or turned
   };
 

@@ -39,15 +39,19 @@ def run_steps(
     q0, v0, tau = (None if x is None else _taken(x, indices) for x in (job.q0, job.v0, job.tau))
     if q0 is not None:
         check_balls(one, q0)
-    problems = problems_of(setups, len(indices), job.t, job.options.get("events"), indices)
+    integrator = job.stepping
+    apart = integrator.name not in ("implicit", "rk4")
+    problems = problems_of(setups, len(indices), job.t, job.options.get("events"), indices, apart)
     prescribed = problems[0].prescribed
     for i in prescribed:
         for name, given, at in (("q0", q0, one.coordinate_of(i)), ("v0", v0, i)):
             value = np.array([p.start[name][at] for p in problems])
             if given is not None and (np.abs(given[:, at] - value) > 1e-9 * np.maximum(1.0, np.abs(value))).any():
                 raise ValueError(f"{name}: disagrees with the motion of '{one.coordinates[i]}' at t = {job.t[0]}")
-    kept = (*job.outputs, "status", "reached", *(("events",) if job.events else ()))
-    integrator = job.stepping
+    if apart:  # what is wrong is found in q and v, whether or not they are kept
+        rows = len(job.t[:: job.every])
+        blocks = {k: np.full((len(indices), rows, n), np.nan) for k, n in (("q", one.nq), ("v", one.nv))} | {**blocks}
+    wanted = [k for k in ("q", "v", "a", "tau", "status", "reached", "events") if k in blocks]
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         s = setups[k % len(setups)]
@@ -68,16 +72,16 @@ def run_steps(
         paces[k](now, steps)
 
     stats = run_problems(
-        problems, arms, len(indices), job.every, q0, v0, tau, integrator, {k: blocks[k] for k in kept}, workers,
+        problems, arms, len(indices), job.every, q0, v0, tau, integrator, {k: blocks[k] for k in wanted}, workers,
         alive, whole=job.whole, names=indices, slow=slow,
     )  # fmt: skip
-    apart = stats.pop("apart")
+    alone = stats.pop("apart")
     arms = arms[:1] if all(arm is one for arm in arms) else arms
     if "q" in blocks:
         blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
 
-    found = failures_of(blocks, scenario, prescribed, job.t, apart)
-    judge(blocks, scenario, problems, job.t, job.every, integrator, apart)
+    found = failures_of(blocks, scenario, prescribed, job.t, alone)
+    judge(blocks, scenario, problems, job.t, job.every, integrator, alone)
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED
     blocks["status"][ended] = ENDED

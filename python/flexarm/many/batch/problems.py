@@ -23,16 +23,19 @@ STEP_BYTES = 100  # of a step's times, here and in the core
 
 
 def problems_of(
-    setups: Sequence[Setup], count: int, t: Array, events: Any, names: NDArray[np.int64] | None = None
-) -> list[Problem]:
+    setups: Sequence[Setup], count: int, t: Array, events: Any, names: NDArray[np.int64] | None = None,
+    apart: bool = False,
+) -> list[Problem]:  # fmt: skip
     """One problem if all scenarios can share it, except for their arms, else one for each; callables of time are
     sampled once for all.
 
     Args:
         setups: one, or one for each of `count` scenarios. t: times of the run.
         names: of the scenarios, in errors.
+        apart: whether each scenario has steps of its own, which may miss a pulse of a callable of time that the
+            others' see.
     """
-    remembered: dict[int, Any] = {}
+    remembered: dict[int, Any] | None = None if apart else {}
 
     def made(k: int, s: Setup) -> Problem:
         try:
@@ -43,7 +46,8 @@ def problems_of(
             raise ValueError(f"scenario {k if names is None else names[k]}: {e}") from None
 
     first = made(0, setups[0])
-    if count == 1 or ((len(setups) == 1 or _differ_in_arms(setups)) and first.shares):
+    alike = first.shares and not (apart and any(times is not None for times in first.core.asked))
+    if count == 1 or ((len(setups) == 1 or _differ_in_arms(setups)) and alike):
         return [first]
     return [first, *(made(k, setups[k % len(setups)]) for k in range(1, count))]
 

@@ -172,7 +172,7 @@ def judge(
         _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
     step = getattr(integrator, "step", 0.0)
     for k, (reason, counts) in enumerate(apart if integrator.fixed else ()):
-        if reason or wrong[k]:
+        if reason or wrong[k] or ("out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()):
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
         often = often or halved(integrator.name, step, counts)

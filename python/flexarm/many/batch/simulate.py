@@ -20,7 +20,7 @@ from ...loop.loops import unstable
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Torque, Voltage, split_drives
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of, spelled
 from ...run.start import check_one_start, start
 from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -53,7 +53,7 @@ def make_job(
     options = {k: x for k, x in options.items() if x is not None}
     if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].fixed:
         options.setdefault("step", float(np.diff(times).min()))
-    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
+    integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
     step = options.pop("step", None)
     check_every(whole("every", every), times.size - 1)
     if isinstance(outputs, str) or not outputs:
