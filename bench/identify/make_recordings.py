@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-FOLDER = Path(__file__).parents[2] / "python" / "flexarm" / "validate" / "quanser"
+FOLDER = Path(__file__).parents[2] / "python" / "flexarm" / "identify" / "validate" / "quanser"
 COLUMNS = [f"{x}_deg" for x in ("joint1", "link1_deflection", "joint2", "link2_deflection")]
 COLUMNS[2:2], COLUMNS[5:5] = ["motor1_current_A"], ["motor2_current_A"]
 EACH = 5
