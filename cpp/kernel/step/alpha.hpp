@@ -180,27 +180,37 @@ struct GeneralisedAlpha : AlphaNumbers {
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
+    const S scale0 = scale, contraction0 = newton.contraction;
+    newton.begin(kBest);
+    contacts.begin_step(L::everywhere(true));
+    iterations = 0;
+    Mask good = L::everywhere(false);
+    converge(engine, h, q, v, tau, skip, good);
+    if (!L::all(good | skip)) {
+      ++work.restarts;
+      const Mask again = L::none_of(good | skip);
+      predict_uniform(engine, again);
+      contacts.begin_step(again);
+      newton.again(again);
+      scale = L::select(again, scale0, scale);
+      converge(engine, h, q, v, tau, skip, good);
+    }
+    scale = L::select(good, scale, scale0);  // a step that fails is forgotten
+    newton.contraction = L::select(good, newton.contraction, contraction0);
+    place(engine, h, q, v);
+    return good;
+  }
+
+  /// The iterations from one start.
+  /// @param good  where it has converged, before and after
+  void converge(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip, Mask& good) {
     const double by_a = this->by_a();
     const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
     const S fall = (h * h) * engine.weight;
-    const S scale0 = scale, contraction0 = newton.contraction;
-    newton.begin(kBest);
     S size{};
-    contacts.begin_step(L::everywhere(true));
-    Mask good = L::everywhere(false), bad = skip;
-    iterations = 0;
-    for (int round = 1; round <= 2 * max_iterations; ++round) {
-      const int n = round <= max_iterations ? round : round - max_iterations;
+    Mask bad = skip;
+    for (int n = 1; n <= max_iterations && !L::all(good | bad); ++n) {
       ++iterations;
-      if (round == max_iterations + 1) {
-        ++work.restarts;
-        const Mask again = L::none_of(good | skip);
-        predict_uniform(engine, again);
-        contacts.begin_step(again);
-        newton.again(again);
-        scale = L::select(again, scale0, scale);
-        bad = skip;
-      }
       place(engine, h, q, v);
       const bool anew = new_matrix(n);
       engine.inverse(q, v, a, tau_own, anew);
@@ -212,11 +222,7 @@ struct GeneralisedAlpha : AlphaNumbers {
         contacts.refactored(L::everywhere(true));
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
-        if (L::all(good | bad)) {  // an engine that could not factor has nothing to solve with
-          if (round > max_iterations || L::all(good | skip)) break;
-          round = max_iterations;
-          continue;
-        }
+        if (L::all(good | bad)) return;  // an engine that could not factor has nothing to solve with
       }
       S released{}, residual{}, force = contacts.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
@@ -247,15 +253,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
-      if (L::all(good | bad)) {
-        if (round > max_iterations || L::all(good | skip)) break;
-        round = max_iterations;
-      }
     }
-    scale = L::select(good, scale, scale0);  // a step that fails is forgotten
-    newton.contraction = L::select(good, newton.contraction, contraction0);
-    place(engine, h, q, v);
-    return good;
   }
 };
 
