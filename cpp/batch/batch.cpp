@@ -201,13 +201,6 @@ class Worker {
   BatchStats stats_;
 };
 
-/// The method in the kernels' table, or null.
-const OneStep::Traits* kernel_method(const BatchProblem& p) {
-  const auto& all = OneStep::methods();
-  const auto found = std::find_if(all.begin(), all.end(), [&](const auto& m) { return m.name == p.method.name; });
-  return p.integrate || found == all.end() ? nullptr : &*found;
-}
-
 void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   if (p.scenarios < 0) bad_value("scenarios", p.scenarios, "must not be negative");
   if (p.problems.size() != 1 && static_cast<Index>(p.problems.size()) != p.scenarios)
@@ -253,10 +246,15 @@ struct Team {
 
 }  // namespace
 
+bool in_kernels(const std::string& method, const Arm& arm) {
+  for (const OneStep::Traits& known : OneStep::methods())
+    if (known.name == method) return known.rubs || rubs(arm).empty();
+  return false;
+}
+
 bool BatchProblem::in_kernels() const {
-  const OneStep::Traits* known = kernel_method(*this);
-  return known && (known->rubs ||
-                   std::all_of(problems.begin(), problems.end(), [](const auto& x) { return rubs(*x->arm).empty(); }));
+  return !integrate && std::all_of(problems.begin(), problems.end(),
+                                   [this](const auto& x) { return flexarm::in_kernels(method.name, *x->arm); });
 }
 
 BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int workers,

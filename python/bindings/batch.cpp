@@ -131,7 +131,8 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
     if (o.status[b] != static_cast<int>(BatchStatus::not_done))
       out["events"][py::int_(b)] = event_rows(events[b], p.nq, p.nv);
   py::list apart;
-  for (std::size_t b = 0; !p.in_kernels() && b < counts.size(); ++b)
+  const std::size_t alone = p.in_kernels() ? 0 : counts.size();
+  for (std::size_t b = 0; b < alone; ++b)
     apart.append(py::make_tuple(
         failure[b], py::dict(py::arg("steps") = counts[b].steps, py::arg("failed_steps") = counts[b].failed_steps,
                              py::arg("switches") = counts[b].switches, py::arg("hasty") = counts[b].hasty)));
@@ -150,6 +151,7 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
 }  // namespace
 
 void bind_batch(py::module_& m) {
+  m.def("in_kernels", &in_kernels, py::arg("method"), py::arg("arm"));
   py::class_<PyBatch>(m, "BatchProblem")
       .def(py::init(&make_batch), py::keep_alive<1, 2>(), py::keep_alive<1, 3>(), py::arg("problems"), py::arg("arms"),
            py::kw_only(), py::arg("scenarios"), py::arg("t"), py::arg("every"), py::arg("q0"), py::arg("v0"),

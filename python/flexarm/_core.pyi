@@ -677,6 +677,8 @@ class Tape:
         threads: int,
     ) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array, _Array]: ...
 
+def in_kernels(method: str, arm: Arm) -> bool: ...
+
 class BatchProblem:
     def __init__(
         self,

@@ -119,7 +119,7 @@ def switches_too_often(integrator: str, step: float, switches: int, count: int) 
     return StepWarning(Finding(_where(integrator, step), what, count, _MOST_SWITCHES, "switches", remedy))
 
 
-def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
+def failed_steps(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
     """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
     were not may be too long as well; of "implicit", where a step could be solved from a second start alone."""
     count, steps = stats["failed_steps"], stats["steps"]

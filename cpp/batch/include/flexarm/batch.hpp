@@ -45,10 +45,12 @@ struct BatchProblem {
   const Problem& of(Eigen::Index scenario) const {
     return *problems[problems.size() == 1 ? 0 : static_cast<std::size_t>(scenario)];
   }
-  /// Whether the kernels of batches know the method, and the dry friction of all joints in it. Else each scenario is
-  /// one run of `simulate_fixed`, or `integrate`.
+  /// Whether the kernels run all scenarios. Else each is one run of `simulate_fixed`, or `integrate`.
   bool in_kernels() const;
 };
+
+/// Whether the kernels of batches know the method, and the dry friction of the arm's joints in it.
+bool in_kernels(const std::string& method, const Arm& arm);
 
 /// How a scenario ended. The first four are those of Status; `ended`: by an event.
 enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done, ended };

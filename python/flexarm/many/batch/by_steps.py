@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import _core
 from ..._check import Array
 from ...analysis.findings import LoopWarning, RunWarning
 from ...arm.arm import Arm
@@ -40,7 +41,7 @@ def run_steps(
     if q0 is not None:
         check_balls(one, q0)
     integrator = job.stepping
-    apart = integrator.name not in ("implicit", "rk4")
+    apart = not all(_core.in_kernels(integrator.name, arm._core) for arm in arms)
     problems = problems_of(setups, len(indices), job.t, job.options.get("events"), indices, apart)
     prescribed = problems[0].prescribed
     for i in prescribed:

@@ -25,7 +25,7 @@ from ...model.acting.following import smooth
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
 from ...run.problem import Problem
-from ...run.steps import FAST_JOINTS, beyond_explicit, halved, switches_too_often
+from ...run.steps import FAST_JOINTS, beyond_explicit, failed_steps, switches_too_often
 from .arguments import (
     check_balls,
     check_every,
@@ -175,7 +175,7 @@ def judge(
         if reason or wrong[k] or ("out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()):
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
-        often = often or halved(integrator.name, step, counts)
+        often = often or failed_steps(integrator.name, step, counts)
         wrong[k] = [often] if often else None
 
 
