@@ -90,7 +90,7 @@ struct Shared {
 
   /// Of the calling thread: asks `alive` when it is time to.
   void look_around() {
-    if (!alive) return;
+    if (!alive || stop) return;
     const auto now = std::chrono::steady_clock::now();
     if (now - looked < kLookTime) return;
     looked = now;
@@ -203,7 +203,7 @@ class Worker {
 
 void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   if (p.scenarios < 0) bad_value("scenarios", p.scenarios, "must not be negative");
-  if (p.problems.size() != 1 && static_cast<Index>(p.problems.size()) != p.scenarios)
+  if (p.problems.empty() || (p.problems.size() != 1 && static_cast<Index>(p.problems.size()) != p.scenarios))
     bad_value("problems", p.problems.size(), "must be one, or one for each scenario");
   check_times(p.t);
   if (p.every < 1) bad_value("every", p.every, "must be at least 1");

@@ -240,6 +240,8 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.scenarios = this;
   job.status = status_.data();
   job.reached = reached_.data();
+  job.divided = divided_.data();
+  job.doubt = doubt_.data();
   const std::size_t need = kernels_.roll_memory(job);
   if (need > memory_.size()) memory_ = lanes::Memory(need);
   kernels_.roll(job, memory_.get(), q_.data(), v_.data());
@@ -264,6 +266,11 @@ void LaneGroup::end_alone(Index lane) {
   const bool over = watch && watch->out.terminated;
   if (out_.status) out_.status[b] = broken_ ? static_cast<int>(BatchStatus::not_done) : status_[k];
   if (out_.reached) out_.reached[b] = over ? watch->out.reached : time(reached_[k]);
+  if (out_.stats) {
+    out_.stats[b].steps = reached_[k];
+    out_.stats[b].failed_steps = static_cast<long>(divided_[k]);
+    out_.stats[b].doubt = doubt_[k];
+  }
   if (out_.events && watch) out_.events[b] = std::move(watch->out.events);
 }
 

@@ -133,6 +133,7 @@ class LaneGroup final : lanes::Scenarios {
   std::vector<int> limited_;  // rates whose motor has a limit in any scenario, and that are not prescribed
   std::vector<int> free_, coordinate_, status_, moved_;  // moved: rates that are prescribed
   std::vector<long> reached_;
+  std::vector<double> divided_, doubt_;
   std::vector<Eigen::Index> rows_done_;
   std::optional<BatchSteps> own_steps_;  // of a problem whose are not the first's; of which
   Eigen::Index own_of_ = -1;

@@ -86,6 +86,8 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchSteps& steps, const
   weight_.resize(w);
   status_.resize(w);
   reached_.resize(w);
+  divided_.resize(w);
+  doubt_.resize(w);
   rows_done_.resize(w);
   q_.resize(w * nq);
   v_.resize(w * nv);

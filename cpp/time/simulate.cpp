@@ -117,7 +117,8 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
   out.status = status;
   const Step::Counts& counts = method.counts();
   out.stats.steps = way.steps;
-  out.stats.failed_steps = way.halved + counts.restarts - before.restarts;
+  out.stats.failed_steps = way.halved + counts.divided - before.divided;
+  out.stats.doubt = counts.doubt;
   out.stats.residuals = counts.evaluations - before.evaluations;
   out.stats.jacobians = counts.factorisations - before.factorisations;
   out.stats.newton_iterations = counts.iterations - before.iterations;

@@ -37,6 +37,7 @@ struct Engine {
   void place(const double* q0, const double* u, double* out) const { ::displace(*layout, q0, u, out); }
   void rates(const double* q, const double* v, double* dq) const { ::coordinate_rates(*layout, q, v, dq); }
   void normalise(double* q) const { ::normalise(*layout, q); }
+  int coordinate(int i) const { return static_cast<int>(arm.coordinate_of(i)); }
   bool accelerate(const double* q, const double* v, const double* tau, double* a) {
     return forward(*ws, q, v, tau, a) == Status::ok;
   }
@@ -104,9 +105,11 @@ void scalars(RungeKutta4<Engine>&, const std::function<void(double&)>&) {}
 
 double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
 const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
+bool divided(const GeneralisedAlpha<Engine>& m) { return m.divided; }
 
 double lag_of(const RungeKutta4<Engine>&, double) { return 1.0; }
 const double* accelerations_of(const RungeKutta4<Engine>&) { return nullptr; }
+bool divided(const RungeKutta4<Engine>&) { return false; }
 
 Stages stages_of(const RungeKutta4<Engine>&) {
   Stages out;
@@ -132,7 +135,7 @@ struct OneStep::Run {
   std::vector<int> rubbing, now;         // their rates, those that are not prescribed
   Contacts<Engine>* contacts = nullptr;  // of the method
   const Work* work = nullptr;
-  const double *q0 = nullptr, *v0 = nullptr;
+  const double *q0 = nullptr, *v0 = nullptr, *divisions = nullptr, *doubt = nullptr;
   Status unsolved = Status::not_converged;
 
   Run(const Arm& arm, std::vector<Rub> rubs_) : engine(arm), rubs(std::move(rubs_)), limits(torque_limits(arm)) {
@@ -145,6 +148,7 @@ struct OneStep::Run {
   virtual bool accelerate(const double* q, const double* v, const double* tau, double* x, bool between) = 0;
   virtual bool switches_within() const = 0;
   virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
+  virtual bool divided() const = 0;
   virtual bool accept(double h, double* v, double* x) = 0;
   virtual int iterations() const = 0;
   virtual Stages stages() const = 0;
@@ -198,6 +202,8 @@ struct OneStep::RunOf final : Run {
     work = &method.work;
     q0 = method.q0;
     v0 = method.v0;
+    divisions = &method.divisions;
+    doubt = &method.doubt;
     unsolved = static_cast<Status>(method.unsolved);
   }
   void forget() override { method.forget(); }
@@ -214,6 +220,7 @@ struct OneStep::RunOf final : Run {
     };
     return method.step(engine, h, q, v, tau, x, set, false);
   }
+  bool divided() const override { return flexarm::divided(method); }
   bool accept(double h, double* v, double* x) override { return method.accept(h, v, x, true); }
   int iterations() const override { return method.iterations; }
   Stages stages() const override { return stages_of(method); }
@@ -315,7 +322,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->lag(h), tape_->points()});
-  if (run_->switches_within() && run_->contacts->switches()) {
+  if (run_->divided() || (run_->switches_within() && run_->contacts->switches())) {
     const Contacts<Engine>& c = *run_->contacts;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
@@ -380,6 +387,7 @@ std::vector<double> OneStep::way() const {
   const Contacts<Engine>& c = *run_->contacts;
   for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
   out.push_back(c.left);
+  out.push_back(run_->divided() ? 1.0 : 0.0);
   return out;
 }
 
@@ -405,7 +413,8 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   counts_.evaluations += run.work->evaluations - before.evaluations;
   counts_.factorisations += run.work->factorisations - before.factorisations;
   counts_.iterations += run.work->solves - before.solves;
-  counts_.restarts += run.work->restarts - before.restarts;
+  counts_.divided = static_cast<long>(*run.divisions);
+  counts_.doubt = *run.doubt;
   if (!solved || !arm_->within_reach(q, v)) {
     std::copy(run.q0, run.q0 + q.size(), q.begin());
     std::copy(run.v0, run.v0 + v.size(), v.begin());
@@ -418,7 +427,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   }
   Status status = Status::ok;
   if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
-    ++counts_.switches;
+    counts_.switches += !run.divided() || run.contacts->switches();
     status = jump(ws, q, v, tau);
   } else if (!run.rubs.empty()) {
     report(v, run.contacts->before, friction_);

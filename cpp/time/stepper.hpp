@@ -84,8 +84,8 @@ class Stepper {
     double switched;  // when, last (s)
   };
 
-  /// One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
-  /// method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
+  /// One step, or, where its equations cannot be solved, two of half its length, and so on. (The implicit method
+  /// divides its steps itself.)
   template <class Seen>
   Status part(double from, double h, double last, int level, const Seen& seen) {
     if (!contacts_.empty()) {

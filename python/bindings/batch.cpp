@@ -130,12 +130,15 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   for (std::size_t b = 0; b < events.size(); ++b)
     if (o.status[b] != static_cast<int>(BatchStatus::not_done))
       out["events"][py::int_(b)] = event_rows(events[b], p.nq, p.nv);
-  py::list apart;
-  const std::size_t alone = p.in_kernels() ? 0 : counts.size();
-  for (std::size_t b = 0; b < alone; ++b)
-    apart.append(py::make_tuple(
-        failure[b], py::dict(py::arg("steps") = counts[b].steps, py::arg("failed_steps") = counts[b].failed_steps,
-                             py::arg("switches") = counts[b].switches, py::arg("hasty") = counts[b].hasty)));
+  py::dict apart, counted;
+  for (std::size_t b = 0; b < counts.size(); ++b) {
+    const SimulationStats& x = counts[b];
+    if (!p.in_kernels()) apart[py::int_(b)] = failure[b];
+    if (p.in_kernels() && x.failed_steps == 0) continue;
+    counted[py::int_(b)] =
+        py::dict(py::arg("steps") = x.steps, py::arg("failed_steps") = x.failed_steps, py::arg("doubt") = x.doubt,
+                 py::arg("switches") = x.switches, py::arg("hasty") = x.hasty);
+  }
   py::dict stats;
   stats["steps"] = s.steps;
   stats["evaluations"] = s.evaluations;
@@ -145,6 +148,7 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   stats["lanes"] = s.lanes;
   stats["interrupted"] = s.interrupted;
   stats["apart"] = apart;
+  stats["counted"] = counted;
   return stats;
 }
 

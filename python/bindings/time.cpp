@@ -56,6 +56,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["events"] = event_rows(r.events, r.q.cols(), r.v.cols());
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
+  out["doubt"] = r.stats.doubt;
   if (!r.tangents.empty()) {
     out["tangents"] = tangent_rows(r.tangents, r.done);
     out["event_slopes"] = event_slopes(r);

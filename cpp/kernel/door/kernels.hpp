@@ -26,7 +26,6 @@ struct MethodTraits {
 /// Counts of a method's work.
 struct Work {
   long evaluations = 0, factorisations = 0, solves = 0;
-  long restarts = 0;  ///< iterations that began once more, from another start
 };
 
 /// Inputs and outputs of arms in fixed steps. Numbers of lane l are at i width + l.
@@ -78,6 +77,7 @@ struct Roll {
 
   int* status;    ///< by lane: an Ending
   long* reached;  ///< by lane: steps
+  double *divided, *doubt;  ///< by lane: steps that were divided, and the largest error that one may have
   Work work;      ///< of all lanes together
 };
 

@@ -19,6 +19,8 @@ constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual 
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
+constexpr int kParts = 64;           // of a step whose equations cannot be solved, at most
+constexpr double kNear = 0.1;        // parts of the speed by which twice as many parts may change it
 
 /// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
@@ -54,8 +56,12 @@ struct GeneralisedAlpha : AlphaNumbers {
   // of nq; of nv
   S* q0;
   S *v0, *a0, *a_before, *alpha0, *lagged, *alpha, *a, *u, *r, *turn, *tau_own;  // lagged: alpha0 as this step has it
+  S *part_q, *part_v, *part_a, *part_alpha, *none;                               // of `divide`; none: zeros
+  S *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
   int iterations = 0;
   Work work;
+  Mask divided = L::everywhere(false);  // the last step
+  S divisions{}, doubt{};  // how many were; the largest change of an end by twice as many parts, in parts of the speed
   Contacts<Engine> contacts;
 
   void lay_out(Arena& arena, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
@@ -64,8 +70,10 @@ struct GeneralisedAlpha : AlphaNumbers {
     max_iterations = options.max_iterations;
     nq = nq_;
     nv = nv_;
-    arena.take_zeros(nq, q0);
+    arena.take_zeros(nq, q0, part_q, coarse_q);
     arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
+    arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v);
+    arena.take_zeros(rubbing_count, start_sense, start_before);
     contacts.lay_out(arena, rubbing, rubbing_count, nv);
     forget();
   }
@@ -116,7 +124,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       alpha0[i] = L::select(where, alpha[i], alpha0[i]);
     }
     h_before = h;
-    return contacts.end_step(v, where);
+    return contacts.end_step(v, where) | (divided & where);
   }
 
   bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
@@ -143,18 +151,6 @@ struct GeneralisedAlpha : AlphaNumbers {
     }
   }
 
-  /// The accelerations under which the coordinates go on by h v0. Where a force leaps on a joint with little inertia,
-  /// the accelerations of the step's beginning carry it much too far, and Newton's iteration from there diverges.
-  void predict_uniform(const Engine& engine, const Mask& where) {
-    for (int k = 0; k < engine.free_count; ++k) {
-      const int i = engine.free[k];
-      const S uniform = -(0.5 - beta) / beta * lagged[i];
-      alpha[i] = L::select(where, uniform, alpha[i]);
-      const S there = ((1.0 - alpha_m) * uniform + alpha_m * lagged[i] - alpha_f * a0[i]) * (1.0 / (1.0 - alpha_f));
-      a[i] = L::select(where, there, a[i]);
-    }
-  }
-
   /// q and v at the step's end from the auxiliary accelerations.
   void place(Engine& engine, double h, S* q, S* v) {
     for (int k = 0; k < engine.free_count; ++k) {
@@ -175,8 +171,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     return by_turn * most <= kVanishing * place;
   }
 
-  /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it has not converged, it begins
-  /// once more, from `predict_uniform`.
+  /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it does not converge, the step is
+  /// divided.
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
@@ -184,21 +180,118 @@ struct GeneralisedAlpha : AlphaNumbers {
     newton.begin(kBest);
     contacts.begin_step(L::everywhere(true));
     iterations = 0;
+    divided = L::everywhere(false);
     Mask good = L::everywhere(false);
     converge(engine, h, q, v, tau, skip, good);
-    if (!L::all(good | skip)) {
-      ++work.restarts;
-      const Mask again = L::none_of(good | skip);
-      predict_uniform(engine, again);
-      contacts.begin_step(again);
-      newton.again(again);
-      scale = L::select(again, scale0, scale);
-      converge(engine, h, q, v, tau, skip, good);
-    }
-    scale = L::select(good, scale, scale0);  // a step that fails is forgotten
+    scale = L::select(good, scale, scale0);  // an iteration that fails is forgotten
     newton.contraction = L::select(good, newton.contraction, contraction0);
+    if (L::all(good | skip)) {
+      place(engine, h, q, v);
+      return good;
+    }
+    divide(engine, h, q, v, tau, L::none_of(good | skip));
     place(engine, h, q, v);
-    return good;
+    for (int i = 0; i < nq; ++i) q[i] = L::select(divided, coarse_q[i], q[i]);
+    for (int i = 0; i < nv; ++i) v[i] = L::select(divided, coarse_v[i], v[i]);
+    return good | divided;
+  }
+
+  /// Takes the step in 1, 2, 4 .. parts by Euler's implicit method, until twice as many parts lead to nearly the same
+  /// motion; both are extrapolated to second order. It remembers no accelerations, and damps all vibration too fast for
+  /// its parts: a vibration so loud that it made the iteration fail dies out. What acts is that of the step's end.
+  /// @param asked  lanes; `divided`: where that was possible, whose state is in coarse_q and coarse_v
+  void divide(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& asked) {
+    const AlphaNumbers own = *this;
+    const S scale0 = scale, contraction0 = newton.contraction;
+    for (int i = 0; i < nv; ++i) end_v[i] = v[i];
+    for (int c = 0; c < contacts.count; ++c) {
+      start_sense[c] = contacts.sense[c];
+      start_before[c] = contacts.before[c];
+    }
+    S *const begin_q = q0, *const begin_v = v0, *const own_a = a, *const own_alpha = alpha, *const own_lagged = lagged;
+    q0 = part_q;
+    v0 = part_v;
+    a = part_a;
+    alpha = part_alpha;
+    lagged = none;
+    alpha_m = alpha_f = 0.0;
+    beta = gamma = 1.0;
+    Mask known = L::everywhere(false);  // coarse_q, coarse_v, of half as many parts
+    for (int count = 1; count <= kParts && !L::all(divided | L::none_of(asked)); count *= 2) {
+      const Mask open = asked & L::none_of(divided);
+      const Mask solved = take_parts(engine, h, count, begin_q, begin_v, own_a, q, v, tau, open);
+      for (int i = 0; i < nv; ++i) turn[i] = L::select(solved & known, v[i] - coarse_v[i], S{});
+      const S off = speed(engine, q, turn), size = speed(engine, q, v);
+      const S part = L::root(off / L::larger(size + (h * h) * engine.weight, kForget * scale0));
+      const Mask near = solved & known & (part <= kNear);
+      for (int i = 0; i < nq; ++i) {
+        const S better = 2.0 * q[i] - coarse_q[i];
+        coarse_q[i] = L::select(near, better, L::select(solved, q[i], coarse_q[i]));
+      }
+      for (int i = 0; i < nv; ++i) {
+        const S better = 2.0 * v[i] - coarse_v[i];
+        coarse_v[i] = L::select(near, better, L::select(solved, v[i], coarse_v[i]));
+      }
+      divisions += L::select(near, number<S>(1.0), S{});
+      doubt = L::select(near, L::larger(doubt, part), doubt);
+      divided = divided | near;
+      known = solved;
+    }
+    engine.normalise(coarse_q);
+    q0 = begin_q;
+    v0 = begin_v;
+    a = own_a;
+    alpha = own_alpha;
+    lagged = own_lagged;
+    static_cast<AlphaNumbers&>(*this) = own;
+    scale = scale0;
+    newton.contraction = contraction0;
+    for (int i = 0; i < nq; ++i) q[i] = q0[i];
+    for (int i = 0; i < nv; ++i) v[i] = end_v[i];
+    for (int c = 0; c < contacts.count; ++c) {
+      contacts.sense[c] = start_sense[c];
+      contacts.before[c] = start_before[c];
+    }
+  }
+
+  /// v^T M v
+  S speed(Engine& engine, const S* q, const S* v) {
+    S twice;
+    engine.inverse(q, v, none, tau_own, true);
+    engine.factor(flexarm::lanes::Shift{}, twice);
+    return twice;
+  }
+
+  /// The step in `count` parts. Prescribed rates go evenly to those of its end.
+  /// @return the lanes of `open` whose parts all converged
+  Mask take_parts(Engine& engine, double h, int count, const S* begin_q, const S* begin_v, const S* given, S* q, S* v,
+                  const S* tau, Mask open) {
+    const double part = h / count;
+    for (int i = 0; i < nq; ++i) q0[i] = begin_q[i];
+    for (int i = 0; i < nv; ++i) v0[i] = begin_v[i];
+    for (int c = 0; c < contacts.count; ++c) {
+      contacts.sense[c] = L::select(open, start_sense[c], contacts.sense[c]);
+      contacts.before[c] = L::select(open, start_before[c], contacts.before[c]);
+    }
+    for (int k = 1; k <= count && L::any(open); ++k) {
+      const double left = h * (1.0 - static_cast<double>(k) / count);
+      for (int i = 0; i < nv; ++i) {
+        a[i] = left > 0.0 ? (end_v[i] - begin_v[i]) * (1.0 / h) : given[i];
+        v[i] = end_v[i] - left * a[i];
+        if (const int at = engine.coordinate(i); at >= 0) q[at] = begin_q[at] - 0.5 * left * (v[i] + end_v[i]);
+      }
+      for (int n = 0; n < engine.free_count; ++n) a[engine.free[n]] = alpha[engine.free[n]] = S{};
+      newton.again(open);
+      contacts.begin_step(open);
+      Mask good = L::everywhere(false);
+      converge(engine, part, q, v, tau, L::none_of(open), good);
+      place(engine, part, q, v);
+      open = open & good;
+      contacts.end_step(v, open);
+      for (int i = 0; i < nq; ++i) q0[i] = q[i];
+      for (int i = 0; i < nv; ++i) v0[i] = v[i];
+    }
+    return open;
   }
 
   /// The iterations from one start.

@@ -25,6 +25,7 @@
 //   accept(h, v, x, where)        the step counts; @return where other forces act behind it, so that it must `begin`
 //   q0, v0                        the state before the step, but for prescribed motions
 //   iterations, work              of the last step; of all
+//   divisions, doubt              steps that were divided, and the largest error that one may have, in each lane
 #pragma once
 
 #include "step/alpha.hpp"

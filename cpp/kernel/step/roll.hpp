@@ -48,6 +48,7 @@ struct Rolled {
   void place(const S* q0, const S* u, S* q) const { displace(chain.layout, q0, u, q); }
   void rates(const S* q, const S* v, S* dq) const { coordinate_rates(chain.layout, q, v, dq); }
   void normalise(S* q) const { ::normalise(chain.layout, q); }
+  int coordinate(int i) const { return job.coordinate[i]; }
   void inverse(const S* q, const S* v, const S* a, S* tau, bool) {
     chain.move(q, v);
     chain.forces(base, a, tau);
@@ -219,6 +220,8 @@ struct Roller {
     for (int l = 0; l < W; ++l)
       if (!L::lane(lost, l)) job.reached[l] = step;
     job.work = method.work;
+    L::store(job.divided, method.divisions);
+    L::store(job.doubt, method.doubt);
   }
 };
 

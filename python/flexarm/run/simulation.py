@@ -100,7 +100,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
         chatters = switches_too_often(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
-        often = failed_steps(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
+        often = failed_steps(integrator.name, step, out["stats"], out["doubt"]) if integrator.fixed and not loop else None
         return [x for x in (loop or beyond, blown or chatters or often, *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""

@@ -119,16 +119,21 @@ def switches_too_often(integrator: str, step: float, switches: int, count: int) 
     return StepWarning(Finding(_where(integrator, step), what, count, _MOST_SWITCHES, "switches", remedy))
 
 
-def failed_steps(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
+def failed_steps(integrator: str, step: float, stats: Mapping[str, int], doubt: float) -> StepWarning | None:
     """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
-    were not may be too long as well; of "implicit", where a step could be solved from a second start alone."""
+    were not may be too long as well; of "implicit", where a step was divided at all.
+
+    Args:
+        doubt: of "implicit": the largest error of the speed behind such a step, in parts of it.
+    """
     count, steps = stats["failed_steps"], stats["steps"]
     if integrator == "implicit" and count:
         what = (
-            f"the equations of {count} of {steps} steps could be solved from a second start alone: a force leaps, or a "
-            "mode vibrates, faster than the steps resolve"
+            f"the equations of {count} of {steps} steps could not be solved: a force leaps, or a mode vibrates, faster "
+            "than the steps resolve; these steps were divided, which damps such vibration, and changes the speed by up "
+            f"to {100.0 * doubt:.2g} % in a step"
         )
-        remedy = "the motion behind may be wrong; compare it with a run of a smaller step"
+        remedy = "compare the motion with a run of a smaller step"
         return StepWarning(Finding(_where(integrator, step), what, count, 0, "steps", remedy))
     most = max(_FEW_HALVED, _SHARE_HALVED * steps)
     if not count > most:

@@ -63,7 +63,8 @@ struct BatchOutput {
   double* reached = nullptr;                                        ///< time reached (s) of each
   std::vector<EventLog>* events = nullptr;                          ///< of each: the occurrences of each of its events
   std::string* failure = nullptr;                                   ///< of each run of an integrator: why it ended
-  SimulationStats* stats = nullptr;                                 ///< and its counts
+  /// Of each; of the kernels' scenarios steps, failed_steps and doubt.
+  SimulationStats* stats = nullptr;
 };
 
 struct BatchStats {

@@ -25,7 +25,8 @@ class Step {
     long evaluations = 0;     ///< of inverse or forward dynamics
     long factorisations = 0;  ///< of iteration matrices
     long iterations = 0;      ///< linear solves
-    long restarts = 0;        ///< steps whose iteration began once more, from another start
+    long divided = 0;         ///< steps whose equations were not solved, taken in parts
+    double doubt = 0.0;       ///< the largest error that one of these may have, in parts of the arm's speed
     long switches = 0;        ///< steps in which dry friction came to hold a joint, let it go, or turned
   };
 
@@ -82,7 +83,7 @@ struct ImplicitOptions {
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   /// This error is the drift of a free arm's energy.
   double rtol = 1e-10;
-  int max_iterations = 20;  ///< from each of two starts: extrapolated accelerations, and velocities alone
+  int max_iterations = 20;  ///< of a step, and of each part of one that is divided
 };
 
 /// A method of the kernel's table, which batches take as well (step/methods.hpp), on an arm's workspace.

@@ -76,13 +76,13 @@ def run_steps(
         problems, arms, len(indices), job.every, q0, v0, tau, integrator, {k: blocks[k] for k in wanted}, workers,
         alive, whole=job.whole, names=indices, slow=slow,
     )  # fmt: skip
-    alone = stats.pop("apart")
+    alone, counted = stats.pop("apart"), stats.pop("counted")
     arms = arms[:1] if all(arm is one for arm in arms) else arms
     if "q" in blocks:
         blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
 
     found = failures_of(blocks, scenario, prescribed, job.t, alone)
-    judge(blocks, scenario, problems, job.t, job.every, integrator, alone)
+    judge(blocks, scenario, problems, job.t, job.every, integrator, alone, counted)
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED
     blocks["status"][ended] = ENDED

@@ -67,7 +67,8 @@ def run_problems(
     lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None, slow: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Runs a batch in the core, into `blocks` (q, v, a, tau, events as requested, status, reached). Returns its counts;
-    "apart": of each scenario that was run by itself, why it ended and what it counted.
+    "apart": of each scenario that was run by itself, why it ended; "counted": what each of these counted, or one of
+    the kernels in which a step was divided.
 
     Args:
         arms: of each scenario, in place of the one problem's; or that one.
@@ -86,7 +87,8 @@ def run_problems(
             stats = batch.run(dict(blocks), workers, alive)
         except ValueError as e:
             raise ValueError(str(e) if names is None else renamed(str(e), names)) from None
-    stats["apart"] = [(one.both.in_names(reason), counts) for reason, counts in stats["apart"]]
+    stats["apart"] = {k: one.both.in_names(reason) for k, reason in stats["apart"].items()}
+    stats["failed_steps"] = sum(counts["failed_steps"] for counts in stats["counted"].values())
     return stats
 
 

@@ -47,7 +47,7 @@ _REASONS = {
 RAN_AWAY, NOT_DONE, OVER = 3, 4, 5
 _LOOKS = 3  # scenarios of growing motion whose loops are tested
 
-_Apart = Sequence[tuple[str, Mapping[str, int]]]
+_Apart = Mapping[int, str]
 #: arm, q0, loads and controllers by index
 _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
 
@@ -85,7 +85,7 @@ class Rollout:
         events: (B,), (t_events, q_events, v_events) of each scenario, as `simulate` has them; None without events.
         failures: index, time and reason of each scenario that failed.
         stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
-            wall_time (s).
+            failed_steps (divided; see `fa.Implicit`), wall_time (s).
     """
 
     t: Array
@@ -127,7 +127,7 @@ def failures_of(
     status, found = blocks["status"], []
     for i in np.flatnonzero((status > 0) & (status < NOT_DONE)).tolist():
         arm, q0, loads, control = scenario(i)
-        reason, reached = apart[i][0] if apart else _REASONS[int(status[i])], float(blocks["reached"][i])
+        reason, reached = apart[i] if apart else _REASONS[int(status[i])], float(blocks["reached"][i])
         if status[i] == RAN_AWAY and not apart and "q" in blocks and "v" in blocks:
             done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
             last = (blocks[name][i, done - 1] for name in ("q", "v"))
@@ -156,14 +156,14 @@ def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
 
 def judge(
     blocks: Mapping[str, Any], scenario: _Scenario, problems: Sequence[Problem], times: Array, every: int,
-    integrator: Integrator, apart: _Apart,
+    integrator: Integrator, apart: _Apart, counted: Mapping[int, Mapping[str, Any]],
 ) -> None:  # fmt: skip
     """Stores in blocks["wrong"], (B,), warnings of scenarios; arguments as of `failures_of`. Tested are the fastest few
     scenarios of an arm: loops of continuous control if rates have grown; steps of an explicit integrator, also if the
     arm moves fast or a run failed.
 
     Args:
-        problems: that were run. every: times between two rows. integrator: of the run.
+        problems: that were run. every: times between two rows. integrator: of the run. counted: of `run_problems`.
     """
     wrong, pulse = blocks["wrong"], first_missed(problems)
     if pulse is not None:
@@ -171,11 +171,11 @@ def judge(
     if integrator.explicit or any(p.controls for p in problems):
         _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
     step = getattr(integrator, "step", 0.0)
-    for k, (reason, counts) in enumerate(apart if integrator.fixed else ()):
-        if reason or wrong[k] or ("out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()):
+    for k, counts in counted.items() if integrator.fixed else ():
+        if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k] or ("out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()):
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
-        often = often or failed_steps(integrator.name, step, counts)
+        often = often or failed_steps(integrator.name, step, counts, counts["doubt"])
         wrong[k] = [often] if often else None
 
 
@@ -318,7 +318,7 @@ def rollout(
             `stats["out_of_range"]` is their number.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of a scenario's arm, which has grown; a callable has a pulse
-            between two steps that no step has seen.
+            between two steps that no step has seen; the equations of a step could not be solved as they are.
     """
     return rolled(tell, **locals())
 
@@ -372,7 +372,7 @@ def rolled(
                              workers, alive, lanes)  # fmt: skip
         if alive and not stats["interrupted"]:
             alive(1.0)
-    interrupted, apart = stats.pop("interrupted"), stats.pop("apart")
+    interrupted, apart, counted = (stats.pop(name) for name in ("interrupted", "apart", "counted"))
     t, wrong = times[::every], np.full(count, None)
     ranges = out_of_range(arms, t, blocks["q"])
     beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
@@ -387,7 +387,7 @@ def rolled(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    judge({**blocks, "wrong": wrong}, scenario, problems, times, every, chosen, apart)
+    judge({**blocks, "wrong": wrong}, scenario, problems, times, every, chosen, apart, counted)
     found = lowest(wrong)
     if beyond.size and LoopWarning not in found:
         i = int(beyond[0])
