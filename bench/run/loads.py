@@ -14,13 +14,14 @@ import sys
 import warnings
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import flexarm as fa
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 sys.path[:0] = [str(Path(__file__).parents[2] / "tests" / part) for part in ("", "drawn")]
-import scenes
+import scenes  # noqa: E402
 
 HOLD = 0.02  # s
 KINDS = {"usual": (0.005, 3.0), "thin": (0.004, 4.0)}  # radius of the rods (m), largest torque (N m)
@@ -66,50 +67,55 @@ def rollouts(count: int, judged: int) -> None:
                 fine = np.isfinite(errors)
                 ran = np.array(errors)[fine]
                 error = f"{np.median(ran):.2g} m, worst {ran.max():.2g} m of {ran.size}" if ran.size else "-"
-                steps = 100.0 * run.stats.get("failed_steps", 0) / max(run.stats["steps"], 1)
-                print(f"{kind} rods, rotor {rotor:g} kg m2, steps of {1e3 * step:g} ms: {len(run.failures)} of {count} "
-                      f"failed; {steps:.2g} % of the steps divided; tip's error: median {error}", flush=True)  # fmt: skip
+                steps = 100.0 * run.stats["failed_steps"] / max(run.stats["steps"], 1)
+                setting = f"{kind} rods, rotor {rotor:g} kg m2, steps of {1e3 * step:g} ms"
+                print(f"{setting}: {len(run.failures)} of {count} failed; {steps:.2g} % of the steps divided;",
+                      f"tip's error: median {error}", flush=True)  # fmt: skip
                 for w in told:
                     print("   ", str(w.message)[:300])
 
 
-def drawn(count: int) -> None:
-    for step in (1e-3, 5e-3):
-        ended: Counter[str] = Counter()
+def drawn(count: int, step: float) -> None:
+    ended = Counter[str]()
 
-        @seed(1)
-        @settings(max_examples=count, deadline=None, database=None, phases=[Phase.generate],
-                  suppress_health_check=list(HealthCheck))  # fmt: skip
-        @given(scenes.arm(), scenes.SEEDS)
-        def run(scene: dict, number: int, step: float = step, ended: Counter[str] = ended) -> None:
-            try:
-                arm = fa.Arm.from_dict(scene)
-                joints = [k for k, name in enumerate(arm.coordinates) if not any(s in name for s in scenes.STRAINS)]
-                size = np.random.default_rng(number).uniform(-2.0, 2.0, (round(0.2 / HOLD), len(joints)))
-                tau = np.zeros((round(0.2 / step), arm.nv))
-                tau[:, joints] = np.repeat(size, round(HOLD / step), axis=0)
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    out = fa.rollout(arm, arm.zero, tau=tau, step=step, integrator="implicit")
-            except ValueError as e:
-                ended["refused: " + str(e)[:40]] += 1
-                return
-            divided = "divided, " if out.stats.get("failed_steps", 0) else ""
-            ended[divided + (out.failures[0].reason[:40] if out.failures else "ran")] += 1
+    @seed(1)
+    @settings(max_examples=count, deadline=None, database=None, phases=[Phase.generate],
+              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @given(scenes.arm(), scenes.SEEDS)
+    def run(scene: dict[str, Any], number: int) -> None:
+        ends(ended, step, scene, number)
 
-        run()
-        print(f"{count} drawn scenes, steps of {1e3 * step:g} ms: {dict(ended)}", flush=True)
+    run()
+    print(f"{count} drawn scenes, steps of {1e3 * step:g} ms: {dict(ended)}", flush=True)
+
+
+def ends(ended: Counter[str], step: float, scene: dict[str, Any], number: int) -> None:
+    """Counts how 0.2 s of a scene end."""
+    try:
+        arm = fa.Arm.from_dict(scene)
+        joints = [k for k, name in enumerate(arm.coordinates) if not any(s in name for s in scenes.STRAINS)]
+        size = np.random.default_rng(number).uniform(-2.0, 2.0, (round(0.2 / HOLD), len(joints)))
+        tau = np.zeros((round(0.2 / step), arm.nv))
+        tau[:, joints] = np.repeat(size, round(HOLD / step), axis=0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            out = fa.rollout(arm, arm.zero, tau=tau, step=step, integrator="implicit")
+    except ValueError as e:
+        ended["refused: " + str(e)[:40]] += 1
+        return
+    divided = "divided, " if out.stats["failed_steps"] else ""
+    ended[divided + (out.failures[0].reason[:40] if out.failures else "ran")] += 1
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, value in (("rollouts", 192), ("scenes", 200), ("judged", 12)):
         parser.add_argument(f"--{name}", type=int, default=value)
-    given = parser.parse_args()
-    if given.rollouts:
-        rollouts(given.rollouts, min(given.judged, given.rollouts))
-    if given.scenes:
-        drawn(given.scenes)
+    args = parser.parse_args()
+    if args.rollouts:
+        rollouts(args.rollouts, min(args.judged, args.rollouts))
+    for step in (1e-3, 5e-3) if args.scenes else ():
+        drawn(args.scenes, step)
 
 
 if __name__ == "__main__":

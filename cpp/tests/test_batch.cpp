@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <stdexcept>
+#include <utility>
 
 #include "arms.hpp"
 #include "batches.hpp"
@@ -84,11 +85,17 @@ TEST_CASE("a batch is ended by whoever watches it, all workers joined") {
   batch.problem.t = Eigen::VectorXd::LinSpaced(5, 0.0, 2.0);
   batch.problem.every = 1;
   batch.problem.step = 1e-4;  // seconds
-  CHECK(run_batch(batch.problem, batch.out, 3, [](double share) { return share < 0.0; }).interrupted);
+  int asked = 0;
+  CHECK(run_batch(batch.problem, batch.out, 3, [&](double) { return ++asked < 1; }).interrupted);
+  CHECK(asked == 1);  // who has ended it is asked no more
   CHECK(batch.status[kScenarios - 1] == static_cast<int>(BatchStatus::not_done));
   CHECK(std::isnan(batch.q.back()));
   CHECK_THROWS_AS(run_batch(batch.problem, batch.out, 3, [](double) -> bool { throw std::runtime_error("enough"); }),
                   std::runtime_error);
+  const auto problems = std::exchange(batch.problem.problems, {});
+  CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "problems = 0: must be one, or one for each scenario",
+                       std::invalid_argument);
+  batch.problem.problems = problems;
   batch.problem.step = 0.0;
   CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "step = 0: must be positive and finite",
                        std::invalid_argument);

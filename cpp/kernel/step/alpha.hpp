@@ -19,7 +19,7 @@ constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual 
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
-constexpr int kParts = 64;           // of a step whose equations cannot be solved, at most
+constexpr int kParts = 256;          // of a step whose equations cannot be solved, at most
 constexpr double kNear = 0.1;        // parts of the speed by which twice as many parts may change it
 
 /// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by

@@ -24,7 +24,6 @@ class Integrator:
     fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
-    solves_friction: ClassVar[bool] = False  # whether dry friction is in its equations
     rtol = 1e-10
 
     @property
@@ -92,7 +91,6 @@ class Implicit(Integrator):
     """
 
     name: ClassVar[str] = "implicit"
-    solves_friction: ClassVar[bool] = True
     step: float
     rtol: float = 1e-10
     spectral_radius: float = 1.0

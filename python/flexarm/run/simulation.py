@@ -25,10 +25,8 @@ from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
-from .steps import beyond_explicit, explicit_limit, failed_steps, switches_too_often, unbalanced
+from .steps import beyond_explicit, explicit_limit, failed_steps, switches_too_often
 from .watch import softened
-
-_FIRST = 5  # steps of a run that its start may be to blame for
 
 
 class _Stopped(BaseException):
@@ -100,7 +98,9 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
         chatters = switches_too_often(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
-        often = failed_steps(integrator.name, step, out["stats"], out["doubt"]) if integrator.fixed and not loop else None
+        often = None
+        if integrator.fixed and not loop:
+            often = failed_steps(integrator.name, step, out["stats"], out["doubt"])
         return [x for x in (loop or beyond, blown or chatters or often, *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
@@ -108,8 +108,6 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
-    if "could not be solved" in failure and integrator.solves_friction and span < _FIRST * step and len(result.a):
-        failure += unbalanced(run.arm, run.prescribed, result.a[0], step)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(run.arm, step, run.start["q0"], run.prescribed)[0])

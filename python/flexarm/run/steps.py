@@ -20,8 +20,6 @@ _FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be ha
 _GREAT_GROWTH = 20.0  # logarithm of a growth that makes rounding errors felt
 FAST_JOINTS = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _NEAR_FASTEST = 0.9  # of a run's largest rate: rates that are like it
-_UNRESOLVED = 3.0  # step times frequency: a step is half a period
-_RINGING = 1e-6  # of the energy of the modes that steps follow: a faster mode with more stops an iteration
 _STEPS_JUDGED = 1e4  # steps of a run that is done, from which on the modes that they follow are sought
 _STEPS_OF_LOOPS = 2e5  # steps of a whole run, from which on loops of control are looked at
 _TOO_MANY_STEPS = 2e7  # steps that are too many, whatever they follow
@@ -141,31 +139,6 @@ def failed_steps(integrator: str, step: float, stats: Mapping[str, int], doubt: 
     what = f"steps had to be halved {count} times, in {steps} steps: those that were not may be too long as well"
     remedy = "the motion may be wrong; compare it with a run of a smaller step"
     return StepWarning(Finding(_where(integrator, step), what, count, most, "times", remedy))
-
-
-def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
-    """More words for the error of a run that begins with accelerations a (nv,) out of balance: the mode that rings, too
-    fast for the steps; else ""."""
-    joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
-    try:
-        modes = arm._alike(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
-    except ValueError:
-        return ""
-    moving = np.setdiff1d(np.arange(arm.nv), prescribed)
-    M, shapes = arm.mass_matrix(arm.zero), np.real(modes.shapes)
-    shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, M, shapes))
-    w = modes.frequencies
-    pushed = shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving]
-    energy = (pushed / np.maximum(w, 1.0 / step)) ** 2  # that a mode rings with, or gains in a step
-    fast = np.where(step * w > _UNRESOLVED, energy, 0.0)
-    k = int(fast.argmax())
-    if not fast[k] > _RINGING * energy[step * w <= _UNRESOLVED].sum(initial=0.0):
-        return ""
-    most = arm.coordinates[int((np.diag(M) * shapes[:, k] ** 2).argmax())]
-    return (
-        f"; the start is not in balance: '{most}' begins to ring at {w[k]:.3g} rad/s, which these steps do not follow; "
-        'start in balance (q0=arm.equilibrium(...)), or take integrator="gauss"'
-    )
 
 
 def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
