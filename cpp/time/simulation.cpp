@@ -195,6 +195,7 @@ std::string Simulation::failure() const {
 }
 const Step::Counts& Simulation::counts() const { return motion_->method->counts(); }
 long Simulation::steps() const { return motion_->way.steps; }
+long Simulation::failed_steps() const { return motion_->way.halved + counts().divided; }
 const std::vector<EventLog>& Simulation::events() const { return motion_->events.events; }
 bool Simulation::terminated() const { return motion_->events.terminated; }
 

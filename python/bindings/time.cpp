@@ -214,6 +214,7 @@ void bind_time(py::module_& m) {
       .def_property_readonly("friction", &Simulation::friction, py::return_value_policy::copy)
       .def_property_readonly("failure", &Simulation::failure)
       .def_property_readonly("steps", &Simulation::steps)
+      .def_property_readonly("failed_steps", &Simulation::failed_steps)
       .def_property_readonly("terminated", &Simulation::terminated)
       .def_property_readonly("events",
                              [](const Simulation& s) { return event_rows(s.events(), s.q().size(), s.v().size()); })

@@ -75,10 +75,10 @@ struct Roll {
   bool watched;                                ///< whether there are events
   Scenarios* scenarios;
 
-  int* status;    ///< by lane: an Ending
-  long* reached;  ///< by lane: steps
+  int* status;              ///< by lane: an Ending
+  long* reached;            ///< by lane: steps
   double *divided, *doubt;  ///< by lane: steps that were divided, and the largest error that one may have
-  Work work;      ///< of all lanes together
+  Work work;                ///< of all lanes together
 };
 
 /// Of derivatives: an arm as it is, and grouped for kernels of one arm.

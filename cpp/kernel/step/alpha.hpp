@@ -219,6 +219,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     Mask known = L::everywhere(false);  // coarse_q, coarse_v, of half as many parts
     for (int count = 1; count <= kParts && !L::all(divided | L::none_of(asked)); count *= 2) {
       const Mask open = asked & L::none_of(divided);
+      scale = scale0;
       const Mask solved = take_parts(engine, h, count, begin_q, begin_v, own_a, q, v, tau, open);
       for (int i = 0; i < nv; ++i) turn[i] = L::select(solved & known, v[i] - coarse_v[i], S{});
       const S off = speed(engine, q, turn), size = speed(engine, q, v);

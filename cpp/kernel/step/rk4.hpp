@@ -23,7 +23,7 @@ struct RungeKutta4 {
   S *q0, *q_sum, *dq, *v0, *v_sum, *own, *rest, *turned;
   static constexpr int iterations = 0;
   Work work;
-  S divisions{}, doubt{};  // no step is divided
+  S divisions{}, doubt{};     // no step is divided
   Contacts<Engine> contacts;  // of which none switches within a step
 
   void lay_out(Arena& arena, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions&) {

@@ -77,7 +77,9 @@ class Ida(Integrator):
 class Implicit(Integrator):
     """Generalised-alpha: fixed step, second order, stable at any stiffness, cost linear in links.
 
-    (Chung & Hulbert 1993.) Dry friction is in its equations. A soft stop that the arm hits needs
+    (Chung & Hulbert 1993.) A step whose equations cannot be solved, as where a force leaps on a joint with hardly any
+    inertia, is divided, which damps what is too fast for it; a run counts such steps (`stats["failed_steps"]`), and
+    warns. Dry friction is in its equations. A soft stop that the arm hits needs
     steps below 0.3 sqrt(mass / limit_stiffness).
 
     Args:

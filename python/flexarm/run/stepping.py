@@ -42,6 +42,7 @@ class Simulation:
         t: time (s). q: (nq,). v, a: (nv,). tau: generalised forces (N, N m), those applied and the reactions of
             prescribed motions, (nv,). friction: dry friction of the joints, (nv,). All are copies.
         arm, integrator: as given. steps: how many were taken.
+        failed_steps: of these, how many could not be solved as they are, and were divided; see `Implicit`.
         t_events, q_events, v_events: the events so far, as in `Result`.
         terminated: whether a terminal event has ended the last `step`. The state is that of its time, and the next
             `step` goes on from there: to where the arm goes on from, if you set it, or as if nothing was.
@@ -54,6 +55,7 @@ class Simulation:
 
     t: float = _now("t")
     steps: int = _now("steps")
+    failed_steps: int = _now("failed_steps")
     terminated: bool = _now("terminated")
     q: Array = _now("q", "nq")
     v: Array = _now("v", "nv")

@@ -50,6 +50,7 @@ class Simulation {
   std::string failure() const;        ///< why the last step was not ok
   const Step::Counts& counts() const;
   long steps() const;
+  long failed_steps() const;  ///< whose equations were not solved, taken in parts
   /// Occurrences since the construction, of each event: these grow.
   const std::vector<EventLog>& events() const;
   /// Whether a terminal event has ended the last `step` or `advance`: the state is that of its time, and `step` goes on

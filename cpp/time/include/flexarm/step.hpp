@@ -161,7 +161,9 @@ class OneStep : public Step {
 ///   residual of inverse dynamics at t + h = 0
 /// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
 /// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
-/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
+/// with (h omega)^2 times their share of the bending not small, the iteration fails. Such a step, as one at whose
+/// beginning a force leaps on a joint with hardly any inertia, is divided (GeneralisedAlpha::divide), within a bounded
+/// count: its vibration is damped. Where that fails, too, a smaller step is needed.
 /// Joints with dry friction stick and slide: one that sticks is still to the last bit. Where a joint comes to rest,
 /// turns or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
 class ImplicitStep final : public OneStep {

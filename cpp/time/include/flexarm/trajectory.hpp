@@ -17,11 +17,11 @@ struct SimulationStats {
   long jacobians = 0;          ///< factorised iteration matrices
   long newton_iterations = 0;  ///< linear solves
   long linear_iterations = 0;  ///< of the Krylov solver
-  long failed_steps = 0;   ///< whose equations were not solved, or whose error was too large: taken in parts
-  double doubt = 0.0;      ///< the largest error that one of "implicit" may have, in parts of the arm's speed
-  long switches = 0;       ///< of joints between sticking and sliding
-  long hasty = 0;          ///< of these, within a fixed step (three of rk4) behind one of the same joint
-  double wall_time = 0.0;  ///< s
+  long failed_steps = 0;       ///< whose equations were not solved, or whose error was too large: taken in parts
+  double doubt = 0.0;          ///< the largest error that one of "implicit" may have, in parts of the arm's speed
+  long switches = 0;           ///< of joints between sticking and sliding
+  long hasty = 0;              ///< of these, within a fixed step (three of rk4) behind one of the same joint
+  double wall_time = 0.0;      ///< s
 };
 
 /// Trajectory::failure when `alive` asked to stop.
