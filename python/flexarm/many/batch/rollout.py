@@ -172,7 +172,8 @@ def judge(
         _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
     step = getattr(integrator, "step", 0.0)
     for k, counts in counted.items() if integrator.fixed else ():
-        if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k]:
+        beyond = "out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()
+        if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k] or (beyond and scenario(k)[3]):  # a loop
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
         often = often or failed_steps(integrator.name, step, counts, counts["doubt"])
