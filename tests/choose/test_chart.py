@@ -20,6 +20,7 @@ from flexarm.choose.models import Models
 from flexarm.choose.trials import Run
 from flexarm.cli import main
 from flexarm.data.draw.tradeoff import Kind, model_styles
+from messages import refuses
 
 SWING = """
 gravity = [0, -9.81, 0]
@@ -157,7 +158,7 @@ def test_recommendations_keep_their_tolerance(chart: fa.results.Chart) -> None:
         times.append(row.time)
     assert times == sorted(times)
     assert chart.recommend(1e-12) is None  # finer than the truth's own tolerance
-    with pytest.raises(ValueError, match="tolerance = 0"):
+    with refuses("tolerance = 0"):
         chart.recommend(0)
 
 
@@ -290,7 +291,7 @@ sys.exit(cli.main(["chart", {str(path)!r}, "-o", {str(tmp_path)!r}]))
 
 def test_a_scene_that_nothing_can_run_is_an_error(path: Path) -> None:
     scene = replace(fa.load(path), drive={0: fa.Torque([0, 0.05], [0, 0])})  # ends before the simulation
-    with pytest.raises(ValueError, match="samples cover"):
+    with refuses("samples"):
         fa.chart(scene, budget=2.0)
 
 
@@ -357,11 +358,11 @@ def test_bad_arguments(argv: list[str], says: str, tmp_path: Path, capsys: pytes
 
 
 def test_bad_arguments_in_python(path: Path) -> None:
-    with pytest.raises(ValueError, match="scene = 3"):
+    with refuses("scene = 3"):
         fa.chart(3)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="budget = 'long'"):
+    with refuses("budget = 'long'"):
         fa.chart(path, budget="long")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="there is none"):
+    with refuses("none"):
         fa.chart(fa.Scene(pendulum(), q0=np.array([-np.pi / 2])), quantity="strain", budget=1.0)
 
 

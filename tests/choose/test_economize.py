@@ -21,6 +21,7 @@ from flexarm.choose.models import ORDERS, Model, Models
 from flexarm.choose.symmetry import excited
 from flexarm.choose.trials import Budget, Trials, timed
 from flexarm.cli import main
+from messages import refuses, warns
 
 TOL = 1e-3
 MEASURED = Trials.measured
@@ -298,21 +299,21 @@ def test_tighter_tolerances_take_more(plans: dict[str, fa.results.ModelPlan]) ->
         ({"tolerance": "1 mm"}, "tolerance = '1 mm'"),
         ({"atol": 0.0}, "atol = 0"),
         ({"budget": 0}, "budget = 0"),
-        ({"quantity": "tipp"}, "did you mean 'tip'"),
-        ({"quantity": "joint"}, "there is none that is not prescribed"),
-        ({"quantity": lambda r: np.ones(len(r.t))}, "nothing moves"),
-        ({"quantity": lambda r: np.ones(3)}, "a row for each time"),
+        ({"quantity": "tipp"}, "'tip'"),
+        ({"quantity": "joint"}, "prescribed"),
+        ({"quantity": lambda r: np.ones(len(r.t))}, ("nothing", "moves")),
+        ({"quantity": lambda r: np.ones(3)}, ("row", "time")),
     ],
 )
 def test_nonsense_is_named(arguments: dict, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         fa.economize(scenes.SCENES["slow"](), **arguments)
 
 
 def test_a_scene_at_rest_is_an_error() -> None:
-    with pytest.raises(ValueError, match="nothing moves"):
+    with refuses("nothing", "moves"):
         fa.economize(replace(scenes.SCENES["slow"](), drive={}))
-    with pytest.raises(ValueError, match="must be a Scene"):
+    with refuses("Scene"):
         fa.economize(3)  # type: ignore[arg-type]
 
 
@@ -389,10 +390,10 @@ def test_watch_names_link_and_time(plans: dict[str, fa.results.ModelPlan]) -> No
     left = [x for x in run.check(plan.watch) if "beyond its limit" in x.what]
     assert left[0].where == "link 0" and left[0].value > left[0].limit
     assert 0.0 < float(re.search(r"from t = (\S+) s", str(left[0]))[1]) < 1.0
-    with pytest.warns(fa.errors.RangeWarning, match="beyond its limit") as said:
+    with warns(fa.errors.RangeWarning, "limit") as said:
         replace(plan, scene=faster).run()
     assert said[0].message.finding == left[0] and said[0].filename == __file__
-    with pytest.raises(ValueError, match="watch = 3"):
+    with refuses("watch = 3"):
         run.check(3)  # type: ignore[arg-type]
 
 

@@ -20,6 +20,7 @@ from flexarm.many.sweeps.result import SweepInterrupted
 from flexarm.many.sweeps.sweep import sweep
 from flexarm.many.sweeps.vary import SweepPlan, Vary, sweep_from_dict, tomllib
 from flexarm.run.scene.scene import SCENES
+from messages import refuses, warns
 from scipy import stats
 
 LENGTH, STIFF = "link.0.beam.length", "link.0.beam.material.youngs_modulus"
@@ -148,24 +149,24 @@ def test_a_sweep_file_says_the_same_with_paths_as_tables():
     ("d", "says"),
     [
         ({}, "vary"),
-        ({"vary": [{"values": {"a": [1]}}], "output": []}, "did you mean 'outputs'"),
-        ({"vary": [{"values": {"a": [1]}}], "outputs": ["strian"]}, "did you mean 'strain'"),
-        ({"vary": [{"kind": "lattice", "values": {"a": [1]}}]}, r"vary\[0\].kind = 'lattice'"),
-        ({"vary": [{"kind": "random", "values": {"a": {"uniform": [0, 1]}}}]}, r"vary\[0\].count"),
+        ({"vary": [{"values": {"a": [1]}}], "output": []}, "'outputs'"),
+        ({"vary": [{"values": {"a": [1]}}], "outputs": ["strian"]}, "'strain'"),
+        ({"vary": [{"kind": "lattice", "values": {"a": [1]}}]}, "vary[0].kind = 'lattice'"),
+        ({"vary": [{"kind": "random", "values": {"a": {"uniform": [0, 1]}}}]}, "vary[0].count"),
         ({"vary": [{"kind": "random", "count": 2, "values": {"a": {"uniform": [1, 0]}}}]}, "low < high"),
-        ({"vary": [{"kind": "random", "count": 2, "values": {"a": {"unifrm": 1, "to": 1}}}]}, "mean 'uniform'"),
-        ({"vary": [{"kind": "grid", "count": 2, "values": {"a": [1]}}]}, "as many as its values say"),
-        ({"vary": [{"values": {"a": {"from": 0, "to": 1, "count": 3, "scale": "log"}}}]}, "must be positive where"),
-        ({"vary": [{"values": {"a": {"from": 0, "to": 1}}}]}, "missing count"),
-        ({"vary": [{"kind": "list", "values": {"a": [1, 2], "b": [1]}}]}, "2 of a, 1 of b"),
-        ({"vary": [{"values": {"a": [1]}}, {"values": {"a": [2]}}]}, "'a' is varied twice"),
-        ({"vary": [{"values": {"a": [1, 2]}}, {"values": {"b": [2]}}], "combine": "zip"}, r"2 of vary\[0\]"),
-        ({"vary": [{"values": {"a": ["x"]}}]}, "must be numbers"),
-        ({"vary": [{"values": {key: {"from": 0, "to": 1, "count": 1000} for key in "abc"}}]}, "1e.09 scenarios"),
+        ({"vary": [{"kind": "random", "count": 2, "values": {"a": {"unifrm": 1, "to": 1}}}]}, "'uniform'"),
+        ({"vary": [{"kind": "grid", "count": 2, "values": {"a": [1]}}]}, "values"),
+        ({"vary": [{"values": {"a": {"from": 0, "to": 1, "count": 3, "scale": "log"}}}]}, "positive"),
+        ({"vary": [{"values": {"a": {"from": 0, "to": 1}}}]}, "missing"),
+        ({"vary": [{"kind": "list", "values": {"a": [1, 2], "b": [1]}}]}, ("2 of a", "1 of b")),
+        ({"vary": [{"values": {"a": [1]}}, {"values": {"a": [2]}}]}, ("'a'", "twice")),
+        ({"vary": [{"values": {"a": [1, 2]}}, {"values": {"b": [2]}}], "combine": "zip"}, "2 of vary[0]"),
+        ({"vary": [{"values": {"a": ["x"]}}]}, "numbers"),
+        ({"vary": [{"values": {key: {"from": 0, "to": 1, "count": 1000} for key in "abc"}}]}, "scenarios"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_sweep_is_named(d, says):
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         sweep_from_dict(d).parameters()
 
 
@@ -196,15 +197,15 @@ def swing(result):
 def test_a_function_can_be_noted():
     found = sweep(scene(), plan(3, outputs=[swing, "energy"]))
     np.testing.assert_allclose(found["swing"], np.ptp(scene().run().q[:, 0]), rtol=1e-9)
-    with pytest.raises(ValueError, match="'swing' is noted twice"):
+    with refuses("'swing'", "twice"):
         sweep(scene(), plan(3, outputs=[swing, swing]))
-    with pytest.raises(ValueError, match="outputs = 'swing'"):
+    with refuses("outputs = 'swing'"):
         plan(3, outputs=["swing"])
 
 
 def test_a_value_that_cannot_be_is_named_with_its_scenario():
     p = SweepPlan([Vary("list", {LENGTH: [0.3, 0.3, 0.4, 0.3, -0.1]})])
-    with pytest.raises(ValueError, match=r"parameters of scenario 4: link\.0\.beam\.length"):
+    with refuses("scenario 4", "link.0.beam.length", "parameters"):
         sweep(scene(), p, batch=2)
 
 
@@ -220,7 +221,7 @@ def test_outputs_that_an_arm_does_not_have_are_refused():
     rigid = fa.Arm([fa.Link(joint=fa.Revolute("z"), tip=fa.RigidBody(mass=1.0, inertia=(1, 1, 1)))])
     s = fa.Scene(rigid, t=np.linspace(0, 0.1, 3))
     p = SweepPlan([Vary("grid", {"link.0.tip.mass": [1.0, 2.0]})], outputs=["tip_deflection"])
-    with pytest.raises(ValueError, match="tip_deflection: link -1 has no beam"):
+    with refuses("tip_deflection", "link -1", "beam"):
         sweep(s, p)
     found = sweep(s, replace(p, outputs=["speed", "energy"]))
     assert found["link 0 revolute speed"].tolist() == [0, 0]
@@ -230,14 +231,14 @@ def test_a_failing_scenario_is_named_and_spoils_no_other():
     s = scene()
     s = replace(s, options={"integrator": "rk4", "step": 4e-3})  # above 2.83 / the highest frequency of the stiff one
     p = SweepPlan([Vary("grid", {STIFF: [209e9, 4e12]})], outputs=["tip_deflection"])
-    with pytest.warns(fa.errors.StepWarning, match="scenario 1: .* below 0.00176 s"):
+    with warns(fa.errors.StepWarning, "scenario 1", "0.00176 s"):
         found = sweep(s, p)
     assert [f[0] for f in found.failures] == [1] and np.isnan(found["tip deflection"][1])
     assert np.isfinite(found["tip deflection"][0])
 
 
 def test_beams_bent_too_far_are_told_once():
-    with pytest.warns(fa.errors.RangeWarning, match=r"scenario 0 \(and 1 others\): link 0") as told:
+    with warns(fa.errors.RangeWarning, "scenario 0", "1 others", "link 0") as told:
         found = sweep(scene(), SweepPlan([Vary("grid", {STIFF: [20e9, 30e9, 900e9]})], outputs=["tip_deflection"]))
     assert len(told) == 1 and [i for i, *_ in found.beyond] == [0, 1]
 
@@ -271,19 +272,19 @@ def test_ctrl_c_keeps_what_is_done_and_the_next_call_goes_on(tmp_path):
         if done == 4:
             raise KeyboardInterrupt
 
-    with pytest.raises(SweepInterrupted, match="4 of 6") as e:
+    with refuses("4 of 6", error=SweepInterrupted) as e:
         sweep(s, plan(), out=tmp_path, batch=2, progress=stop)
     part = e.value.result
     assert part.done.tolist() == [True] * 4 + [False] * 2 and np.isnan(part["strain"][4:]).all()
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 5
-    with pytest.raises(ValueError, match="another sweep"):
+    with refuses("another sweep"):
         sweep(s, plan(7), out=tmp_path)
-    with pytest.raises(ValueError, match="another sweep"):
+    with refuses("another sweep"):
         sweep(replace(s, t=s.t[:-1]), plan(), out=tmp_path)
     rest = sweep(s, plan(), out=tmp_path, batch=1)
     assert rest.stats["computed"] == 2 and rest.complete
     assert np.array_equal(rest["strain"], whole["strain"])
-    with pytest.raises(ValueError, match="another sweep, with another parameters"):  # finished, too
+    with refuses("another sweep", "parameters"):  # finished, too
         sweep(s, plan(7), out=tmp_path)
     assert np.array_equal(sweep(s, plan(), out=tmp_path)["strain"], whole["strain"])
     assert sweep(s, plan(7), out=tmp_path, resume=False).stats["computed"] == 7

@@ -12,6 +12,7 @@ import pytest
 from flexarm.model.parts.arguments import Argument, arguments, kinds
 from flexarm.run.scene.grammar import SAMPLES, SIMULATION, SceneFile
 from flexarm.run.scene.scene import scene_from_dict
+from messages import refuses
 
 HOME = Path(__file__).parents[2]
 PAGE = HOME / "docs" / "scene-reference.md"
@@ -94,5 +95,5 @@ def test_a_new_controller_is_read_and_saved_by_what_it_takes(tmp_path: Path) -> 
     assert type(law) is Bang and law.level == 2.0
     np.testing.assert_allclose(law.reference(0.5), 0.5)
     d["control"][0]["levl"] = 1.0
-    with pytest.raises(ValueError, match=r"control\[0\]: unknown key 'levl'; did you mean 'level'\?"):
+    with refuses("control[0]", "key 'levl'", "'level'"):
         scene_from_dict(d)

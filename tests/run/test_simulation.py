@@ -11,6 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, reference
+from messages import refuses
 from scipy.integrate import solve_ivp
 
 
@@ -155,7 +156,7 @@ def test_failure_returns_what_there_is() -> None:
     """A torque that runs away: SimulationError with the time reached and the result up to there."""
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 1.0)))])
     runaway = fa.Torque(lambda t: 1.0 / max(1.0 - t, 1e-300) ** 3)
-    with pytest.raises(fa.SimulationError, match=r"stopped at t = ") as caught:
+    with refuses("t =", error=fa.SimulationError) as caught:
         fa.simulate(arm, np.linspace(0, 2, 201), drive={0: runaway})
     error = caught.value
     assert 0.9 < error.time <= 1.01
@@ -169,9 +170,9 @@ def test_errors_of_a_drive_come_through() -> None:
     def broken(t: float) -> float:
         raise KeyError("no such torque")
 
-    with pytest.raises(KeyError, match="no such torque"):
+    with refuses("no such torque", error=KeyError):
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(broken)})
-    with pytest.raises(ValueError, match="nan"):
+    with refuses("nan"):
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(lambda t: float("nan"))})
 
 
@@ -241,7 +242,7 @@ def test_result_saves_and_loads(tmp_path) -> None:
     assert s.arm == r.arm and s.stats == r.stats
     for k in ("t", "q", "v", "a", "tau"):
         np.testing.assert_array_equal(getattr(s, k), getattr(r, k))
-    with pytest.raises(ValueError, match=r"nothing\.npz"):
+    with refuses("nothing.npz"):
         fa.Result.load(tmp_path / "nothing.npz")
 
 
@@ -276,11 +277,11 @@ def test_motions_that_start_and_end_at_rest() -> None:
 
 
 def test_a_callable_motion_must_be_consistent() -> None:
-    with pytest.raises(ValueError, match="its v must be the derivative of its q"):
+    with refuses("derivative"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t, 0.0, 0.0))})
-    with pytest.raises(ValueError, match="its a must be the derivative of its v"):
+    with refuses("derivative"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t**2, 2 * t, 0.0))})
-    with pytest.raises(ValueError, match="must give one number"):
+    with refuses("number"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Torque(lambda t: [1.0, 2.0])})
 
 

@@ -6,6 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.run.scene.scene import scene_from_dict
+from messages import refuses, warns
 
 BEAM = {
     "length": 1.0,
@@ -50,10 +51,10 @@ def test_trim_holds_the_joints() -> None:
 
 @pytest.mark.parametrize(
     ("q0", "message"),
-    [("equilibrum", "simulation.q0 = .*did you mean 'equilibrium'"), ({"joint7": 1}, "simulation.*'joint7'")],
+    [("equilibrum", ("simulation.q0 =", "'equilibrium'")), ({"joint7": 1}, "'joint7'")],
 )
 def test_wrong_starts(q0, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         scene(q0)
 
 
@@ -61,7 +62,7 @@ def test_a_scene_made_in_python_may_start_in_balance() -> None:
     arm = scene("trim").arm
     made = fa.Scene(arm, t=np.linspace(0, 0.2, 21), q0="trim", control=(fa.PD(1e3, 10, 0), fa.PD(1e3, 10, 1)))
     np.testing.assert_allclose(made.run().q[0], arm.trim().q, atol=1e-12)
-    with pytest.raises(ValueError, match=r"q0 = 'trimm'.*'trim'"):
+    with refuses("q0 = 'trimm'", "'trim'"):
         fa.Scene(arm, q0="trimm")
 
 
@@ -87,15 +88,15 @@ def test_a_fit_starts_in_the_balance_of_its_numbers() -> None:
     made = [fa.Scene(arm, loads=(push,), q0="trim", t=np.linspace(0, 0.2, 41), options=options) for arm in arms]
     measured = made[0].run().to_data()
     name = next(n for n in measured.names if n.startswith("end y"))
-    with pytest.warns(fa.errors.FitWarning, match="step"):  # without noise the integrator's error is all there is
+    with warns(fa.errors.FitWarning, "step"):  # without noise the integrator's error is all there is
         found = fa.identify(made[1], measured, ["link.0.tip.mass"], outputs=[name])
     assert found.values["link.0.tip.mass"] == pytest.approx(0.03, rel=1e-5)
-    with pytest.raises(ValueError, match="q0"):
+    with refuses("q0"):
         fa.identify(made[1], measured, ["link.0.tip.mass", "q0.0"], outputs=[name])
     held = replace(made[1], q0=made[1].start())  # the balance with one payload, for all that are tried
     with (
         pytest.warns(fa.errors.FitWarning),
-        pytest.warns(fa.errors.StateWarning, match='q0: is in balance.*q0 = "trim"'),
+        warns(fa.errors.StateWarning, 'q0 = "trim"'),
     ):
         fa.identify(held, measured, ["link.0.tip.mass"], outputs=[name])
 

@@ -9,6 +9,7 @@ from arms import run_derivatives
 from flexarm._check import Array
 from flexarm.arm.variation import Setup, Variation
 from flexarm.run.perturbed import problems
+from messages import refuses
 from scipy.integrate import solve_ivp
 
 SOLVERS = ("dense", "chain")
@@ -190,11 +191,11 @@ def test_what_is_refused():
     law = fa.LinearController(*([[0.5]],) * 4, rate=50.0, measure=[("joint", 0)], actuate=[0])
     rubs = two(coulomb=0.2)
     cases = [
-        (Setup(two(), control=(law,)), "control.0.rate", "'control.0.rate' changes when a controller samples"),
-        (Setup(two()), "link.0.joint.coulomb", "no derivative where there is no dry friction"),
-        (Setup(rubs, control=(law,)), "link.0.tip.mass", "dry friction and sampled controllers"),
-        (Setup(two()), "link.0.tip.mas", "did you mean 'link.0.tip.mass'"),
+        (Setup(two(), control=(law,)), "control.0.rate", ("'control.0.rate'", "samples")),
+        (Setup(two()), "link.0.joint.coulomb", ("derivative", "friction")),
+        (Setup(rubs, control=(law,)), "link.0.tip.mass", ("friction", "sampled")),
+        (Setup(two()), "link.0.tip.mas", "'link.0.tip.mass'"),
     ]
     for setup, path, message in cases:
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             tangents(setup, [path], t)
