@@ -122,5 +122,5 @@ def test_arms_of_a_class_with_arguments_of_its_own() -> None:
     again = pickle.loads(pickle.dumps(arm))
     assert type(again) is Reacher and again == arm
     assert "none" not in str(arm) and "- \n" not in str(arm)  # frequencies, also of the clamped beam
-    with refuses("stable", error=fa.SimulationError):
+    with refuses("steps of 0.02 s", "rk4", error=fa.SimulationError):
         fa.simulate(arm, [0.0, 1.0], v0=[0.0, 1e-3, 0.0], integrator="rk4", step=0.02)

@@ -268,7 +268,7 @@ def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"lock": 0}, "lock = 0"),
         ({"lock": [(1, 0)]}, ("lock", "ball", "link 1 spherical")),
         ({"v": [0.0]}, "v has shape (1,)"),
-        ({"tau": np.full(29, np.nan)}, "tau"),
+        ({"tau": np.full(29, np.nan)}, "tau has shape (29,)"),
     ],
 )
 def test_bad_input(options: dict, message: str) -> None:

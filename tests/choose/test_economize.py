@@ -299,7 +299,7 @@ def test_tighter_tolerances_take_more(plans: dict[str, fa.results.ModelPlan]) ->
         ({"tolerance": "1 mm"}, "tolerance = '1 mm'"),
         ({"atol": 0.0}, "atol = 0"),
         ({"budget": 0}, "budget = 0"),
-        ({"quantity": "tipp"}, "'tip'"),
+        ({"quantity": "tipp"}, ("quantity = 'tipp'", "'tip'")),
         ({"quantity": "joint"}, "prescribed"),
         ({"quantity": lambda r: np.ones(len(r.t))}, ("nothing", "moves")),
         ({"quantity": lambda r: np.ones(3)}, ("row", "time")),
@@ -313,7 +313,7 @@ def test_nonsense_is_named(arguments: dict, says: str) -> None:
 def test_a_scene_at_rest_is_an_error() -> None:
     with refuses("nothing", "moves"):
         fa.economize(replace(scenes.SCENES["slow"](), drive={}))
-    with refuses("Scene"):
+    with refuses("scene = 3"):
         fa.economize(3)  # type: ignore[arg-type]
 
 
@@ -390,7 +390,7 @@ def test_watch_names_link_and_time(plans: dict[str, fa.results.ModelPlan]) -> No
     left = [x for x in run.check(plan.watch) if "beyond its limit" in x.what]
     assert left[0].where == "link 0" and left[0].value > left[0].limit
     assert 0.0 < float(re.search(r"from t = (\S+) s", str(left[0]))[1]) < 1.0
-    with warns(fa.errors.RangeWarning, "limit") as said:
+    with warns(fa.errors.RangeWarning, "link 0", "limit") as said:
         replace(plan, scene=faster).run()
     assert said[0].message.finding == left[0] and said[0].filename == __file__
     with refuses("watch = 3"):

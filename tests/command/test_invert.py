@@ -299,9 +299,9 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     with refuses("limits['torque']", "link = 'shoulde'", "'shoulder'"):
         fa.invert(named, tip, limits={"torque": {"shoulde": 1.0}})
     assert by_name.plot().axes[-1].get_title("left") == "shoulder"
-    with warns(fa.errors.InversionWarning, "range"):
+    with warns(fa.errors.InversionWarning, "range", "1.5", "1"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)})
-    with refuses("range"):
+    with refuses("limits", "range", "1.5"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)}, stretch=True)
 
 
@@ -320,29 +320,31 @@ def test_bad_input_is_named() -> None:
 
     refused("arm = 3", 3, good)
     refused(("tip =", "dictionary"), arm, move(0, 1))
-    refused("'X'", arm, {"X": move(0, 1)})
-    refused("component", arm, {"x": 0.1})
-    refused("nan", arm, {"x": np.nan, "y": move(0, 1)})
-    refused("tip", arm, straight(p + 0.01, -0.2, 0.1), q=q)
+    refused(("tip", "'X'"), arm, {"X": move(0, 1)})
+    refused(("tip", "component"), arm, {"x": 0.1})
+    refused("tip['x'] = nan", arm, {"x": np.nan, "y": move(0, 1)})
+    refused(("q", "tip"), arm, straight(p + 0.01, -0.2, 0.1), q=q)
     refused(("q", "nan"), arm, good, q=q * np.nan)
     refused("q has shape", arm, good, q=[1.0])
     refused("reach", arm, straight(p, 0.5, 0.5), q=q)
     refused(("t =", "reach"), arm, straight(p, 0.5, 0.5), q=q)
-    refused("singular", arm, good)  # zero is straight
+    refused(("posture", "singular"), arm, good)  # zero is straight
     refused(("t = 0.5 s", "singular"), arm, straight(p, *(-2 * p[:2])), q=q)
     refused(("3 components", "3 driven joints"), arm, {**good, "rz": 0.3}, q=q)
-    refused("velocity", arm, {"azimuth": fa.Motion(t, t)})
-    refused("acceleration", arm, {"azimuth": fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)})
-    refused("when", arm, {"azimuth": fa.Motion(lambda s: (0.0, 0.0, 0.0))})
+    refused(("tip['azimuth']", "velocity"), arm, {"azimuth": fa.Motion(t, t)})
+    jumps = fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)
+    refused(("tip['azimuth']", "acceleration"), arm, {"azimuth": jumps})
+    refused(("tip['azimuth']", "t ="), arm, {"azimuth": fa.Motion(lambda s: (0.0, 0.0, 0.0))})
     refused("link = 7", arm, good, q=q, link=7)
-    refused("tolerance", arm, good, q=q, tolerance=0.0)
-    refused("method", arm, good, q=q, method="bayo")
-    refused("limits", arm, good, q=q, limits={"torque": -1.0})
+    refused("tolerance = 0.0", arm, good, q=q, tolerance=0.0)
+    refused("method = 'bayo'", arm, good, q=q, method="bayo")
+    refused("limits['torque'] = -1", arm, good, q=q, limits={"torque": -1.0})
     refused(("limits['range']", "highest"), arm, good, q=q, limits={"range": (1.0, -1.0)})
     refused(("'x'", "Motion", "number"), arm, {"x": [0.1, 0.2], "y": 0.3}, q=q)
     refused("6000 steps", arm, good, q=q, pre=1e9)
     refused(("joint", "z"), arm, {"z": move(0, 0.1)}, posture=q)
-    refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
+    ball = fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))
+    refused("link 0 spherical", fa.Arm([ball]), good)
 
 
 def test_a_path_that_stays_needs_what_holds_the_arm() -> None:

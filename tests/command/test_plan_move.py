@@ -289,16 +289,16 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
         ({"limits": {"torque": {0: 60.0}}}, "'link 1 revolute'"),
         ({"limits": {"torque": {7: 60.0}}}, "link = 7"),
         ({"limits": {"torque": None}}, "'link 0 revolute'"),
-        ({"limits": {"torque": (60.0, 15.0), "speed": float("nan")}}, "nan"),
-        ({"q_to": [0.0, 0.0]}, "q_to"),
+        ({"limits": {"torque": (60.0, 15.0), "speed": float("nan")}}, "limits['speed'] = nan"),
+        ({"q_to": [0.0, 0.0]}, "q_to = [0.0, 0.0]"),
         ({"q_to": [0.0, 0.0, 1.0]}, "q_to has shape (3,)"),
-        ({"q_to": [0.0, float("nan")]}, "q_to"),
+        ({"q_to": [0.0, float("nan")]}, "q_to = [0.0, nan]"),
         ({"q_to": None}, "q_to = None"),
-        ({"path": [[0, 0], [1, 1]]}, "q_from"),
+        ({"path": [[0, 0], [1, 1]]}, ("path", "q_from")),
         ({"q_from": None, "q_to": None, "path": lambda s: [float(s > 0.5), 0.0]}, ("1", "s = 0.5", "jumps")),
         ({"q_from": None, "q_to": None, "path": [[0.01 * k + (k > 5), 0] for k in range(12)]}, "row 5 to 6"),
         ({"q_from": None, "q_to": None, "path": [[1, 1], [1, 1]]}, "does not move"),
-        ({"method": "best"}, "method"),
+        ({"method": "best"}, "method = 'best'"),
         ({"residual": 0.0}, "residual = 0"),
         ({"residual": 5.0}, "residual = 5"),
     ],
@@ -313,7 +313,7 @@ def test_stops_and_balls_are_named() -> None:
     with refuses("1.5", "'link 0 revolute'", "-1 to 1", "stops"):
         fa.plan_move(rigid_arm(lower=-1.0, upper=1.0, limit_stiffness=1e3), 0.0, 1.5, limits={"torque": 3.0})
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
-    with refuses("ball"):
+    with refuses("arm", "ball"):
         fa.plan_move(ball, [0, 0, 0], [1, 0, 0], limits={"torque": 1.0})
 
 

@@ -43,8 +43,8 @@ BAD: list[tuple[tuple[Any, ...], Any]] = [
     (([0, 1], {"x": [1, np.nan]}), "columns['x'] = [1.0, nan]"),
     (([0, 1], {"x": [1, 2]}, {"y": "m"}), ("units['y']", "column")),
     (([0, 1], {"x": [1, 2]}, {"x": "furlong"}), ("column 'x'", "'furlong'", "unit")),
-    (([0, 1], {"t": [1, 2]}), ("'t'", "times")), (([0, 1], {3: [1, 2]}), "text"),
-    (([0, 1], {"x": ["a", "b"]}), "numbers"),
+    (([0, 1], {"t": [1, 2]}), ("'t'", "times")), (([0, 1], {3: [1, 2]}), "columns: 3"),
+    (([0, 1], {"x": ["a", "b"]}), "columns['x'] = ['a', 'b']"),
 ]  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def test_lags_that_are_none() -> None:
         data.lag(still, "theta")
     with refuses("max_lag = 0.01"):
         made(late=0.5).lag(data, "theta", max_lag=0.01)
-    with warns(fa.errors.DataWarning, "lag"):
+    with warns(fa.errors.DataWarning, "column 'a'", "lag"):
         fa.Data(T, {"a": rng.normal(size=len(T))}).lag(fa.Data(T, {"a": rng.normal(size=len(T))}), "a")
     for call, says in (
         (lambda: data.lag(data, "y"), "column = 'y'"), (lambda: data.lag(data, "x", "y"), "column = 'y'"),
@@ -200,7 +200,7 @@ def test_matlab_sees_plain_names(tmp_path: Path) -> None:
 
 def test_other_suffixes_are_refused(tmp_path: Path) -> None:
     for name in ("x.xlsx", "x.json", "x", "x.tsv"):
-        with refuses(".csv"):
+        with refuses("path =", name, ".csv"):
             made().save(tmp_path / name)
     with refuses("path", "none"):
         made().save(tmp_path / "none" / "x.csv")

@@ -23,13 +23,13 @@ def run() -> fa.Result:
 
 @pytest.mark.parametrize("name", ["run.npy", "run.json", "run.xlsx", "run.png", "run.CSV2"])
 def test_a_result_is_not_written_under_another_formats_name(name: str, run: fa.Result, tmp_path: Path) -> None:
-    with refuses(".npz"):
+    with refuses("path =", name, ".npz"):
         run.save(tmp_path / name)
     assert not any(tmp_path.iterdir())
 
 
 def test_siblings_refuse_other_formats_names(run: fa.Result, tmp_path: Path) -> None:
-    with refuses(".toml"):
+    with refuses("path =", "scene.json", ".toml"):
         fa.Scene(run.arm).save(tmp_path / "scene.json")
     with refuses(".csv", ".txt"):
         fa.sensors.Encoder().read(run).save(tmp_path / "encoder.mat")
@@ -44,7 +44,7 @@ def test_a_result_whose_part_has_another_name_is_damaged(run: fa.Result, tmp_pat
         with zipfile.ZipFile(tmp_path / "run.npz") as old, zipfile.ZipFile(tmp_path / "other.npz", "w") as new:
             for name in old.namelist():
                 new.writestr(name.replace(f"{part}.npy", "x.npy"), old.read(name))
-        with refuses("damaged"):
+        with refuses("other.npz", "damaged"):
             fa.Result.load(tmp_path / "other.npz")
 
 
@@ -99,20 +99,20 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
     path = tmp_path / "run.npz"
     for content in (b"", b"PK", b"PK\3\4" + bytes(100), b"\x93NUMPY" + bytes(50), b"gravity = [0, 0, 0]\n"):
         path.write_bytes(content)
-        with refuses("damaged"):
+        with refuses("run.npz", "damaged"):
             fa.Result.load(path)
     np.savez(path, t=np.zeros(3))
-    with refuses("damaged"):
+    with refuses("run.npz", "damaged"):
         fa.Result.load(path)
     np.save(tmp_path / "x.npy", np.zeros(3))
     for other in (tmp_path / "x.npy", tmp_path, tmp_path / "none.npz", 5):
-        with refuses("result"):
+        with refuses("result", other):
             fa.Result.load(other)
     run.save(path)
     with np.load(path) as f:
         held = dict(f)
     np.savez(path, **(held | {"v": held["v"][:-1]}))
-    with refuses("damaged"):
+    with refuses("run.npz", "damaged"):
         fa.Result.load(path)
 
 
@@ -188,5 +188,5 @@ def test_what_cannot_be_written_or_is_no_run_is_a_value_error(tmp_path: Path) ->
     for wrong in ({"q": held["q"].astype(str)}, {"v": held["v"].astype(complex)}, {"t": held["t"][None]},
                   {"t": held["t"][::-1]}):  # fmt: skip
         np.savez(tmp_path / "y.npz", **(held | wrong))
-        with refuses("damaged"):
+        with refuses("y.npz", "damaged"):
             fa.Result.load(tmp_path / "y.npz")

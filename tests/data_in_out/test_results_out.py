@@ -40,7 +40,7 @@ def test_a_table_holds_what_the_result_has(run: fa.Result, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["runs.csv", "runs.mat", "runs.json", "runs.xlsx"])
 def test_a_batch_is_not_written_under_another_formats_name(name: str, runs: fa.BatchResult, tmp_path: Path) -> None:
-    with refuses(".npz"):
+    with refuses("path =", name, ".npz"):
         runs.save(tmp_path / name)
     assert not any(tmp_path.iterdir())
 
@@ -141,7 +141,7 @@ def test_a_file_whose_own_tables_fit_and_whose_contents_do_not_is_refused(
                     f["about"][0] = f["about"][0].replace(b"0.", b"1.", 1)
                 else:
                     del f[last]
-        with refuses("damaged"):
+        with refuses(path, "damaged"):
             read(path)
 
 

@@ -256,7 +256,7 @@ def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
     assert refused > 50
     for other in (b"", b"PK", b"\x89HDF\r\n\x1a\n", b"something else", pickle.dumps([1])):
         bad.write_bytes(other)
-        with refuses("bad"):
+        with refuses(bad):
             fa.BatchResult.load(bad)
     with refuses("no such file"):
         fa.BatchResult.load(tmp_path / "nowhere.h5")
@@ -280,7 +280,7 @@ def test_a_saved_batch_that_lost_an_array_is_refused(tmp_path):
         held = dict(z)
     for name in set(held) - {"about"}:
         np.savez(tmp_path / "other.npz", **{k: x for k, x in held.items() if k != name})
-        with refuses("damaged"):
+        with refuses("other.npz", "damaged"):
             fa.BatchResult.load(tmp_path / "other.npz")
 
 

@@ -576,7 +576,7 @@ def test_a_file_holds_what_memory_would(tmp_path):
     (tmp_path / "no.h5").write_text("something else")
     with refuses("file", "batch"):
         fa.simulate_batch(two_links(), TIMES, out=tmp_path / "no.h5", **SWEEP)
-    with refuses("no.h5"):
+    with refuses("batch", "no.h5"):
         fa.BatchResult.load(tmp_path / "no.h5")
 
 

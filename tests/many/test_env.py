@@ -233,7 +233,7 @@ def test_bad_actions_and_masks_are_named():
     envs.reset(seed=0)
     with refuses("actions has shape"):
         envs.step(np.zeros((2, 3)))
-    with refuses("finite"):
+    with refuses("actions[0, 0] = nan"):
         envs.step(np.full((2, 2), np.nan))
     with refuses("reset_mask"):
         envs.reset(options={"reset_mask": [1, 2, 3]})

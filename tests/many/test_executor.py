@@ -131,7 +131,7 @@ def test_errors_of_the_work_itself_are_not_tried_again():
 
 
 def test_a_broken_executor_without_successor_says_what_to_give():
-    with refuses("callable", error=RuntimeError):
+    with refuses("executor", "callable", error=RuntimeError):
         dict(
             gather(
                 lambda part: sum(part), lambda part: {"part": part}, shares(4, 2), Flaky({0}, BrokenExecutor("gone"))
@@ -262,7 +262,7 @@ def test_failures_keep_their_number_in_the_whole_batch():
 
 def test_what_cannot_be_sent_is_explained():
     scene = replace(SCENE, drive={0: fa.Torque(lambda t: 0.0)})
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool, refuses("lambda"):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool, refuses("executor", "lambda"):
         fa.sweep(scene, PLAN, executor=pool)
 
 

@@ -105,9 +105,9 @@ def test_many_at_once_are_those_one_by_one() -> None:
         ({"integrator": "gauss"}, "integrator = 'gauss'"),
         ({"integrator": "rk4", "rtol": 1e-9}, "rtol = 1e-09"),
         ({"spectral_radius": 2.0}, "spectral_radius = 2"),
-        ({"arm": fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, "ball"),
+        ({"arm": fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, ("link[0].joint", "ball")),
         ({"arm": fa.Arm([fa.Link(fa.Revolute("z", coulomb=1.0), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, "friction"),
-        ({"q": np.nan}, "q"),
+        ({"q": np.nan}, "q = [nan, nan, nan, nan]"),
     ],
 )
 def test_bad_input(change: dict, says: str) -> None:
@@ -231,8 +231,8 @@ def test_scenarios_have_their_own_arms() -> None:
     ("change", "says"),
     [
         ({"parameters": ["link.0.tip.mas"]}, "'link.0.tip.mas'"),
-        ({"parameters": ["q0"]}, "q0"),
-        ({"parameters": "gravity"}, "list"),
+        ({"parameters": ["q0"]}, ("parameters", "'q0'")),
+        ({"parameters": "gravity"}, "parameters = 'gravity'"),
         ({"parameters": ["link.0.joint"]}, "link.0.joint"),
         ({"step": 1e-3}, "rollout"),
         ({"q": np.zeros((4, 7))}, "q has shape"),

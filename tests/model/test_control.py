@@ -315,7 +315,7 @@ def test_friction_and_controller() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.PD("a", 1.0), "kp"),
+        (lambda: fa.PD("a", 1.0), "kp = 'a'"),
         (lambda: fa.PD(np.nan, 1.0), "kp = nan"),
         (lambda: fa.PD(1.0, 1.0, reference=np.nan), "reference = nan"),
         (
@@ -343,7 +343,7 @@ def test_friction_and_controller() -> None:
             "2 freedoms",
         ),
         (lambda: fa.PD(1.0, 1.0, limit=-1.0), "limit = -1.0"),
-        (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link"),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link = 3"),
         (lambda: fa.simulate(mass(), [0, 1], control=lambda t: 0), ("control =", "controller")),
         (lambda: fa.Sampled(1.0, 10.0), "law = 1.0"),
         (lambda: fa.Sampled(lambda t, y: 0.0, 0.0), "rate = 0.0"),
@@ -356,7 +356,7 @@ def test_friction_and_controller() -> None:
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 10.0, ["joint"])),
             "measure[0] = 'joint'",
         ),
-        (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K"),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K has shape (1, 1)"),
         (
             lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[("joint", 0)]),
             "do not fit",

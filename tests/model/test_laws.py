@@ -389,9 +389,9 @@ JUMP = fa.Motion(jump)
         (lambda: run(fa.FeedForward([0.0]), fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])),
          ("ball", "angle")),
         (lambda: PID(1, 1, 0, rate=100, tracking_time=1e-3), "tracking_time = 0.001"),
-        (lambda: PID(1, 0, 0, rate=100, tracking_time=1), "integral"),
+        (lambda: PID(1, 0, 0, rate=100, tracking_time=1), ("tracking_time", "integral")),
         (lambda: linear(anti_windup=[[1.0, 2.0]]), "anti_windup has shape (1, 2)"),
-        (lambda: linear(u0=[1.0, 2.0]), "u0"),
+        (lambda: linear(u0=[1.0, 2.0]), "u0 has shape (2,)"),
         (lambda: run(linear(reference=MOVE, measure=[("joint", 0)] * 2)), ("2 numbers", "1 columns")),
         (lambda: run(fa.LinearController([], D=[[1.0, 1.0]], rate=10, reference=MOVE)), "Motion"),
         (lambda: fa.StrainFeedback(1, 1, 1, static="sag"), "static = 'sag'"),
@@ -399,8 +399,8 @@ JUMP = fa.Motion(jump)
         (lambda: fa.StrainFeedback(1, 1, 1, washout=-1.0), "washout = -1.0"),
         (lambda: PPF(-1, 0.3, 1, measure=ANGLE), "frequency = -1"),
         (lambda: PPF(100, 0.3, 1, measure=ANGLE, rate=20), ("rate = 20", "31.8")),
-        (lambda: PPF(10, 0.3, 1, measure=[*ANGLE, ("rate", 0)]), "list"),
-        (lambda: IRC(1.0, -1.0, measure=ANGLE), "sign"),
+        (lambda: PPF(10, 0.3, 1, measure=[*ANGLE, ("rate", 0)]), "measure = [('joint', 0), ('rate', 0)]"),
+        (lambda: IRC(1.0, -1.0, measure=ANGLE), ("feedthrough = -1", "sign")),
     ],
 )  # fmt: skip
 def test_bad_laws(make, message: str) -> None:

@@ -173,7 +173,7 @@ def test_bad_names() -> None:
         fa.Arm(links("a", "a", None))
     with refuses("link = 'torsion'", "'torsion_bar'"):
         NAMED.frame(NAMED.zero, "torsion")
-    with refuses("name"):
+    with refuses("link = 'elbow'"):
         PLAIN.frame(PLAIN.zero, "elbow")
     both = fa.Arm(links("b", "a", "a"))
     with refuses("link = 'a'", "link 1", "link 0"):

@@ -251,9 +251,9 @@ def test_bad_input(tmp_path: Path) -> None:
     with refuses("wrist", "joint 'spherical'", "a ball"):
         ball.to_mjcf()
     bent = fa.Beam(0.5, fa.Tube(0.01, 0.001), ALLOY, modes={"bending_y": 2}, order="exact", curvature=(0, 0, 1))
-    with refuses("curvature"):
+    with refuses("link 0", "curvature"):
         fa.Arm([fa.Link(fa.Revolute(), None, bent)]).to_urdf()
-    with refuses(".xml"):
+    with refuses("path =", ".xml"):
         plane().to_mjcf(tmp_path / "arm.txt")
 
 

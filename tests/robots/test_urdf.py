@@ -226,13 +226,13 @@ BAD: dict[str, tuple[str, dict[str, Any], Any]] = {
     "two masses": (SIX.replace('"2.3"', '"2.3 1"'), {}, ("'forearm'", "value=", '"2.3 1"', "mass", "number")),
     "a short axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 1"'), {}, ("'shoulder'", "xyz=", '"0 1"', "3", "numbers")),
     "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, ("'shoulder'", "axis")),
-    "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, "'x'"),
-    "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, "'forearm'"),
+    "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, ("joint 'pan'", "'x'")),
+    "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, ("flexible", "key 'forarm'", "'forearm'")),
     "fixed flexible": (SIX, {"flexible": {"motor": beam(0.3)}}, ("'motor'", "'upper_arm'")),
-    "no beam": (SIX, {"flexible": {"forearm": 0.3}}, "Beam"),
+    "no beam": (SIX, {"flexible": {"forearm": 0.3}}, ("flexible['forearm'] = 0.3", "Beam")),
     "length": (SIX, {"flexible": {"forearm": beam(0.3)}}, "0.31685959 m"),
     "no end": (SIX, {"flexible": {"wrist_3": beam(0.3)}}, "no joint follows"),
-    "stops": (SIX, {"stops": (1, 2, 3)}, "stops"),
+    "stops": (SIX, {"stops": (1, 2, 3)}, "stops = (1, 2, 3)"),
 }  # fmt: skip
 
 

@@ -229,7 +229,7 @@ def test_a_solution_far_off_is_none(step: float) -> None:
     )
     start = np.zeros(10)
     start[[0, 1, 2, 5, 6, 7]] = 2.675e-2, -8.75e-4, -2.87e-4, -0.1556, -1.67e-3, -1.48e-4
-    with warns(fa.errors.StepWarning, "halved"):
+    with warns(fa.errors.StepWarning, "step = 0.0", "halved"):
         r = fa.simulate(arm, np.linspace(0, 0.2, 11), start, integrator="gauss", step=step)
     total = sum(r.energy()[:2])
     assert r.stats["failed_steps"] > 0

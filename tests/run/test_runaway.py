@@ -217,7 +217,7 @@ def test_what_is_called_stable_is_stable_for_the_whole_run() -> None:
 
 def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loop() -> None:
     law = fa.Sampled(lambda t, y: 1e4 * np.sign(y[0]), 100, [("joint", 0)])
-    with refuses("stable", error=fa.SimulationError):
+    with refuses("loop of control", "stable", error=fa.SimulationError):
         fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
 
 
@@ -322,7 +322,7 @@ def test_pulses_of_loads_and_references_are_told() -> None:
     push = fa.Load(0, force=lambda t: (0.0, 5.0 if 0.7 < t < 0.71 else 0.0, 0.0))
     with warns(fa.errors.StepWarning, "loads[0]", "5", "t = 0.70"):
         fa.simulate(rigid(), t, loads=[push])
-    with warns(fa.errors.StepWarning, "reference"):
+    with warns(fa.errors.StepWarning, "reference of control", "1", "t = 0.70"):
         fa.simulate(rigid(), t, control=fa.PD(1.0, 1.0, reference=lambda t: 1.0 if 0.7 < t < 0.71 else 0.0))
 
 

@@ -59,7 +59,7 @@ def test_no_other_file_is_read(folder: Path, law: str) -> None:
 def test_the_caller_may_allow_another_folder(folder: Path) -> None:
     for name in ("../torque.csv", str(folder.parent / "torque.csv")):
         assert fa.load(scene(folder, name), files=folder.parent).drive[0](0.1) == 2.0
-    with refuses("folder"):
+    with refuses("file = 'torque.csv'", "folder"):
         fa.load(scene(folder, "torque.csv"), files=folder / "below")
 
 
@@ -70,7 +70,7 @@ def test_errors_tell_nothing_of_what_is_in_a_file(folder: Path, law: str) -> Non
     texts = [SECRET * 2, "hunter2", f"{columns},hunter2\n0,0,0\n", "", *(f"{columns}\n{row}" for row in rows)]
     for text in [*(t.encode() for t in texts), b"hunter2\xff\xfe,\n", b"hunter2\0", b'"hunter2' + b"x" * 200_000]:
         (folder / "table.csv").write_bytes(text)
-        with refuses(law) as caught:
+        with refuses(f"{law}.file = 'table.csv'") as caught:
             fa.load(scene(folder, "table.csv", law)).run()
         assert "hunter" not in str(caught.value)
 
@@ -92,7 +92,7 @@ def _dictionary(name: object) -> dict:
 def test_dictionaries_read_below_where_they_are_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     np.testing.assert_equal(scene_from_dict(_dictionary("torque.csv")).drive[0](0.1), 2.0)
-    with refuses("folder"):
+    with refuses("drive[0].torque.file = '../torque.csv'", "folder"):
         scene_from_dict(_dictionary("../torque.csv"))
 
 

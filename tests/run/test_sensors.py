@@ -412,7 +412,7 @@ def test_gain_and_offset_come_before_noise_and_steps() -> None:
     sampler, t = other.sampler(run.arm), 7
     rows = [sampler.sample(float(run.t[k]), run.q[k], run.v[k], run.a[k]) for k in range(t)]
     np.testing.assert_allclose(rows, other.read(run).y[:t], atol=1e-12)
-    with refuses("gain"):
+    with refuses("gain = (1.0, 2.0)"):
         fa.sensors.Camera(gain=(1, 2)).read(run)
-    with refuses("offset"):
+    with refuses("offset = 'x'"):
         fa.sensors.Encoder(offset="x")  # type: ignore[arg-type]
