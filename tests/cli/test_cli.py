@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from flexarm import _console
 from flexarm.cli import main
-from flexarm.cli.paper import demo
 from messages import refuses
 
 PENDULUM = """
@@ -175,7 +174,7 @@ def test_modes_say_what_is_unstable(tmp_path: Path, capsys: pytest.CaptureFixtur
 # -- demo ----------------------------------------------------------------------------------------------------
 
 
-def test_demo_in_json(demonstration: tuple[demo.Demo, Any]) -> None:
+def test_demo_in_json(demonstration: tuple[Any, Any]) -> None:
     done, told = demonstration
     assert told["agrees"] is True and told == json.loads((done.folder / "demo.json").read_text())
     assert all((done.folder / name).exists() for name in told["files"])

@@ -11,13 +11,12 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli.paper import control as dc
-from flexarm.cli.paper import demo
 from messages import warns
 from pages import Ran
 
 
 @pytest.fixture(scope="module")
-def control(demonstration: tuple[demo.Demo, Any]) -> dc.Control:
+def control(demonstration: tuple[Any, Any]) -> dc.Control:
     return demonstration[0].control
 
 

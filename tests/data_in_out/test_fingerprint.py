@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.interpolate as si
+from arms import SCENES
 from flexarm.data.store.fingerprint import difference, marks
-from flexarm.run.scene.scene import SCENES
 from messages import refuses
 
 
@@ -263,7 +263,7 @@ def test_values_kept_for_speed_do_not_count():
 
 
 def test_laws_of_scenes_are_compared_without_a_name_here_and_in_another_process():
-    code, here = "import test_fingerprint as t; print(t.scenes())", Path(__file__).parent
+    code, here = "import data_in_out.test_fingerprint as t; print(t.scenes())", Path(__file__).parents[1]
     found = scenes()
     run = subprocess.run([sys.executable, "-O", "-c", code], cwd=here, capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import zipfile
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import flexarm as fa
@@ -16,7 +17,6 @@ import numpy as np
 import pytest
 from flexarm.data.store import files, scenarios
 from flexarm.data.store.scenarios import ScenarioFile
-from flexarm.many.batch.executor import Executor, Future
 from flexarm.many.batch.storage import REASON_BYTES, in_bytes
 from many.test_sweep import LENGTH, STIFF, plan, scene
 from messages import refuses, warns

@@ -11,7 +11,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm import _console
-from flexarm.arm.variation import Setup, Variation
 from messages import refuses, warns
 
 MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
@@ -108,9 +107,9 @@ def test_drive_and_sensors_are_sought_too() -> None:
     true = {"drive.0.scale": 1.1, "drive.0.offset": 0.02, "drive.0.delay": 0.0033, "sensor.0.offset": 0.01,
             "sensor.1.gain": 1.07, "sensor.1.delay": 0.0021, "sensor.1.filter.frequency": 25.0}  # fmt: skip
     base = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, filter=40.0)))
-    setup = Setup(base.arm, base.drive, sensors=base.sensors)
-    made = Variation(setup, {k: np.array([x]) for k, x in true.items()}).scenario(0)
-    data = recorded(replace(base, drive=made.drive, sensors=made.sensors))
+    torque, (encoder, gauge) = base.drive[0], base.sensors
+    sensors = replace(encoder, offset=0.01), replace(gauge, gain=1.07, delay=0.0021, filter=25.0)
+    data = recorded(replace(base, drive={0: torque.scaled(1.1).moved(0.02, 0.0033)}, sensors=sensors))
     known = {MODULUS: 2.09e11}
     fit = fa.identify(base, data, [*true, MODULUS], **MEASURED)
     assert inside(fit, {**true, **known})

@@ -9,7 +9,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.cli.main import main
+from flexarm.cli import main
 from flexarm.identify.validate.recordings import CURRENTS, DEFLECTIONS, FOLDER, JOINTS, UNITS, read
 from flexarm.identify.validate.rig import PER_RUN, compared, identified, with_currents, with_motion, with_values
 from flexarm.identify.validate.validate import _fitted

@@ -15,7 +15,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, G, close, floating_arm, paper_link, pendulum
-from flexarm.model.acting.sampled import Sampled
 from messages import refuses, warns
 
 
@@ -25,10 +24,10 @@ def two_links(tip: float = 0.05) -> fa.Arm:
     return fa.Arm(links, gravity=(0, -G, 0))
 
 
-def held(tau: np.ndarray, dt: float) -> Sampled:
+def held(tau: np.ndarray, dt: float) -> fa.Sampled:
     """A sampled controller that applies the rows of tau, each over one step."""
     n, nv = tau.shape
-    return Sampled(lambda t, y: tau[min(round(t / dt), n - 1)], 1 / dt, actuate=list(np.eye(nv)))
+    return fa.Sampled(lambda t, y: tau[min(round(t / dt), n - 1)], 1 / dt, actuate=list(np.eye(nv)))
 
 
 def joint_torques(rng: np.random.Generator, arm: fa.Arm, *shape: int, size: float = 0.1) -> np.ndarray:

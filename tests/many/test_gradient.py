@@ -6,7 +6,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
-from flexarm.arm.variation import Setup, Variation
 from messages import refuses
 
 PATHS = ["link.1.tip.mass", "link.0.beam.length", "link.1.beam.material.youngs_modulus", "link.0.joint.damping",
@@ -136,7 +135,7 @@ def test_a_step_without_a_solution_is_said() -> None:
 
 
 def with_value(arm: fa.Arm, path: str, value: np.ndarray) -> fa.Arm:
-    return Variation(Setup(arm), {path: np.asarray(value)[None]}).scenario(0).arm
+    return fa.simulate_batch(arm, [0, 1e-9], parameters={path: np.asarray(value)[None]}).arm(0)
 
 
 @pytest.mark.parametrize(

@@ -244,16 +244,13 @@ def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
 
 def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
     """At 100 Hz the demo's loop is lost beyond Ks = -0.01332, docs/strain-feedback.md; without dry friction."""
-    from dataclasses import replace
-
-    from flexarm.cli.paper.control import DRIVE_GAIN, KP, KV
-
-    link, t = fa.load("ist_control").arm.links[0], np.linspace(0, 8, 401)
+    scene, t = fa.load("ist_control"), np.linspace(0, 8, 401)
+    link, pd = scene.arm.links[0], scene.control[0]
     free = fa.Arm([replace(link, joint=replace(link.joint, coulomb=0.0))])
     measured = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]
 
     def run(ks: float) -> fa.Result:
-        law = fa.Sampled(lambda _, y: -(np.array([KP, KV, ks]) @ y), 100, measured, motor=fa.Motor(DRIVE_GAIN))
+        law = fa.Sampled(lambda _, y: -(np.array([pd.kp, pd.kv, ks]) @ y), 100, measured, motor=pd.motor)
         return fa.simulate(free, t, [0.0, 1e-4, 1e-5, 0.0], control=law, integrator="gauss", step=5e-3)
 
     run(0.95 * -0.01332)

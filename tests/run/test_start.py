@@ -1,11 +1,13 @@
 """Scenes that start in a pose, or in balance."""
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.run.scene.scene import scene_from_dict
+from arms import toml
 from messages import refuses, warns
 
 BEAM = {
@@ -16,10 +18,15 @@ BEAM = {
 }
 
 
+def loaded(table):
+    with TemporaryDirectory() as folder:
+        return fa.load(toml(Path(folder), table))
+
+
 def scene(q0, **more):
     links = [{"joint": {"type": "revolute", "axis": "z", "name": f"joint{k}"}, "beam": BEAM} for k in range(2)]
     simulation = {"duration": 0.5, "interval": 0.01, "q0": q0}
-    return scene_from_dict({"gravity": [0, -9.81, 0], "link": links, "simulation": simulation} | more)
+    return loaded({"gravity": [0, -9.81, 0], "link": links, "simulation": simulation} | more)
 
 
 def test_joints_by_name() -> None:
@@ -40,7 +47,7 @@ def test_at_equilibrium_it_stays() -> None:
     mass, arm_of = 2700 * 1e-4, 0.5  # the second link turns until m g L/2 cos(angle) is the torque
     angle = np.arctan2(*made.arm.frame(made.start(), 1, 0.0)[1][[1, 0], 0])
     assert np.cos(angle) * mass * 9.81 * arm_of == pytest.approx(0.5, rel=1e-2)
-    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
+    assert loaded(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
 
 
 def test_trim_holds_the_joints() -> None:

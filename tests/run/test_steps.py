@@ -7,8 +7,7 @@ import threading
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import paper_link, reference
-from flexarm.run.scene.scene import SCENES
+from arms import SCENES, paper_link, reference
 from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)

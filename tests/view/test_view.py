@@ -14,7 +14,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.view import body, stage, still, track
-from flexarm.view.view import View
 from messages import refuses
 from scipy.spatial.transform import Rotation
 
@@ -160,7 +159,7 @@ def test_faces_of_solids_point_outwards(inertia: tuple[float, ...]) -> None:
 
 def test_walls_of_boxes_have_no_seams() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(0.02, 0.02, 0.008)))])
-    pixels = View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
+    pixels = fa.results.View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
     grey = pixels[(pixels.max(axis=1) < 170) & (np.ptp(pixels.astype(int), axis=1) < 40)]  # neither floor nor axis
     _, counts = np.unique(grey, axis=0, return_counts=True)
     assert np.sort(counts)[-3:].sum() > 0.91 * len(grey) > 9100  # of three walls, each in one colour
@@ -376,7 +375,7 @@ def test_show_opens_a_browser(
     monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
     view = paper_link().show()
-    assert isinstance(view, View) and ".save(" in repr(view)
+    assert isinstance(view, fa.results.View) and ".save(" in repr(view)
     assert len(opened) == 1 and Path(opened[0].removeprefix("file://")).exists()
     assert "no browser was found" in capsys.readouterr().err
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME"):
