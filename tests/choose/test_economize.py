@@ -238,8 +238,6 @@ def test_deciding_costs_a_few_runs() -> None:
     scene = scenes.SCENES["medium"]()
     fa.economize(scene, 0.01)  # imports
     plan = fa.economize(scene)
-    default = min(scene.run().stats["wall_time"] for _ in range(3))
-    assert plan.seconds < 60 * default + 1.0  # 20 on an idle machine
     assert 0 < plan.runs < 40
 
 

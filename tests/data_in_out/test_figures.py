@@ -99,7 +99,7 @@ def chart(count: int, words_of_a_run: str, near: float = 1.5) -> Any:
     kinds = tradeoff.Kind("exact", "60 in all", "legendre"), tradeoff.Kind(2, "24 in all")
     lines = [tradeoff.Line(kinds[0], "gauss", points), tradeoff.Line(kinds[1], "ida", points[1:])]
     front = [tradeoff.Cheapest(t, error, words_of_a_run) for t, error in points]
-    label, note = "Largest error of the tip (share of its span)", "NOT CONVERGED: the richest model is known to 1e-5. " * 4
+    label, note = "Largest error of the tip (share of its span)", "NOT CONVERGED: it is known to 1e-5 of the span. " * 4
     return tradeoff.plot_lines(lines, front, ["gauss", "ida"], 1e-5, label, "chart", [note])
 
 

@@ -1,6 +1,5 @@
 """IDA's linear solvers against each other, and events in every integrator."""
 
-import time
 
 import flexarm as fa
 import numpy as np
@@ -79,9 +78,8 @@ def test_sixty_flexible_links() -> None:
     arm = hanging_chain(60, beam=beam)
     v0 = np.zeros(arm.nv)
     v0[0] = 0.3
-    began = time.monotonic()
     r = fa.simulate(arm, np.linspace(0, 0.2, 3), v0=v0)
-    assert time.monotonic() - began < 5
+    assert r.stats["steps"] < 1000 and r.stats["linear_iterations"] < 2 * r.stats["newton_iterations"]
     T, U = r.energy()
     assert np.ptp(T + U) < 1e-3 * T[0]
     assert np.abs(r.q[-1]).max() > 1e-3
