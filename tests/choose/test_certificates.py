@@ -9,13 +9,10 @@ import flexarm as fa
 import numpy as np
 import pytest
 from choose.economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
-from flexarm.choose.economize_search import EconomizeSearch
 from flexarm.choose.evidence import Evidence
-from flexarm.choose.measures import Measure
 from flexarm.choose.models import Models
 from flexarm.choose.symmetry import excited
 from flexarm.choose.times import times_to_compare
-from flexarm.choose.trials import Budget
 from messages import warns
 
 TOL = 1e-2
@@ -189,7 +186,7 @@ def resonant() -> fa.Scene:
 def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> None:
     """Few rows of ringing make a stiffness that jumps: growth of 400, where a kick out of the plane hardly grows."""
     scene = resonant()
-    search = EconomizeSearch(scene, Measure(scene, "tip"), 0.05, Budget(), lambda doing: None)
+    search = scenes.search(scene, 0.05)
     search.find_symmetry()
     search.find_basis()
     base = search.trials.run(search.own, {"integrator": "gauss", "step": 0.005})

@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
 from flexarm.choose.descent import Descent
-from flexarm.choose.economize_search import EconomizeSearch
-from flexarm.choose.measures import Measure
 from flexarm.choose.models import ORDERS, Model, Models
 from flexarm.choose.symmetry import excited
-from flexarm.choose.trials import Budget, Trials, timed
+from flexarm.choose.trials import Trials, timed
 from flexarm.cli import main
 from messages import refuses, warns
 
@@ -40,7 +38,7 @@ def costs_are_counted() -> Iterator[None]:
 
 
 def test_an_evaluation_is_timed() -> None:
-    search = EconomizeSearch(scenes.SCENES["slow"](), Measure(scenes.SCENES["slow"](), "tip"), TOL, Budget(), print)
+    search = scenes.search(scenes.SCENES["slow"](), TOL)
     search.trials.states = search.scene.run()
     assert 1e-8 < MEASURED(search.trials, search.models.given, "ab") < 1e-2
 

@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 import pytest
 from flexarm.data.store import files, scenarios
-from flexarm.data.store.scenarios import ScenarioFile
 from flexarm.many.batch.storage import REASON_BYTES, in_bytes
 from many.test_sweep import LENGTH, STIFF, plan, scene
 from messages import refuses, warns
@@ -73,7 +72,7 @@ def test_what_is_not_done_is_unknown_to_any_reader(tmp_path):
 
 
 def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
-    path, put = tmp_path / "b.h5", ScenarioFile._put
+    path, put = tmp_path / "b.h5", scenarios.ScenarioFile._put
 
     def stopped(self, name, indices, rows):
         put(self, name, indices, rows)
@@ -81,7 +80,7 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
             monkeypatch.undo()
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(ScenarioFile, "_put", stopped)
+    monkeypatch.setattr(scenarios.ScenarioFile, "_put", stopped)
     with refuses("2 of 6", error=fa.errors.BatchInterrupted) as e:
         run(path)
     for found in (e.value.result, fa.BatchResult.load(path)):
@@ -93,7 +92,7 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
 
 
 def test_a_saved_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
-    path, put = tmp_path / "x.h5", ScenarioFile._put
+    path, put = tmp_path / "x.h5", scenarios.ScenarioFile._put
     old, new = (fa.simulate_batch(arm(), TIMES, np.full((1030, 4), q)) for q in (0.0, 1e-3))
     old.save(path)
 
@@ -103,7 +102,7 @@ def test_a_saved_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
         put(self, name, indices, rows)
 
     before = path.read_bytes()
-    monkeypatch.setattr(ScenarioFile, "_put", fails)
+    monkeypatch.setattr(scenarios.ScenarioFile, "_put", fails)
     with refuses("x.h5", "the disk is full"):
         new.save(path)
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
@@ -145,10 +144,10 @@ def test_an_error_leaves_no_file_open(tmp_path, monkeypatch, name):
     if name == "_unlike":
         monkeypatch.setattr(scenarios, name, fails)
     elif name == "_tidy":
-        monkeypatch.setattr(ScenarioFile, name, fails)
+        monkeypatch.setattr(scenarios.ScenarioFile, name, fails)
     else:
-        blank = ScenarioFile._tidy
-        monkeypatch.setattr(ScenarioFile, "_tidy", lambda self: fails() if self.done().all() else blank(self))
+        blank = scenarios.ScenarioFile._tidy
+        monkeypatch.setattr(scenarios.ScenarioFile, "_tidy", lambda self: fails() if self.done().all() else blank(self))
     with refuses("a broken disk", error=OSError) as held:
         run(path)
     monkeypatch.undo()
