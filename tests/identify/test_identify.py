@@ -364,20 +364,20 @@ def test_a_long_fit_tells_how_long_it_takes(
 
 
 def test_intervals_hold_in_95_percent() -> None:
-    """Of 20 twins of three numbers; bench/identify/coverage.py counts more, of more kinds. Errors over deviations must
+    """Of 12 twins of three numbers; bench/identify/coverage.py counts more, of more kinds. Errors over deviations must
     be about one, so that intervals are neither too narrow nor too wide."""
     hits, errors = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         clean = recorded(scene(), noise={})
-        for k in range(20):
+        for k in range(12):
             rng = np.random.default_rng([9, k])
             noisy = {name: clean[name] + x * rng.normal(size=len(T)) for name, x in NOISE.items()}
             data = fa.Data(T, {**noisy, "torque": clean["torque"]}, clean.units)
             fit = fa.identify(scene(0.06, 1.9e11, 0.06), data, list(TRUE), **MEASURED, step=1.25e-3)
             hits.append([fit.intervals[p][0] <= x <= fit.intervals[p][1] for p, x in TRUE.items()])
             errors.append([(fit.values[p] - x) / fit.std[p] for p, x in TRUE.items()])
-    assert np.mean(hits) >= 0.87  # 95 % less three standard deviations of a count of 60
+    assert np.mean(hits) >= 0.84  # 95 % less three standard deviations of a count of 36
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.35
 
 
