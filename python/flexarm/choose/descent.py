@@ -71,6 +71,7 @@ class Descent:
         """
         self.tell("fewer coordinates")
         model = self.evidence.reference.model
+        seen = {model}
         while row := self.reductions(model):
             chain = [model]
             for x in row:
@@ -84,8 +85,10 @@ class Descent:
                 else:
                     high = at - 1
                 guess = (low + high + 1) // 2
+            again = low > 0 and chain[low] in seen  # measured times differ: a reduction and its reverse both save time
             model = chain[low]
-            self.evidence.refused |= {x.name for x in row[low : low + 1]}
+            seen.add(model)
+            self.evidence.refused |= {x.name for x in (row if again else row[low : low + 1])}
         return self.slices(model)
 
     def sliced(self, model: Model, share: float) -> Model:
