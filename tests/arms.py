@@ -12,6 +12,20 @@ import numpy as np
 DATA = Path(__file__).parent / "data"
 G = 9.81
 STEEL = fa.Material(7850, 209e9, 0.3)
+SCENES = Path(fa.__file__).parent / "scenes"  # those that are shipped
+
+
+def toml(folder: Path, table: dict) -> Path:
+    """A file of this table, as a user writes it."""
+
+    def text(x: object) -> str:
+        if isinstance(x, dict):
+            return "{" + ", ".join(f"{json.dumps(k)} = {text(v)}" for k, v in x.items()) + "}"
+        return f"[{', '.join(map(text, x))}]" if isinstance(x, (list, tuple)) else json.dumps(x)
+
+    path = folder / "table.toml"
+    path.write_text("".join(f"{k} = {text(v)}\n" for k, v in table.items()))
+    return path
 
 
 def reference(name: str) -> dict:

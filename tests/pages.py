@@ -28,9 +28,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import flexarm as fa
 import matplotlib.pyplot as plt
 import pytest
-from flexarm.run.scene.scene import scene_from_dict
 from markdown_it import MarkdownIt
 
 if sys.version_info >= (3, 11):
@@ -160,4 +160,6 @@ def _toml(block: Block) -> None:
     if name:
         Path(name[1]).write_text(block.text, encoding="utf-8")
     if isinstance(table.get("link"), list):
-        scene_from_dict(table)
+        scene = Path(name[1] if name else "a block.toml")
+        scene.write_text(block.text, encoding="utf-8")
+        fa.load(scene)

@@ -12,6 +12,7 @@ import flexarm.env
 import numpy as np
 import pytest
 from flexarm.identify.validate.validation import Judged
+from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 T = np.linspace(0.0, 0.1, 11)
@@ -104,7 +105,7 @@ def test_what_was_pickled_goes_on() -> None:
 def test_a_function_that_cannot_be_sent_is_named() -> None:
     local = scene(fa.Torque(lambda t: 0.1))
     assert copy.deepcopy(local).run().q[-1, 0] == local.run().q[-1, 0]
-    with pytest.raises((pickle.PicklingError, AttributeError), match=r"pickle.*test_a_function.*lambda"):
+    with refuses("lambda", error=(pickle.PicklingError, AttributeError)):
         pickle.dumps(local)
 
 
@@ -121,5 +122,5 @@ def test_arms_of_a_class_with_arguments_of_its_own() -> None:
     again = pickle.loads(pickle.dumps(arm))
     assert type(again) is Reacher and again == arm
     assert "none" not in str(arm) and "- \n" not in str(arm)  # frequencies, also of the clamped beam
-    with pytest.raises(fa.SimulationError, match="rk4 is stable below"):
+    with refuses("steps of 0.02 s", "rk4", error=fa.SimulationError):
         fa.simulate(arm, [0.0, 1.0], v0=[0.0, 1e-3, 0.0], integrator="rk4", step=0.02)

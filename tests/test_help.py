@@ -13,6 +13,7 @@ from typing import Any
 import flexarm as fa
 import pytest
 from flexarm import _face
+from messages import refuses
 
 LISTS = (fa, fa.sections, fa.sensors, fa.results, fa.errors)
 NAMES = {module: _face.public(module) for module in LISTS}
@@ -63,11 +64,11 @@ def test_help_is_a_map_of_the_names(module: ModuleType) -> None:
 )
 def test_an_old_name_tells_the_new_one(old: str, new: str) -> None:
     assert reduce(getattr, new.split("."), fa) and not hasattr(fa, old)
-    with pytest.raises(AttributeError, match=f"'{old}'; it is fa.{new} now$"):
+    with refuses(f"'{old}'", f"fa.{new}", error=AttributeError):
         getattr(fa, old)
-    with pytest.raises(ImportError, match=f"'{old}'; it is fa.{new} now$"):
+    with refuses(f"'{old}'", f"fa.{new}", error=ImportError):
         exec(f"from flexarm import {old}")
-    with pytest.raises(AttributeError, match=r"no attribute 'Nothing'$"):
+    with refuses("'Nothing'", error=AttributeError):
         _ = fa.Nothing
 
 

@@ -35,6 +35,21 @@ KERNEL_ROOMS = {
     "slopes": "arm door",
     "setup": "door wide",
 }
+TESTS = Path(__file__).parent
+PUBLIC = set("flexarm cli env errors jax results sections sensors tasks torch".split())
+#: Modules below the public face that tests import, and why.
+INTERNALS = {
+    "_console data.units _face model.parts.arguments run.scene.grammar run.scene.scene": "tables of many uses",
+    "_threads data.store data.store.fingerprint many.batch.executor many.batch.storage": "failures made on purpose",
+    "analysis.modes analysis.validity many.sweeps.quantities": "one formula, with its closed form",
+    "arm.variation run.perturbed": "an oracle: runs with one number moved",
+    "choose.adapt choose.chart_search choose.decisions choose.descent choose.economize_search choose.evidence "
+    "choose.integrators choose.measures choose.models choose.symmetry choose.times choose.trials": "steps of a search",
+    "cli.paper identify.validate.recordings identify.validate.rig identify.validate.validate "
+    "identify.validate.validation": "a published experiment, and its measures",
+    "data.draw data.draw.loop data.draw.sweep data.draw.tradeoff loop.margins": "figures of made-up numbers",
+    "robots.chain robots.looks robots.segments robots.tree view view.meshes": "geometry without a run",
+}
 
 
 class Import(NamedTuple):
@@ -113,3 +128,16 @@ def test_rooms_of_the_kernel() -> None:
         for path in (KERNEL / room).iterdir():
             included = set(re.findall(r'#include "(\w+)/', path.read_text(encoding="utf-8")))
             assert included <= {room, "flexarm", *lower.split()}, path
+
+
+def test_tests_go_through_the_public_face() -> None:
+    """With few exceptions; of errors and warnings they hold fields and values (tests/messages.py), not sentences."""
+    known, found = {module for modules in INTERNALS for module in modules.split()}, set()
+    for path in TESTS.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert path.name == "messages.py" or not re.search(r"(raises|warns)\([^()]*match=", text), path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "flexarm":
+                inside = (node.module or "").removeprefix("flexarm").removeprefix(".")
+                found |= {inside} if inside else {alias.name for alias in node.names if alias.name[0] == "_"}
+    assert found - PUBLIC == known

@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.choose.models import beam_at, model_of
+from messages import refuses
 
 STEEL = fa.Material(7800, 210e9, 0.3)
 
@@ -86,7 +87,7 @@ def test_ratios_that_no_damping_of_beams_gives() -> None:
     S = modes.shapes[[1, 3]]
     A = (S**2 / np.diag(S.T @ M @ S) / (2 * modes.frequencies)).T
     nearest = (A / A.max(axis=0)) @ nnls(A / A.max(axis=0), np.array([0.05, 0.0]))[0]
-    with pytest.raises(ValueError, match=r"modes \[0\] cannot have so much while modes \[1\] have so little") as e:
+    with refuses("modes [0]", "modes [1]") as e:
         arm.modal_damping([0.05, 0.0], lock=[0, 1])
     offered = eval(str(e.value).rpartition("ratios=")[2])
     assert [offered[0], offered[1]] == pytest.approx(nearest.tolist(), rel=0.02)  # small ratios add up
@@ -120,7 +121,7 @@ def test_kelvin_voigt_by_strain() -> None:
     torsion = np.abs(found.shapes[1]) > 0.5
     assert np.allclose(found.damping, np.where(torsion, 0.5e-4 * found.frequencies, 0.0))
     assert beam.to_dict()["kelvin_voigt"] == {"torsion": 1e-4}
-    with pytest.raises(ValueError, match=r"kelvin_voigt.*twist"):
+    with refuses("kelvin_voigt", "twist"):
         replace(beam, kelvin_voigt={"twist": 1.0})
 
 
@@ -147,22 +148,22 @@ def test_a_decay_of_two_modes_in_two_signals() -> None:
 
 
 BAD = [
-    (lambda arm: arm.modal_damping({7: 0.01}), "mode = 7: must be from 0 to"),
-    (lambda arm: arm.modal_damping({0: 0.01}), "mode 0 does not vibrate"),
-    (lambda arm: arm.modal_damping({1: 2.0}), r"ratios\[1\] = 2.0: must be from 0 to below 0.5"),
-    (lambda arm: arm.modal_damping({}), "ratios = {}: must be"),
+    (lambda arm: arm.modal_damping({7: 0.01}), ("mode = 7", "0")),
+    (lambda arm: arm.modal_damping({0: 0.01}), ("mode 0", "vibrate")),
+    (lambda arm: arm.modal_damping({1: 2.0}), ("ratios[1] = 2.0", "0.5")),
+    (lambda arm: arm.modal_damping({}), "ratios = {}"),
     (lambda arm: arm.modal_damping(0.01, lock=[0]).modal_damping({1: 0.001}, lock=[0]),
-     r"modes \[1\] cannot have so little"),
-    (lambda arm: arm.rayleigh_damping(-1.0), "mass = -1.0: must not be negative"),
-    (lambda arm: replace_beam(arm, damping=[[1.0]]), "damping = 1 x 1: must be a matrix of the beam's 3"),
-    (lambda arm: replace_beam(arm, damping=np.diag([1.0, 1.0, -1.0])), "damping = -1: no eigenvalue may be negative"),
-    (lambda arm: fa.fit_decay([0, 1, 2], [0, 1, 2]), "3 samples are too few"),
-    (lambda arm: fa.fit_decay(np.arange(20.0) ** 2, np.zeros(20)), "t: must increase by equal steps"),
-    (lambda arm: fa.fit_decay(np.arange(20.0), np.zeros(20)), "y: is constant"),
+     "modes [1]"),
+    (lambda arm: arm.rayleigh_damping(-1.0), "mass = -1.0"),
+    (lambda arm: replace_beam(arm, damping=[[1.0]]), ("damping = 1 x 1", "3")),
+    (lambda arm: replace_beam(arm, damping=np.diag([1.0, 1.0, -1.0])), "damping = -1"),
+    (lambda arm: fa.fit_decay([0, 1, 2], [0, 1, 2]), ("3 samples", "too few")),
+    (lambda arm: fa.fit_decay(np.arange(20.0) ** 2, np.zeros(20)), ("t", "increase", "equal", "steps")),
+    (lambda arm: fa.fit_decay(np.arange(20.0), np.zeros(20)), ("y", "constant")),
 ]
 
 
 @pytest.mark.parametrize(("make", "match"), BAD)
 def test_bad_input(make, match) -> None:
-    with pytest.raises(ValueError, match=match):
+    with refuses(match):
         make(loaded())

@@ -7,6 +7,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 import scipy.linalg as la
+from messages import refuses
 
 Y, U = 0.02, 3.0
 
@@ -295,33 +296,33 @@ PATCHES = {"measure": [("patch_voltage", 0, 1)], "actuate": [("patch", 0, 0)]}
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.lqr(planar(), weights={}), "weights = {}: must be a mapping"),
-        (lambda: fa.lqr(planar(), weights={("joint", 0): 0.0}), r"weights\[\('joint', 0\)\] = 0.0: must be positive"),
-        (lambda: fa.lqr(planar(), weights={("acceleration", 0): 1.0}), "such as .* no acceleration"),
-        (lambda: fa.lqr(planar(), weights={("joints", 0): 1.0}), "did you mean 'joint'"),
-        (lambda: fa.lqr(planar(), effort=[1.0, 2.0, 3.0]), r"effort = .*must be positive, one number or 2"),
-        (lambda: fa.lqr(planar(), effort=-1.0), "effort = -1.0: must be positive"),
-        (lambda: fa.lqr(planar(), actuate=[0]), r"actuate: does not hold the arm at q: .* 'link 1 revolute'"),
-        (lambda: fa.lqr(patched(), actuate=[("patch", 0, 0)]), "effort: give it"),
-        (lambda: fa.lqr(planar(), rate=0.0), "rate = 0.0: must be positive"),
-        (lambda: fa.lqr(planar(), delay=0.1), "delay = 0.1: must be zero, or positive with a rate"),
+        (lambda: fa.lqr(planar(), weights={}), "weights = {}"),
+        (lambda: fa.lqr(planar(), weights={("joint", 0): 0.0}), "weights[('joint', 0)] = 0.0"),
+        (lambda: fa.lqr(planar(), weights={("acceleration", 0): 1.0}), "acceleration"),
+        (lambda: fa.lqr(planar(), weights={("joints", 0): 1.0}), "'joint'"),
+        (lambda: fa.lqr(planar(), effort=[1.0, 2.0, 3.0]), ("effort =", "2", "positive", "number")),
+        (lambda: fa.lqr(planar(), effort=-1.0), "effort = -1.0"),
+        (lambda: fa.lqr(planar(), actuate=[0]), ("actuate", "'link 1 revolute'")),
+        (lambda: fa.lqr(patched(), actuate=[("patch", 0, 0)]), "effort"),
+        (lambda: fa.lqr(planar(), rate=0.0), "rate = 0.0"),
+        (lambda: fa.lqr(planar(), delay=0.1), "delay = 0.1"),
         (lambda: fa.lqr(planar(), [0.0, 1.0]), "q has shape"),
         (lambda: fa.lqr(planar(), [np.nan, 0, 0, 0, 0, 0]), "q"),
-        (lambda: fa.lqr(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])), "a ball's"),
-        (lambda: fa.lqr(3), "arm = 3: must be an Arm"),
+        (lambda: fa.lqr(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])), "a ball"),
+        (lambda: fa.lqr(3), ("arm = 3", "Arm")),
         (lambda: fa.irc(patched(), **{**PATCHES, "measure": [("strain", 0, 0.0, "K1")]}), "share no mode"),
         (lambda: fa.lqg(planar(), measure=[]), "measure"),
-        (lambda: fa.lqg(planar(), measure=[fa.sensors.Encoder(0)]), "measure: sensors are not linear"),
-        (lambda: fa.lqg(planar(), measure=[("joint", 0)], noise=[1.0, 2.0]), "noise = .*must be positive, one number"),
-        (lambda: fa.lqg(planar(gravity=0.0), measure=[("strain", 0, 0.0, "K3")]), "measure: no solution"),
+        (lambda: fa.lqg(planar(), measure=[fa.sensors.Encoder(0)]), ("measure", "sensors", "linear")),
+        (lambda: fa.lqg(planar(), measure=[("joint", 0)], noise=[1.0, 2.0]), ("noise =", "positive", "number")),
+        (lambda: fa.lqg(planar(gravity=0.0), measure=[("strain", 0, 0.0, "K3")]), ("measure", "no solution")),
         (lambda: fa.lqg(planar(), measure=[("joint", 0)], disturbance=0.0), "disturbance = 0.0"),
-        (lambda: fa.ppf(planar(1), measure=[("rate", 0)]), "no rate"),
-        (lambda: fa.ppf(planar(1, 0.0), measure=[("joint", 0)]), "a motion that nothing holds; lock its joint"),
+        (lambda: fa.ppf(planar(1), measure=[("rate", 0)]), "rate"),
+        (lambda: fa.ppf(planar(1, 0.0), measure=[("joint", 0)]), ("motion", "nothing", "lock")),
         (lambda: fa.ppf(patched(), **PATCHES, share=1.0), "share = 1.0"),
-        (lambda: fa.ppf(patched(), **PATCHES, mode=3), "mode = 3: must be"),
-        (lambda: fa.irc(patched(), **{**PATCHES, "measure": [("strain", 0, 0.2, "K3")]}), "not collocated"),
+        (lambda: fa.ppf(patched(), **PATCHES, mode=3), "mode = 3"),
+        (lambda: fa.irc(patched(), **{**PATCHES, "measure": [("strain", 0, 0.2, "K3")]}), "collocated"),
     ],
 )  # fmt: skip
 def test_bad_designs(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()

@@ -6,6 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import BODY, STEEL, STRIP, G, pendulum, random_arm
+from messages import refuses, warns
 from scipy.integrate import solve_ivp
 
 
@@ -42,10 +43,10 @@ def test_equilibrium_of_a_pendulum() -> None:
     assert arm.equilibrium([0.3], lock=[0])[0] == 0.3
     held = pendulum(stiffness=20.0).equilibrium()[0]
     assert 20.0 * held == pytest.approx(-G * np.cos(held), rel=1e-14)
-    with pytest.raises(ValueError, match=r"no equilibrium was found: .* Newton steps .* 'link 0 revolute'"):
+    with refuses("Newton", "'link 0 revolute'", "no equilibrium", "steps"):
         arm.equilibrium(tau=[1.1 * G])
     falls = fa.Arm([fa.Link(fa.Prismatic("y"), BODY)], gravity=(0, -G, 0))
-    with pytest.raises(ValueError, match="no equilibrium was found"):
+    with refuses("no equilibrium"):
         falls.equilibrium()
     assert falls.equilibrium(tau=[BODY.mass * G])[0] == 0.0
 
@@ -75,16 +76,16 @@ def test_a_ball_hangs() -> None:
 def test_more_bad_input() -> None:
     arm = pendulum()
     for call in (arm.forward_derivatives, arm.linearize):
-        with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
+        with refuses("q has shape (2,)"):
             call([0.0, 0.0], [0.0])
-    with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
+    with refuses("q has shape (2,)"):
         arm.equilibrium([0.0, 0.0])
-    with pytest.raises(ValueError, match="lock: link = 1"):
+    with refuses("lock", "link = 1"):
         arm.equilibrium(lock=[1])
-    with pytest.raises(ValueError, match="link = 4"):
+    with refuses("link = 4"):
         arm.acceleration([0.0], [0.0], [0.0], 4)
     wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(1, 1, 1)))])
-    with pytest.raises(ValueError, match="no link has a mass"):
+    with refuses("link", "mass"):
         wheel.center_of_mass([0.0])
 
 
@@ -168,7 +169,7 @@ def test_an_arc_under_a_follower_force() -> None:
 def test_what_hangs_on_nothing_is_said() -> None:
     """A tangential follower force on a free body, a moment on a free joint: no balance, and the message says where."""
     wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0)))])
-    with pytest.raises(ValueError, match=r"no equilibrium was found.*'link 0 revolute'"):
+    with refuses("'link 0 revolute'", "no equilibrium"):
         wheel.equilibrium(loads=[fa.Load(force=(0, 1.0, 0), axes="section")])
 
 
@@ -191,7 +192,7 @@ def test_no_saddle_is_given_for_a_balance() -> None:
         assert arm.modes(q, loads=loads).stable and left_over(arm, q, loads) < 1e-9
     push = [fa.Load(force=(-3.0, 0.0, 0.0))]  # critical is pi^2/4
     column = slender(bending_y=4)
-    with pytest.warns(fa.errors.StateWarning, match=r"equilibrium: is unstable.* along 'link 0 bending_y 1'; start"):
+    with warns(fa.errors.StateWarning, "equilibrium", "'link 0 bending_y 1'", "unstable", "start"):
         straight = column.equilibrium(loads=push)
     assert not straight.any() and not column.equilibrium(straight, loads=push).any()
     assert column.modes(column.equilibrium(straight + 1e-3, loads=push), loads=push).stable
@@ -212,10 +213,10 @@ def test_a_balance_beyond_an_orders_range_is_told() -> None:
     section, material = fa.sections.GeneralSection(1.0, 1.0, 1.0, 2.0), fa.Material(1.0, 1.0, shear_modulus=0.4)
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 4}, "legendre", 2))])
     arm.equilibrium(loads=[fa.Load(force=(0.0, 0.5, 0.0))])
-    with pytest.warns(fa.errors.RangeWarning, match=r"equilibrium: link 0: at order 2 .* this one turns them by up to"):
+    with warns(fa.errors.RangeWarning, "equilibrium", "link 0", "order 2", "turns"):
         arm.equilibrium(loads=[fa.Load(force=(0.0, 2.0, 0.0))])
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 10}, "legendre", 3))])
-    with pytest.raises(ValueError, match='more than their order does, where "exact" has a balance'):
+    with refuses('"exact"', "balance"):
         arm.equilibrium(loads=[fa.Load(force=(0.0, 9.0, 0.0), axes="section")])
 
 
@@ -224,7 +225,7 @@ def test_a_beam_far_too_soft_for_its_load_is_refused() -> None:
     rod = fa.Beam(0.9, fa.Rectangle(0.01, 0.01), fa.Material(1e-9, 2.6, shear_modulus=20.0), {"shear_y": 1}, order=2)
     tip = fa.RigidBody(0.9, (0, 0, 0), (0.1, 0.1, 0.1))
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=rod, tip=tip)], (0, -9.81, 0))
-    with pytest.raises(ValueError, match=r"put on in steps, 0\.0\d+ of the load was balanced.*of link 0 is bent by"):
+    with refuses("load", "link 0", "bent"):
         arm.modes()
-    with pytest.raises(ValueError, match="put on in steps"):
+    with refuses("steps", "load"):
         arm.equilibrium(lock=[0])

@@ -20,6 +20,7 @@ from arms import (
     random_state,
     unit_balls,
 )
+from messages import refuses, warns
 from scipy.spatial.transform import Rotation
 
 # -- derivatives -----------------------------------------------------------------------------------------------------
@@ -240,59 +241,59 @@ def test_to_control() -> None:
 
 def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(ImportError, match=r"pip install flexarm\[control\]"):
+    with refuses("flexarm[control]", "pip", error=ImportError):
         pendulum().linearize([-np.pi / 2]).to_control()
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"inputs": 0}, r"inputs = 0: must be a list"),
-        ({"inputs": [7]}, r"inputs\[0\]: link = 7: must be from -3 to 2"),
-        ({"inputs": [2, 2]}, r"'force link 2 revolute' is named twice"),
-        ({"inputs": [2], "lock": [2]}, r"inputs\[0\] = 2: that joint is locked"),
-        ({"inputs": [("torque", 2)]}, r"inputs\[0\] = 'torque': must be one of force, acceleration, load"),
-        ({"inputs": [("load",)]}, r"inputs\[0\] = \('load',\): must be \(\"load\", link\)"),
-        ({"inputs": [("load", 1, 0.7)]}, r"0.7"),
-        ({"inputs": [("acceleration", (0, 4))]}, r"inputs: the three rotations of the ball of link 0"),
-        ({"outputs": "tip"}, r"outputs = 'tip': must be a list"),
-        ({"outputs": ["tip"]}, r"outputs\[0\] = 'tip': must be a tuple"),
-        ({"outputs": [("tips", 0)]}, r"outputs\[0\] = 'tips': .* did you mean 'tip'"),
-        ({"outputs": [("tip", 0), ("strain", 0, 0.1, "K4")]}, r"outputs\[1\]: strain = 'K4'"),
-        ({"outputs": [("strain", 0)]}, r"outputs\[0\] = \('strain', 0\): must be \(\"strain\", link, x\)"),
-        ({"outputs": [("strain", 0, "tip")]}, r"outputs\[0\]: x = 'tip': must be a number"),
-        ({"outputs": [("acceleration", 0, 0.2, "x")]}, r"must be \(\"acceleration\", link\) or"),
-        ({"outputs": [("velocity", 0, 0.7)]}, r"x = 0.7: must be on the beam"),
-        ({"outputs": [("joint", (2, 1))]}, r"outputs\[0\]: link = \(2, 1\): its joint has freedoms 0 to 0"),
-        ({"lock": 0}, r"lock = 0: must be a list of link numbers"),
-        ({"lock": [(1, 0)]}, r"lock: the three rotations of the ball of link 1 spherical go together"),
-        ({"v": [0.0]}, r"v has shape \(1,\)"),
-        ({"tau": np.full(29, np.nan)}, r"must be"),
+        ({"inputs": 0}, "inputs = 0"),
+        ({"inputs": [7]}, ("inputs[0]", "link = 7", "-3 to 2")),
+        ({"inputs": [2, 2]}, ("'force link 2 revolute'", "named", "twice")),
+        ({"inputs": [2], "lock": [2]}, "inputs[0] = 2"),
+        ({"inputs": [("torque", 2)]}, "inputs[0] = 'torque'"),
+        ({"inputs": [("load",)]}, ("inputs[0] = ('load',)", '"load"')),
+        ({"inputs": [("load", 1, 0.7)]}, "x = 0.7"),
+        ({"inputs": [("acceleration", (0, 4))]}, ("inputs", "ball", "link 0")),
+        ({"outputs": "tip"}, "outputs = 'tip'"),
+        ({"outputs": ["tip"]}, "outputs[0] = 'tip'"),
+        ({"outputs": [("tips", 0)]}, ("outputs[0] = 'tips'", "'tip'")),
+        ({"outputs": [("tip", 0), ("strain", 0, 0.1, "K4")]}, ("outputs[1]", "strain = 'K4'")),
+        ({"outputs": [("strain", 0)]}, ("outputs[0] = ('strain', 0)", '"strain"')),
+        ({"outputs": [("strain", 0, "tip")]}, ("outputs[0]", "x = 'tip'", "number")),
+        ({"outputs": [("acceleration", 0, 0.2, "x")]}, ('"acceleration"', "link")),
+        ({"outputs": [("velocity", 0, 0.7)]}, ("x = 0.7", "beam")),
+        ({"outputs": [("joint", (2, 1))]}, ("outputs[0]", "link = (2, 1)", "0 to 0")),
+        ({"lock": 0}, "lock = 0"),
+        ({"lock": [(1, 0)]}, ("lock", "ball", "link 1 spherical")),
+        ({"v": [0.0]}, "v has shape (1,)"),
+        ({"tau": np.full(29, np.nan)}, "tau has shape (29,)"),
     ],
 )
 def test_bad_input(options: dict, message: str) -> None:
     arm = floating_arm()
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         arm.linearize(arm.zero, **options)
 
 
 def test_loads_must_be_a_list() -> None:
     arm, load = paper_link(), fa.Load(force=(0, 1, 0))
     for call in (lambda: arm.modes(loads=load), lambda: fa.simulate(arm, [0, 1], loads=load)):
-        with pytest.raises(ValueError, match=r"loads = Load\(.*must be a list of Load"):
+        with refuses("loads = Load"):
             call()
 
 
 def test_a_state_that_falls_is_named() -> None:
     """About a state that moves on, A and B hold for a moment only: the level pendulum falls, the level beam sags."""
     arm = pendulum()
-    with pytest.warns(fa.errors.StateWarning, match=r"does not rest .* is left on 'link 0 revolute'.*arm.equilibrium"):
+    with warns(fa.errors.StateWarning, "'link 0 revolute'", "arm.equilibrium", "rest"):
         arm.linearize([0.0])
     arm.linearize(arm.equilibrium([0.1]))  # a warning is an error here
     arm.linearize([0.0], tau=arm.bias([0.0], [0.0]))
     arm.linearize([0.0], lock=[0], inputs=[])
     arm.linearize([0.3], [2.0])  # named as it moves
     beam = fa.Arm([fa.Link(fa.Fixed(), None, STRIP)], gravity=(0, -0.5, 0))
-    with pytest.warns(fa.errors.StateWarning, match="'link 0 bending_y"):
+    with warns(fa.errors.StateWarning, "'link 0 bending_y"):
         beam.linearize(beam.zero, inputs=[])
     beam.linearize(beam.equilibrium(), inputs=[])

@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL
+from messages import refuses
 
 
 def arm() -> fa.Arm:
@@ -44,9 +45,9 @@ def test_modes_are_drawn_along_the_arm() -> None:
     assert node == pytest.approx(0.7834, abs=0.03) and np.abs(y).max() == pytest.approx(1.0)
     assert "0.5596 Hz, damping 0 %" in curves[0].get_label()
     beam = fa.Beam(0.5, fa.Circle(0.01), STEEL, {"torsion": 1})
-    with pytest.raises(ValueError, match="nothing to draw"):
+    with refuses("modes", "none"):
         fa.Arm([fa.Link(fa.Fixed(), beam=beam)]).modes().plot()
-    with pytest.raises(ValueError, match="count = 0"):
+    with refuses("count = 0"):
         arm().modes().plot(0)
 
 

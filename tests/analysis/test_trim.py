@@ -6,6 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL
+from messages import refuses, warns
 
 
 def boom(order: int | str = 2) -> fa.Arm:
@@ -29,7 +30,7 @@ def test_nothing_moves_and_the_moments_are_those_of_the_weight() -> None:
 
 
 def test_linearize_points_at_it() -> None:
-    with pytest.warns(fa.errors.StateWarning, match=r"both of q, tau = arm.trim\(q\)"):
+    with warns(fa.errors.StateWarning, "q, tau = arm.trim(q)"):
         boom().linearize(np.zeros(8))
 
 
@@ -37,11 +38,11 @@ def test_a_column_that_buckles_is_said_so() -> None:
     beam = fa.Beam(1.0, fa.Rectangle(0.001, 0.02), STEEL, {"bending_y": 3}, "legendre", "exact")
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam, tip=fa.RigidBody(0.05))], (0, -9.81, 0))
     assert abs(arm.trim({0: 1.5}).q[1]) > 0.1  # it hangs over
-    with pytest.raises(ValueError, match=r"q\[0\] = nan|q = .*nan"):
+    with refuses("q", "nan"):
         arm.trim([np.nan, 0, 0, 0])
-    with pytest.raises(ValueError, match=r"joints: 0 = .*must be 1 number"):
+    with refuses("joints", "0", "1", "number"):
         arm.trim({0: [1, 2]})
-    with pytest.raises(ValueError, match="link = 7"):
+    with refuses("link = 7"):
         arm.trim({7: 0.0})
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
     with pytest.raises(ValueError):

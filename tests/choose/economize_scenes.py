@@ -6,6 +6,9 @@ from collections.abc import Callable
 
 import flexarm as fa
 import numpy as np
+from flexarm.choose.economize_search import EconomizeSearch
+from flexarm.choose.measures import Measure
+from flexarm.choose.trials import Budget
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 ALUMINIUM = fa.Material(2700, 70e9, 0.33)
@@ -158,6 +161,11 @@ def enriched(scene: fa.Scene, modes: dict[str, int]) -> fa.Scene:
         names = dict(zip(scene.arm.q_names, scene.q0, strict=True))
         q0 = np.array([names.get(name, start) for name, start in zip(arm.q_names, arm.zero, strict=True)])
     return fa.Scene(arm, scene.drive, scene.loads, scene.t, q0, None, {}, scene.name, (), scene.control)
+
+
+def search(scene: fa.Scene, tolerance: float) -> EconomizeSearch:
+    """Of the cheapest model for the tip, before its first run."""
+    return EconomizeSearch(scene, Measure(scene, "tip"), tolerance, Budget(), lambda doing: None)
 
 
 def run(scene: fa.Scene, **options) -> fa.Result:

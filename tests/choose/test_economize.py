@@ -15,12 +15,11 @@ import numpy as np
 import pytest
 from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
 from flexarm.choose.descent import Descent
-from flexarm.choose.economize_search import EconomizeSearch
-from flexarm.choose.measures import Measure
 from flexarm.choose.models import ORDERS, Model, Models
 from flexarm.choose.symmetry import excited
-from flexarm.choose.trials import Budget, Trials, timed
+from flexarm.choose.trials import Trials, timed
 from flexarm.cli import main
+from messages import refuses, warns
 
 TOL = 1e-3
 MEASURED = Trials.measured
@@ -39,7 +38,7 @@ def costs_are_counted() -> Iterator[None]:
 
 
 def test_an_evaluation_is_timed() -> None:
-    search = EconomizeSearch(scenes.SCENES["slow"](), Measure(scenes.SCENES["slow"](), "tip"), TOL, Budget(), print)
+    search = scenes.search(scenes.SCENES["slow"](), TOL)
     search.trials.states = search.scene.run()
     assert 1e-8 < MEASURED(search.trials, search.models.given, "ab") < 1e-2
 
@@ -237,8 +236,6 @@ def test_deciding_costs_a_few_runs() -> None:
     scene = scenes.SCENES["medium"]()
     fa.economize(scene, 0.01)  # imports
     plan = fa.economize(scene)
-    default = min(scene.run().stats["wall_time"] for _ in range(3))
-    assert plan.seconds < 60 * default + 1.0  # 20 on an idle machine
     assert 0 < plan.runs < 40
 
 
@@ -298,21 +295,21 @@ def test_tighter_tolerances_take_more(plans: dict[str, fa.results.ModelPlan]) ->
         ({"tolerance": "1 mm"}, "tolerance = '1 mm'"),
         ({"atol": 0.0}, "atol = 0"),
         ({"budget": 0}, "budget = 0"),
-        ({"quantity": "tipp"}, "did you mean 'tip'"),
-        ({"quantity": "joint"}, "there is none that is not prescribed"),
-        ({"quantity": lambda r: np.ones(len(r.t))}, "nothing moves"),
-        ({"quantity": lambda r: np.ones(3)}, "a row for each time"),
+        ({"quantity": "tipp"}, ("quantity = 'tipp'", "'tip'")),
+        ({"quantity": "joint"}, "prescribed"),
+        ({"quantity": lambda r: np.ones(len(r.t))}, ("nothing", "moves")),
+        ({"quantity": lambda r: np.ones(3)}, ("row", "time")),
     ],
 )
 def test_nonsense_is_named(arguments: dict, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         fa.economize(scenes.SCENES["slow"](), **arguments)
 
 
 def test_a_scene_at_rest_is_an_error() -> None:
-    with pytest.raises(ValueError, match="nothing moves"):
+    with refuses("nothing", "moves"):
         fa.economize(replace(scenes.SCENES["slow"](), drive={}))
-    with pytest.raises(ValueError, match="must be a Scene"):
+    with refuses("scene = 3"):
         fa.economize(3)  # type: ignore[arg-type]
 
 
@@ -389,10 +386,10 @@ def test_watch_names_link_and_time(plans: dict[str, fa.results.ModelPlan]) -> No
     left = [x for x in run.check(plan.watch) if "beyond its limit" in x.what]
     assert left[0].where == "link 0" and left[0].value > left[0].limit
     assert 0.0 < float(re.search(r"from t = (\S+) s", str(left[0]))[1]) < 1.0
-    with pytest.warns(fa.errors.RangeWarning, match="beyond its limit") as said:
+    with warns(fa.errors.RangeWarning, "link 0", "limit") as said:
         replace(plan, scene=faster).run()
     assert said[0].message.finding == left[0] and said[0].filename == __file__
-    with pytest.raises(ValueError, match="watch = 3"):
+    with refuses("watch = 3"):
         run.check(3)  # type: ignore[arg-type]
 
 

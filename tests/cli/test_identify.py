@@ -51,8 +51,10 @@ def test_slopes_are_those_of_differences() -> None:
 
 
 def test_the_scene_is_what_was_identified() -> None:
-    joint = fa.load("ist_control").arm.links[0].joint
-    p = np.array([joint.reflected_inertia, dc.DRIVE_GAIN, joint.damping, joint.coulomb, dc.STEP])
+    scene = fa.load("ist_control")
+    joint, pd = scene.arm.links[0].joint, scene.control[0]
+    step = float(pd.reference(0.0))
+    p = np.array([joint.reflected_inertia, pd.motor.torque_constant, joint.damping, joint.coulomb, step])
     assert (np.abs(identify.told(p) - identify.TOLD) < identify.ROUNDING).all()
     J = identify.slopes(p)[:, :5] / identify.ROUNDING[:, None]
     free = np.linalg.svd(J)[2][-1]  # what the four marks leave open, in logarithms of the five

@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
+from messages import refuses, warns
 from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexarm.errors.RangeWarning")
@@ -282,7 +283,7 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     arm = paper_link()
     tip = {"azimuth": move(0.0, 1.5, 0.6)}
     most = float(np.abs(fa.invert(arm, tip).tau).max())
-    with pytest.warns(fa.errors.InversionWarning, match=r"torque of link 0 revolute: .* at t = .* s, limit"):
+    with warns(fa.errors.InversionWarning, "link 0 revolute", "t =", "torque", "limit"):
         inv = fa.invert(arm, tip, limits={"torque": 0.5 * most})
     assert inv.exceeded[0].kind == "torque" and abs(inv.exceeded[0].value) == most
     inv = fa.invert(arm, tip, limits={"torque": 0.5 * most}, stretch=True)
@@ -290,17 +291,17 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     assert 0.45 * most < np.abs(inv.tau).max() <= 0.5 * most
     assert missed(inv) < 1e-6
     named = fa.Arm([replace(x, joint=replace(x.joint, name="shoulder")) for x in arm])
-    with pytest.warns(fa.errors.InversionWarning, match=r"torque of shoulder: "):
+    with warns(fa.errors.InversionWarning, "torque", "shoulder"):
         by_name = fa.invert(named, tip, limits={"torque": {"shoulder": 0.5 * most}})
     assert {x.joint for x in by_name.exceeded} == {0} and by_name.exceeded[0].name == "shoulder"
-    with pytest.warns(fa.errors.InversionWarning, match="range of shoulder"):
+    with warns(fa.errors.InversionWarning, "range", "shoulder"):
         fa.invert(named, tip, limits={"range": {"shoulder": (-1.0, 1.0)}})
-    with pytest.raises(ValueError, match=r"limits\['torque'\]: link = 'shoulde': .* did you mean 'shoulder'"):
+    with refuses("limits['torque']", "link = 'shoulde'", "'shoulder'"):
         fa.invert(named, tip, limits={"torque": {"shoulde": 1.0}})
     assert by_name.plot().axes[-1].get_title("left") == "shoulder"
-    with pytest.warns(fa.errors.InversionWarning, match="range"):
+    with warns(fa.errors.InversionWarning, "range", "1.5", "1"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)})
-    with pytest.raises(ValueError, match="range"):
+    with refuses("limits", "range", "1.5"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)}, stretch=True)
 
 
@@ -313,35 +314,37 @@ def test_bad_input_is_named() -> None:
     good = straight(p, -0.2, 0.1)
     t = np.linspace(0.0, 1.0, 30)
 
-    def refused(match: str, *args, **kwargs) -> None:
-        with pytest.raises(ValueError, match=match):
+    def refused(named: str | tuple[str, ...], *args, **kwargs) -> None:
+        with refuses(named):
             fa.invert(*args, **kwargs)
 
     refused("arm = 3", 3, good)
-    refused("tip = .*dictionary", arm, move(0, 1))
-    refused("unknown component 'X'", arm, {"X": move(0, 1)})
-    refused("at least one component", arm, {"x": 0.1})
-    refused("must be finite", arm, {"x": np.nan, "y": move(0, 1)})
-    refused("begin at the tip", arm, straight(p + 0.01, -0.2, 0.1), q=q)
-    refused("q.* nan", arm, good, q=q * np.nan)
+    refused(("tip =", "dictionary"), arm, move(0, 1))
+    refused(("tip", "'X'"), arm, {"X": move(0, 1)})
+    refused(("tip", "component"), arm, {"x": 0.1})
+    refused("tip['x'] = nan", arm, {"x": np.nan, "y": move(0, 1)})
+    refused(("q", "tip"), arm, straight(p + 0.01, -0.2, 0.1), q=q)
+    refused(("q", "nan"), arm, good, q=q * np.nan)
     refused("q has shape", arm, good, q=[1.0])
-    refused("beyond reach", arm, straight(p, 0.5, 0.5), q=q)
-    refused("t = .* s the path is beyond reach", arm, straight(p, 0.5, 0.5), q=q)
-    refused("singular pose", arm, good)  # zero is straight
-    refused("at t = 0.5 s the path goes through a singular pose", arm, straight(p, *(-2 * p[:2])), q=q)
-    refused("3 components .* need 3 driven joints", arm, {**good, "rz": 0.3}, q=q)
-    refused("velocity", arm, {"azimuth": fa.Motion(t, t)})
-    refused("acceleration", arm, {"azimuth": fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)})
-    refused("says when|must say when", arm, {"azimuth": fa.Motion(lambda s: (0.0, 0.0, 0.0))})
+    refused("reach", arm, straight(p, 0.5, 0.5), q=q)
+    refused(("t =", "reach"), arm, straight(p, 0.5, 0.5), q=q)
+    refused(("posture", "singular"), arm, good)  # zero is straight
+    refused(("t = 0.5 s", "singular"), arm, straight(p, *(-2 * p[:2])), q=q)
+    refused(("3 components", "3 driven joints"), arm, {**good, "rz": 0.3}, q=q)
+    refused(("tip['azimuth']", "velocity"), arm, {"azimuth": fa.Motion(t, t)})
+    jumps = fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)
+    refused(("tip['azimuth']", "acceleration"), arm, {"azimuth": jumps})
+    refused(("tip['azimuth']", "t ="), arm, {"azimuth": fa.Motion(lambda s: (0.0, 0.0, 0.0))})
     refused("link = 7", arm, good, q=q, link=7)
-    refused("tolerance", arm, good, q=q, tolerance=0.0)
-    refused("method", arm, good, q=q, method="bayo")
-    refused("limits", arm, good, q=q, limits={"torque": -1.0})
-    refused("lowest, highest", arm, good, q=q, limits={"range": (1.0, -1.0)})
-    refused("must be a Motion, or a number", arm, {"x": [0.1, 0.2], "y": 0.3}, q=q)
-    refused("more than 6000 steps", arm, good, q=q, pre=1e9)
-    refused("no driven joint moves z", arm, {"z": move(0, 0.1)}, posture=q)
-    refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
+    refused("tolerance = 0.0", arm, good, q=q, tolerance=0.0)
+    refused("method = 'bayo'", arm, good, q=q, method="bayo")
+    refused("limits['torque'] = -1", arm, good, q=q, limits={"torque": -1.0})
+    refused(("limits['range']", "highest"), arm, good, q=q, limits={"range": (1.0, -1.0)})
+    refused(("'x'", "Motion", "number"), arm, {"x": [0.1, 0.2], "y": 0.3}, q=q)
+    refused("6000 steps", arm, good, q=q, pre=1e9)
+    refused(("joint", "z"), arm, {"z": move(0, 0.1)}, posture=q)
+    ball = fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))
+    refused("link 0 spherical", fa.Arm([ball]), good)
 
 
 def test_a_path_that_stays_needs_what_holds_the_arm() -> None:
@@ -358,7 +361,7 @@ def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
     stopped = fa.Revolute("z", coulomb=0.3, damping=0.1, lower=-0.5, upper=0.5, limit_stiffness=1e-9)
     joints = (stopped, fa.Revolute("z", damping=0.1))
     arm, free = (fa.Arm([beam_link(joint, 0.004, {"bending_y": 3})]) for joint in joints)
-    with pytest.warns(fa.errors.InversionWarning, match=r"range of link 0 revolute: 1 at t = .* s, limit 0\.5"):
+    with warns(fa.errors.InversionWarning, "link 0 revolute", "1", "t =", "0.5", "range", "limit"):
         inv = fa.invert(arm, {"azimuth": move(0.0, 1.0)})
     smooth = fa.invert(free, {"azimuth": move(0.0, 1.0)})
     middle = np.abs(inv.v[:, 0]) > 1e-3
@@ -367,7 +370,7 @@ def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
 
 def test_a_passive_joint_that_nothing_holds_is_named() -> None:
     arm = fa.Arm([beam_link(fa.Revolute("z"), 0.006, {"bending_y": 2}) for _ in range(2)])
-    with pytest.raises(ValueError, match=r"passive: nothing holds the joints \[\(1, 0\)\]"):
+    with refuses("passive", "[(1, 0)]"):
         fa.invert(arm, {"azimuth": move(0.0, 1.0)}, passive=[1])
 
 
@@ -376,20 +379,20 @@ def test_a_callable_that_jumps_is_named() -> None:
         v = 30 * t**2 * (1 - t) ** 2
         return 10 * t**3 - 15 * t**4 + 6 * t**5 + (0.1 if t > 0.4 else 0.0), v, 60 * t * (1 - t) * (1 - 2 * t)
 
-    with pytest.raises(ValueError, match=r"place jumps by 0\.1 at t = 0\.4"):
+    with refuses("jumps", "0.1", "t = 0.4"):
         fa.invert(paper_link(), {"azimuth": fa.Motion(kinked)}, t=(0, 1))
 
 
 def test_what_rings_for_ever_is_told() -> None:
-    with pytest.warns(fa.errors.InversionWarning, match="imaginary axis, at .* rad/s"):
+    with warns(fa.errors.InversionWarning, "imaginary axis"):
         inv = fa.invert(paper_link(), {"azimuth": move(0.0, 1.5)}, x=0.25)
     assert missed(inv) < 1e-6  # the tip is on its path all the same
     body = [fa.RigidBody(m) for m in (1.0, 1.0)]
     arm = fa.Arm([fa.Link(fa.Prismatic("x"), body[0]), fa.Link(fa.Prismatic("x", stiffness=40.0), body[1])])
-    with pytest.raises(ValueError, match=r"no inverse that comes to rest.* 6\.325 rad/s"):
+    with refuses("inverse", "6.325 rad/s"):
         fa.invert(arm, {"x": move(0.0, 0.5)}, passive=[1], link=0)
 
 
 def test_times_of_samples_are_their_own() -> None:
-    with pytest.raises(ValueError, match=r"t: is for motions that are callables"):
+    with refuses("t", "callables"):
         fa.invert(paper_link(), {"azimuth": move(0.0, 1.0)}, t=(0, 1))

@@ -8,6 +8,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from scipy.optimize import brentq
 
 STEEL = fa.Material(7850, 209e9, 0.3)
@@ -63,7 +64,7 @@ def test_rigid_time_is_bang_bang(angle: float) -> None:
     assert move.duration == pytest.approx(move.rigid_duration, rel=0.02)
     assert move.half_period == 0 and move.residual == 0
     assert fa.plan_move(arm, {0: 0.0}, {0: angle}, limits={"torque": 3.0}).duration == move.duration
-    with pytest.raises(ValueError, match="q_to: link = 'elbow': no link and no joint"):
+    with refuses("q_to", "link = 'elbow'"):
         fa.plan_move(arm, {0: 0.0}, {"elbow": angle}, limits={"torque": 3.0})
 
 
@@ -282,37 +283,37 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"limits": {"torque": (60.0, 2.0)}}, r"limits\['torque'\] = 2 of 'link 1 .*': cannot hold the arm's weight"),
-        ({"limits": {"torque": (60.0, -1.0)}}, r"limits\['torque'\] = -1 of 'link 1 revolute': must be positive"),
-        ({"limits": {"torque": (60.0, 1.0, 2.0)}}, r"limits\['torque'\] has shape \(3,\)"),
-        ({"limits": {"torque": {0: 60.0}}}, "'link 1 revolute' has neither"),
+        ({"limits": {"torque": (60.0, 2.0)}}, ("limits['torque'] = 2 of 'link 1", "weight")),
+        ({"limits": {"torque": (60.0, -1.0)}}, ("limits['torque'] = -1", "'link 1 revolute'")),
+        ({"limits": {"torque": (60.0, 1.0, 2.0)}}, "limits['torque'] has shape (3,)"),
+        ({"limits": {"torque": {0: 60.0}}}, "'link 1 revolute'"),
         ({"limits": {"torque": {7: 60.0}}}, "link = 7"),
-        ({"limits": {"torque": None}}, "'link 0 revolute' has neither"),
-        ({"limits": {"torque": (60.0, 15.0), "speed": float("nan")}}, "must not be nan"),
-        ({"q_to": [0.0, 0.0]}, "is where the move starts"),
-        ({"q_to": [0.0, 0.0, 1.0]}, r"q_to has shape \(3,\)"),
-        ({"q_to": [0.0, float("nan")]}, "q_to"),
+        ({"limits": {"torque": None}}, "'link 0 revolute'"),
+        ({"limits": {"torque": (60.0, 15.0), "speed": float("nan")}}, "limits['speed'] = nan"),
+        ({"q_to": [0.0, 0.0]}, "q_to = [0.0, 0.0]"),
+        ({"q_to": [0.0, 0.0, 1.0]}, "q_to has shape (3,)"),
+        ({"q_to": [0.0, float("nan")]}, "q_to = [0.0, nan]"),
         ({"q_to": None}, "q_to = None"),
-        ({"path": [[0, 0], [1, 1]]}, "leave out q_from"),
-        ({"q_from": None, "q_to": None, "path": lambda s: [float(s > 0.5), 0.0]}, "jumps by 1 .* at s = 0.5"),
-        ({"q_from": None, "q_to": None, "path": [[0.01 * k + (k > 5), 0] for k in range(12)]}, "from row 5 to 6"),
+        ({"path": [[0, 0], [1, 1]]}, ("path", "q_from")),
+        ({"q_from": None, "q_to": None, "path": lambda s: [float(s > 0.5), 0.0]}, ("1", "s = 0.5", "jumps")),
+        ({"q_from": None, "q_to": None, "path": [[0.01 * k + (k > 5), 0] for k in range(12)]}, "row 5 to 6"),
         ({"q_from": None, "q_to": None, "path": [[1, 1], [1, 1]]}, "does not move"),
-        ({"method": "best"}, "method"),
+        ({"method": "best"}, "method = 'best'"),
         ({"residual": 0.0}, "residual = 0"),
         ({"residual": 5.0}, "residual = 5"),
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
     given = {"q_from": [0.0, 0.0], "q_to": [1.0, -1.0], "limits": {"torque": (60.0, 15.0)}} | change
-    with pytest.raises(ValueError, match=told):
+    with refuses(told):
         fa.plan_move(two_links(), **given)
 
 
 def test_stops_and_balls_are_named() -> None:
-    with pytest.raises(ValueError, match=r"1.5 of 'link 0 revolute' is beyond its stops; must be from -1 to 1"):
+    with refuses("1.5", "'link 0 revolute'", "-1 to 1", "stops"):
         fa.plan_move(rigid_arm(lower=-1.0, upper=1.0, limit_stiffness=1e3), 0.0, 1.5, limits={"torque": 3.0})
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
-    with pytest.raises(ValueError, match="ball"):
+    with refuses("arm", "ball"):
         fa.plan_move(ball, [0, 0, 0], [1, 0, 0], limits={"torque": 1.0})
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 from scipy.io import loadmat
 
 T = np.linspace(0, 4, 2001)
@@ -33,24 +33,24 @@ def test_columns_are_in_si_and_found_by_name() -> None:
         "column", "unit", "min",
     ]  # fmt: skip
     assert lines[4].split()[:3] == ["x", "m", "-1"]
-    with pytest.raises(ValueError, match="column = 'thet': must be one of theta, x; did you mean 'theta'"):
+    with refuses("column = 'thet'", "'theta'"):
         data["thet"]
 
 
-BAD: list[tuple[tuple[Any, ...], str]] = [
-    (([], {}), "t has shape"), (([[0.0]], {}), "t has shape"), (([0, 0], {}), "t must increase: row 1 has 0 s after 0"),
-    (([0, np.nan], {}), r"t = \[0.0, nan\]"), (([0, 1], {"x": [1]}), r"columns\['x'\] has shape \(1,\): must be 2"),
-    (([0, 1], {"x": [1, np.nan]}), r"columns\['x'\] = \[1.0, nan\]: must be finite"),
-    (([0, 1], {"x": [1, 2]}, {"y": "m"}), r"units\['y'\]: there is no such column; there are x"),
-    (([0, 1], {"x": [1, 2]}, {"x": "furlong"}), "column 'x': unknown unit 'furlong'"),
-    (([0, 1], {"t": [1, 2]}), "'t' is the name of the times"), (([0, 1], {3: [1, 2]}), "a name must be text"),
-    (([0, 1], {"x": ["a", "b"]}), "must be numbers"),
+BAD: list[tuple[tuple[Any, ...], Any]] = [
+    (([], {}), "t has shape"), (([[0.0]], {}), "t has shape"), (([0, 0], {}), ("row 1", "0 s", "increase")),
+    (([0, np.nan], {}), "t = [0.0, nan]"), (([0, 1], {"x": [1]}), ("columns['x'] has shape (1,)", "2")),
+    (([0, 1], {"x": [1, np.nan]}), "columns['x'] = [1.0, nan]"),
+    (([0, 1], {"x": [1, 2]}, {"y": "m"}), ("units['y']", "column")),
+    (([0, 1], {"x": [1, 2]}, {"x": "furlong"}), ("column 'x'", "'furlong'", "unit")),
+    (([0, 1], {"t": [1, 2]}), ("'t'", "times")), (([0, 1], {3: [1, 2]}), "columns: 3"),
+    (([0, 1], {"x": ["a", "b"]}), "columns['x'] = ['a', 'b']"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("given", "says"), BAD)
-def test_what_is_no_data(given: tuple[Any, ...], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_what_is_no_data(given: tuple[Any, ...], says: Any) -> None:
+    with refuses(says):
         fa.Data(*given)
 
 
@@ -60,7 +60,7 @@ def test_between_and_shift() -> None:
     assert part.t[0] == 1.0 and part.t[-1] == 2.0 and len(part) == 501
     assert data.between(None, 0.5).t[-1] == 0.5 and data.between(3.5).t[0] == 3.5
     assert part.shift(-1.0).t[0] == 0.0
-    with pytest.raises(ValueError, match="t0 = 5, t1 = None: no rows; there are some from 0 to 4 s"):
+    with refuses("t0 = 5", "t1 = None", "0 to 4"):
         data.between(5)
 
 
@@ -91,14 +91,14 @@ def test_resampling_coarser_folds_nothing_back() -> None:
 
 def test_resampling_is_refused_or_warns() -> None:
     data = made()
-    for t, says in ((0.0, "t = 0: one number is a step"), ([3.0, 5.0], "t: from 3 to 5 s, but the data are from 0"),
-                    ([2.0, 1.0], "t must increase: row 1"), ([], "t has shape"), (1e-9, "makes 4e")):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+    for t, says in ((0.0, ("t = 0", "number", "step")), ([3.0, 5.0], "3 to 5 s"),
+                    ([2.0, 1.0], ("row 1", "increase")), ([], "t has shape"), (1e-9, "step = 1e-09")):  # fmt: skip
+        with refuses(says):
             data.resample(t)
-    with pytest.raises(ValueError, match="method = 'quintic': must be one of linear, cubic"):
+    with refuses("method = 'quintic'"):
         data.resample(0.1, "quintic")
     holed = fa.Data(np.r_[T[:500], T[800:]], {"x": np.r_[T[:500], T[800:]]})
-    with pytest.warns(fa.errors.DataWarning, match="a gap of 0.602 s from t = 0.998 s on is interpolated"):
+    with warns(fa.errors.DataWarning, "0.602 s", "t = 0.998", "gap"):
         holed.resample(0.002)
     holed.between(2.0).resample(0.002)
 
@@ -130,19 +130,19 @@ def test_a_lag_minds_neither_clock_offset_scale_nor_noise() -> None:
 def test_lags_that_are_none() -> None:
     data, rng = made(), np.random.default_rng(0)
     still = fa.Data(T, {"theta": np.full(len(T), 0.1)})
-    with pytest.raises(ValueError, match=r"column 'theta' is constant \(0\.1\): it has no lag"):
+    with refuses("column 'theta'", "0.1", "constant", "lag"):
         data.lag(still, "theta")
-    with pytest.raises(ValueError, match=r"no lag is found: .* no peak within max_lag = 0\.01 s"):
+    with refuses("max_lag = 0.01"):
         made(late=0.5).lag(data, "theta", max_lag=0.01)
-    with pytest.warns(fa.errors.DataWarning, match="at best: its lag tells little"):
+    with warns(fa.errors.DataWarning, "column 'a'", "lag"):
         fa.Data(T, {"a": rng.normal(size=len(T))}).lag(fa.Data(T, {"a": rng.normal(size=len(T))}), "a")
     for call, says in (
         (lambda: data.lag(data, "y"), "column = 'y'"), (lambda: data.lag(data, "x", "y"), "column = 'y'"),
-        (lambda: data.lag(T, "x"), "other = ndarray: must be fa.Data"),  # type: ignore[arg-type]
+        (lambda: data.lag(T, "x"), ("other = ndarray", "fa.Data")),  # type: ignore[arg-type]
         (lambda: data.lag(data, "x", max_lag=-1), "max_lag = -1"),
-        (lambda: data.between(0, 0.01).lag(data, "x"), "column 'x' has 6 rows: a lag needs eight"),
+        (lambda: data.between(0, 0.01).lag(data, "x"), ("column 'x'", "6", "rows", "lag")),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             call()
 
 
@@ -177,7 +177,7 @@ REFUSED = [
 @pytest.mark.parametrize(("name", "suffix"), REFUSED)
 def test_a_name_that_a_file_cannot_hold_is_refused(name: str, suffix: str, tmp_path: Path) -> None:
     data = fa.Data([0.0, 1.0], {"z": [1, 2], name: [3, 4]})
-    with pytest.raises(ValueError, match=re.escape(f"columns: {name!r}")):
+    with refuses(f"columns: {name!r}"):
         data.save(tmp_path / f"x{suffix}")
     assert not any(tmp_path.iterdir())
 
@@ -188,7 +188,7 @@ def test_a_table_of_large_numbers_does_not_overflow() -> None:
     cells = {line.split()[0]: line.split()[-2:] for line in repr(data).splitlines()[3:]}
     assert cells["x"] == ["0", f"{1.5e308 * np.sqrt(2 / 3):.5g}"] and cells["same"] == ["1e+308", "0"]
     assert cells["none"] == ["0", "0"]
-    with pytest.raises(ValueError, match=r"columns\['x'\] \(m\) = .*inf.*: must be finite"):
+    with refuses("columns['x']", "finite"):
         fa.Data([0.0, 1.0], {"x": [1e308, 1.0]}, {"x": "km"})
 
 
@@ -200,9 +200,9 @@ def test_matlab_sees_plain_names(tmp_path: Path) -> None:
 
 def test_other_suffixes_are_refused(tmp_path: Path) -> None:
     for name in ("x.xlsx", "x.json", "x", "x.tsv"):
-        with pytest.raises(ValueError, match=r"must end in \.csv or"):
+        with refuses("path =", name, ".csv"):
             made().save(tmp_path / name)
-    with pytest.raises(ValueError, match=r"path .*none"):
+    with refuses("path", "none"):
         made().save(tmp_path / "none" / "x.csv")
     assert not any(tmp_path.iterdir())
 
@@ -214,11 +214,11 @@ def test_a_figure_has_a_panel_for_each_unit() -> None:
     two = fa.Data(T, {"a": T, "b": -T}, {"a": "deg", "b": "rad"}).plot()
     assert [ax.get_ylabel() for ax in two.axes] == ["Angle (rad)"] and len(two.axes[0].lines) == 2
     assert len(made().plot("x").axes) == 1
-    with pytest.raises(ValueError, match="columns = 'y'"):
+    with refuses("columns = 'y'"):
         made().plot(["y"])
 
 
 def test_pandas_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match=r"pip install 'flexarm\[pandas\]'"):
+    with refuses("'flexarm[pandas]'", "pip", error=ImportError):
         made().to_pandas()

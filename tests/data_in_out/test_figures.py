@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexarm.data.draw.fit import plot_fit, plot_pair
-from flexarm.data.draw.loop import plot_loop
-from flexarm.data.draw.modes import plot_modes
-from flexarm.data.draw.sweep import plot_sweep
-from flexarm.data.draw.tradeoff import Cheapest, Kind, Line, Trial, plot_lines, plot_trials
-from flexarm.data.draw.trajectory import plot_panels
+from flexarm.data.draw import fit, loop, modes, sweep, tradeoff, trajectory
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 NAMES = [f"segment {k} of the snake arm behind the elbow" for k in range(12)]
@@ -51,7 +46,8 @@ def readable(figure: Any) -> None:
 def test_curves_of_many_links() -> None:
     curves = [(f"{name} revolute", k * T) for k, name in enumerate(NAMES)]
     more = [(f"{name} bending_y {n}", 1e-5 * k * T) for k, name in enumerate(NAMES) for n in range(3)]
-    readable(plot_panels(T, [("Joint angle (rad)", curves), ("Tip deflection (m)", more), (NAMES[0] * 2, curves[:1])]))
+    panels = [("Joint angle (rad)", curves), ("Tip deflection (m)", more), (NAMES[0] * 2, curves[:1])]
+    readable(trajectory.plot_panels(T, panels))
 
 
 @pytest.mark.parametrize("count", [3, 12])
@@ -59,7 +55,7 @@ def test_names_of_joints_over_modes(count: int) -> None:
     s = np.linspace(0, 3.6, 60)
     moved = np.sin(s[:, None, None] * np.arange(1, 9)) * np.array([0, 1, 1])[None, :, None]
     labels = [f"mode {k}: {100 * k} Hz, damping 0.005 %" for k in range(8)]
-    readable(plot_modes(s, moved, labels, [(3.6 / count * k, name) for k, name in enumerate(NAMES[:count])]))
+    readable(modes.plot_modes(s, moved, labels, [(3.6 / count * k, name) for k, name in enumerate(NAMES[:count])]))
 
 
 def pair(count: int) -> Any:
@@ -76,35 +72,35 @@ def pair(count: int) -> Any:
 def test_a_fit_of_many_columns(runs: int, columns: int) -> None:
     pairs = [pair(columns) for _ in range(runs)]
     tests = [{name: SimpleNamespace(correlation=np.zeros(20)) for name in p.nrmse} for p in pairs]
-    readable(plot_fit(pairs, tests))
+    readable(fit.plot_fit(pairs, tests))
 
 
 @pytest.mark.parametrize("count", [1, 10])
 def test_measured_beside_simulated(count: int) -> None:
-    readable(plot_pair(pair(count)))
+    readable(fit.plot_pair(pair(count)))
 
 
 def test_loops_of_many_joints() -> None:
     w = np.geomspace(0.1, 100, 60)
     margins = [SimpleNamespace(name=f"control[{k}]", phase_frequency=1.0) for k in range(12)]
-    readable(plot_loop(np.array([-1 + 2j, -1 - 2j]), None, [(m, w, 3 / (1j * w)) for m in margins]))
+    readable(loop.plot_loop(np.array([-1 + 2j, -1 - 2j]), None, [(m, w, 3 / (1j * w)) for m in margins]))
 
 
 def test_parameters_with_long_paths() -> None:
     parameters = [(f"link.{name}.beam.material.youngs_modulus (Pa)", 1e9 * (1 + T)) for name in NAMES[:4]]
     columns = [("tip deflection of the last link (m)", 1e-4 * T), ("residual (m)", T)]
-    readable(plot_sweep(columns, parameters, None, False, "twelve segments: 50 runs"))
+    readable(sweep.plot_sweep(columns, parameters, None, False, "twelve segments: 50 runs"))
     grid = {name: 1e9 * np.arange(1.0, n + 1) for (name, _), n in zip(parameters[:2], (5, 10), strict=True)}
-    readable(plot_sweep(columns, parameters[:2], grid, False, "twelve segments: 50 runs"))
+    readable(sweep.plot_sweep(columns, parameters[:2], grid, False, "twelve segments: 50 runs"))
 
 
 def chart(count: int, words_of_a_run: str, near: float = 1.5) -> Any:
     points = [(1e-3 * near**k, 1e-2 / near ** (2 * k)) for k in range(count)]
-    kinds = Kind("exact", "60 in all", "legendre"), Kind(2, "24 in all")
-    lines = [Line(kinds[0], "gauss", points), Line(kinds[1], "ida", points[1:])]
-    front = [Cheapest(t, error, words_of_a_run) for t, error in points]
-    return plot_lines(lines, front, ["gauss", "ida"], 1e-5, "Largest error of the tip (share of its span)", "chart",
-                      ["NOT CONVERGED: the richest model is known to 1e-5 of the span." * 4])  # fmt: skip
+    kinds = tradeoff.Kind("exact", "60 in all", "legendre"), tradeoff.Kind(2, "24 in all")
+    lines = [tradeoff.Line(kinds[0], "gauss", points), tradeoff.Line(kinds[1], "ida", points[1:])]
+    front = [tradeoff.Cheapest(t, error, words_of_a_run) for t, error in points]
+    label, note = "Largest error of the tip (share of its span)", "NOT CONVERGED: it is known to 1e-5 of the span. " * 4
+    return tradeoff.plot_lines(lines, front, ["gauss", "ida"], 1e-5, label, "chart", [note])
 
 
 @pytest.mark.parametrize(
@@ -122,8 +118,8 @@ def test_numbers_of_a_chart_lie_apart_where_its_points_do_not() -> None:
 def test_a_plan_of_twelve_links() -> None:
     label = "; ".join(f"{name}: order 2, bending_y 2, torsion 1, 5 Gauss points" for name in NAMES)
     note = "NOT CERTIFIED: against the check it is off by 0.003, and the reference, against which choices were " * 2
-    models = [Trial(1e-3 * k, 1e-4 * k, 2) for k in range(1, 9)]
+    models = [tradeoff.Trial(1e-3 * k, 1e-4 * k, 2) for k in range(1, 9)]
     for notes in ([], [note]):
-        readable(plot_trials(models, [(1e-3, 1e-3)], (2e-3, 1e-3), (1e-3, 1e-4), 1e-3, False,
+        readable(tradeoff.plot_trials(models, [(1e-3, 1e-3)], (2e-3, 1e-3), (1e-3, 1e-4), 1e-3, False,
                             "Largest error of the tip (share of its span, 0.1 m)", "Twelve links", f"chosen: {label}",
                             notes))  # fmt: skip

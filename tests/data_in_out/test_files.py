@@ -11,6 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import floating_arm, paper_link
+from messages import refuses
 
 HINGE = fa.Link(fa.Revolute("z", coulomb=0.1), fa.RigidBody(1.0, inertia=(1, 1, 1)))
 
@@ -22,15 +23,15 @@ def run() -> fa.Result:
 
 @pytest.mark.parametrize("name", ["run.npy", "run.json", "run.xlsx", "run.png", "run.CSV2"])
 def test_a_result_is_not_written_under_another_formats_name(name: str, run: fa.Result, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"run\.\w+': must end in \.npz"):
+    with refuses("path =", name, ".npz"):
         run.save(tmp_path / name)
     assert not any(tmp_path.iterdir())
 
 
 def test_siblings_refuse_other_formats_names(run: fa.Result, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"must end in \.toml"):
+    with refuses("path =", "scene.json", ".toml"):
         fa.Scene(run.arm).save(tmp_path / "scene.json")
-    with pytest.raises(ValueError, match=r"must end in \.csv or \.txt"):
+    with refuses(".csv", ".txt"):
         fa.sensors.Encoder().read(run).save(tmp_path / "encoder.mat")
     for name in ("run.npz", "run.NPZ", "run"):
         run.save(tmp_path / name)
@@ -43,7 +44,7 @@ def test_a_result_whose_part_has_another_name_is_damaged(run: fa.Result, tmp_pat
         with zipfile.ZipFile(tmp_path / "run.npz") as old, zipfile.ZipFile(tmp_path / "other.npz", "w") as new:
             for name in old.namelist():
                 new.writestr(name.replace(f"{part}.npy", "x.npy"), old.read(name))
-        with pytest.raises(ValueError, match="damaged"):
+        with refuses("other.npz", "damaged"):
             fa.Result.load(tmp_path / "other.npz")
 
 
@@ -86,11 +87,11 @@ def test_what_is_saved_onto_a_link_is_where_it_leads(name: str, run: fa.Result, 
     assert [x.name for x in target.parent.iterdir()] == [name]
     link.unlink()
     link.symlink_to(tmp_path / "nowhere" / name)
-    with pytest.raises(ValueError, match=rf"path '{link}', a link to '.*nowhere.*': there is no such file or folder"):
+    with refuses(f"path '{link}'", "nowhere", "no such file"):
         run.save(link)
     link.unlink()
     link.symlink_to(link)
-    with pytest.raises(ValueError, match=rf"path '{link}': is a link to itself; remove it, or give another name"):
+    with refuses(f"path '{link}'", "itself"):
         run.save(link)
 
 
@@ -98,20 +99,20 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
     path = tmp_path / "run.npz"
     for content in (b"", b"PK", b"PK\3\4" + bytes(100), b"\x93NUMPY" + bytes(50), b"gravity = [0, 0, 0]\n"):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match="damaged"):
+        with refuses("run.npz", "damaged"):
             fa.Result.load(path)
     np.savez(path, t=np.zeros(3))
-    with pytest.raises(ValueError, match="damaged"):
+    with refuses("run.npz", "damaged"):
         fa.Result.load(path)
     np.save(tmp_path / "x.npy", np.zeros(3))
     for other in (tmp_path / "x.npy", tmp_path, tmp_path / "none.npz", 5):
-        with pytest.raises(ValueError, match=r"^result "):
+        with refuses("result", other):
             fa.Result.load(other)
     run.save(path)
     with np.load(path) as f:
         held = dict(f)
     np.savez(path, **(held | {"v": held["v"][:-1]}))
-    with pytest.raises(ValueError, match="damaged"):
+    with refuses("run.npz", "damaged"):
         fa.Result.load(path)
 
 
@@ -137,22 +138,22 @@ def test_every_title_is_read_back(title: str, tmp_path: Path) -> None:
     assert fa.load(tmp_path / "scene.toml").name == title
 
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"options": {"events": lambda t, q, v: 1.0}}, "options: events = .*Python code"),
-    ({"options": {"progress": print}}, "options: progress = .*Python code"),
-    ({"options": {"watch": True}}, "would not be read back.*'watch'"),
+REFUSED: list[tuple[dict[str, Any], Any]] = [
+    ({"options": {"events": lambda t, q, v: 1.0}}, ("options", "events =", "Python", "code")),
+    ({"options": {"progress": print}}, ("options", "progress =", "Python", "code")),
+    ({"options": {"watch": True}}, "'watch'"),
     ({"name": "\ud800"}, "cannot be saved"),
-    ({"t": np.zeros(1)}, "output times begin at 0"),
-    ({"t": np.linspace(1, 2, 11)}, "output times begin at 0"),
-    ({"q0": [0.0, 1.0]}, "would not be read back.*q0"),
-    ({"control": (fa.Sampled(lambda t, y: 0.0, 10.0),)}, "Python code"),
-    ({"loads": (fa.Load(3, force=[0, 0, 1]),)}, "would not be read back.*link = 3"),
+    ({"t": np.zeros(1)}, ("0", "times")),
+    ({"t": np.linspace(1, 2, 11)}, ("0", "times")),
+    ({"q0": [0.0, 1.0]}, "q0"),
+    ({"control": (fa.Sampled(lambda t, y: 0.0, 10.0),)}, ("Python", "code")),
+    ({"loads": (fa.Load(3, force=[0, 0, 1]),)}, "link = 3"),
 ]
 
 
 @pytest.mark.parametrize(("change", "says"), REFUSED)
-def test_what_would_not_be_read_back_is_not_written(change: dict[str, Any], says: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_what_would_not_be_read_back_is_not_written(change: dict[str, Any], says: Any, tmp_path: Path) -> None:
+    with refuses(says):
         fa.Scene(fa.Arm([HINGE]), **change).save(tmp_path / "scene.toml")
     assert not any(tmp_path.iterdir())
 
@@ -180,12 +181,12 @@ def test_scenes_with_balls_and_beams_are_read_back(tmp_path: Path) -> None:
 def test_what_cannot_be_written_or_is_no_run_is_a_value_error(tmp_path: Path) -> None:
     run = fa.simulate(fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1)))]), [0.0, 0.1])
     for save in (run.save, fa.load("ist").save):
-        with pytest.raises(ValueError, match=r"path .*none"):
+        with refuses("path", "none"):
             save(tmp_path / "none" / ("x.npz" if save == run.save else "x.toml"))
     run.save(tmp_path / "x.npz")
     held = dict(np.load(tmp_path / "x.npz"))
     for wrong in ({"q": held["q"].astype(str)}, {"v": held["v"].astype(complex)}, {"t": held["t"][None]},
                   {"t": held["t"][::-1]}):  # fmt: skip
         np.savez(tmp_path / "y.npz", **(held | wrong))
-        with pytest.raises(ValueError, match="damaged"):
+        with refuses("y.npz", "damaged"):
             fa.Result.load(tmp_path / "y.npz")

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from flexarm.data.units import heading, titled, unit
+from messages import naming, refuses, warns
 from scipy.io import savemat
 
 EXCERPT = Path(__file__).parents[1] / "data" / "quanser_excerpt.csv"
@@ -41,7 +42,7 @@ def test_celsius_has_a_zero_of_its_own() -> None:
 
 @pytest.mark.parametrize("text", ["counts", "m//s", "m/s/s", "N/m s", "10", "xyz", "m^", "s^s", "kkg", "DEG", "Mm/h/"])
 def test_an_unknown_unit_is_named_with_those_known(text: str) -> None:
-    with pytest.raises(ValueError, match=r"unknown unit '.*'; known are s rad m kg N .* rpm"):
+    with refuses("unit", "rpm"):
         unit(text)
 
 
@@ -97,56 +98,56 @@ def test_one_table_written_in_many_ways(content: str | bytes, tmp_path: Path) ->
     np.testing.assert_array_equal(data["e"], [1, -2000])
 
 
-BAD: list[tuple[str | bytes, dict[str, Any], str]] = [
-    ("", {}, "is empty"),
-    ("# nothing\n\n", {}, "is empty"),
-    ("t,x\n", {}, "has no rows: only the names t, x"),
-    ("0,1\n1,2\n", {}, "line 1 has numbers, and no line before it tells names"),
-    ("t,x\n0,1\n1,2,3\n", {}, r"line 3: there are 3 cells, and 2 names \(t, x\)"),
-    ("t,x\n0,1\n1\n", {}, "line 3: there are 1 cells, and 2 names"),
-    ("t,x\n0,000,1,5\n0,001,1,6\n", {}, "line 2: there are 4 cells, .* decimal commas"),
-    ("t;x\n0;1,5\n1;2.5\n", {}, "column 'x', line 3: '2.5' has a decimal point, and '1,5' a comma"),
-    ("t,x\n0,1\n1,two\n", {}, "column 'x', line 3: 'two' is not a number"),
-    ("t,x\n0,1\n1,1_0\n", {}, "column 'x', line 3: '1_0' is not a number"),
-    ("t,x\n0,1\n1,\n2,nan\n", {}, r"column 'x', line 3: nan \(and 1 more of its rows\); missing='drop'"),
-    ("# by us\nt,x\n\n0,1\n1,inf\n", {}, "column 'x', line 5: inf"),
-    ("t,x\nnan,1\n1,2\n", {}, "column 't', line 2: nan"),
-    ("t,x,y\n0,,1\n1,1,\n", {"missing": "drop"}, "no row without a missing value"),
-    ("t,x\n0,1\n2,1\n1,2\n", {}, "t must increase: line 4 has 1 s after 2 s"),
-    ("t,x\n0,1\n0,1\n0,2\n", {}, r"line 3 has 0 s after 0 s \(and 1 times more\)"),
-    ("t,x [counts]\n0,1\n", {}, "column 'x': unknown unit 'counts'; known are"),
-    ("t,x\ns,counts\n0,1\n", {}, "column 'x': unknown unit 'counts'"),
-    ("t [kg],x\n0,1\n", {}, "column 't' is in kg: times must be in s"),
-    ("a,b\n0,1\n", {}, r"no column of times: there are a, b; tell time='NAME', or rate="),
-    ("t,time,b\n0,1,2\n", {}, "times may be t or time; tell"),
-    ("t,b\n0,1\n", {"time": "c"}, "time: has no column 'c'; there are t, b"),
-    ("t,b\n0,1\n", {"columns": ["b", "c"]}, "columns: has no column 'c'; there are t, b"),
-    ("t,b\n0,1\n", {"units": {"c": "m"}}, "units: has no column 'c'; there are t, b"),
-    ("t,b [m],b [mm]\n0,1,1\n", {}, "'b \\[m\\]' and 'b \\[mm\\]' have the same name 'b'"),
-    ("t,b\n0,1\n", {"time": "t", "rate": 5}, "time = 't' and rate = 5: one of them"),
+BAD: list[tuple[str | bytes, dict[str, Any], Any]] = [
+    ("", {}, "empty"),
+    ("# nothing\n\n", {}, "empty"),
+    ("t,x\n", {}, "rows"),
+    ("0,1\n1,2\n", {}, ("line 1", "numbers")),
+    ("t,x\n0,1\n1,2,3\n", {}, ("line 3", "2")),
+    ("t,x\n0,1\n1\n", {}, ("line 3", "1", "2")),
+    ("t,x\n0,000,1,5\n0,001,1,6\n", {}, ("line 2", "4")),
+    ("t;x\n0;1,5\n1;2.5\n", {}, ("column 'x'", "line 3", "'2.5'", "'1,5'")),
+    ("t,x\n0,1\n1,two\n", {}, ("column 'x'", "line 3", "'two'", "number")),
+    ("t,x\n0,1\n1,1_0\n", {}, ("column 'x'", "line 3", "'1_0'", "number")),
+    ("t,x\n0,1\n1,\n2,nan\n", {}, ("column 'x'", "line 3", "1", "missing='drop'", "nan", "rows")),
+    ("# by us\nt,x\n\n0,1\n1,inf\n", {}, ("column 'x'", "line 5")),
+    ("t,x\nnan,1\n1,2\n", {}, ("column 't'", "line 2", "nan")),
+    ("t,x,y\n0,,1\n1,1,\n", {"missing": "drop"}, "missing"),
+    ("t,x\n0,1\n2,1\n1,2\n", {}, ("line 4", "1 s", "2 s", "increase")),
+    ("t,x\n0,1\n0,1\n0,2\n", {}, ("line 3", "0 s", "1", "times")),
+    ("t,x [counts]\n0,1\n", {}, ("column 'x'", "'counts'", "unit")),
+    ("t,x\ns,counts\n0,1\n", {}, ("column 'x'", "'counts'", "unit")),
+    ("t [kg],x\n0,1\n", {}, ("column 't'", "kg", "times")),
+    ("a,b\n0,1\n", {}, ("time='NAME'", "rate=", "column", "times")),
+    ("t,time,b\n0,1,2\n", {}, ("times", "time")),
+    ("t,b\n0,1\n", {"time": "c"}, ("time", "column 'c'")),
+    ("t,b\n0,1\n", {"columns": ["b", "c"]}, ("columns", "column 'c'")),
+    ("t,b\n0,1\n", {"units": {"c": "m"}}, ("units", "column 'c'")),
+    ("t,b [m],b [mm]\n0,1,1\n", {}, ("'b [m]'", "'b [mm]'", "'b'", "same name")),
+    ("t,b\n0,1\n", {"time": "t", "rate": 5}, ("time = 't'", "rate = 5")),
     (b"PK\3\4\0\0", {}, "zero bytes"),
-    ("t,x,y\n0,1,\n1,2,\n", {}, "column 'y' is empty: no row has a value; columns= can leave it out"),
-    ("t,x,y\n0,1,\n1,2,\n", {"missing": "drop"}, "column 'y' is empty: no row has a value; columns= can leave it out"),
+    ("t,x,y\n0,1,\n1,2,\n", {}, ("column 'y'", "columns=", "empty")),
+    ("t,x,y\n0,1,\n1,2,\n", {"missing": "drop"}, ("column 'y'", "columns=", "empty")),
 ]
 
 
 @pytest.mark.parametrize(("content", "more", "says"), BAD)
-def test_bad_tables_are_refused_by_name(content: Any, more: dict[str, Any], says: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=rf"^data '.*x\.csv': .*{says}"):
+def test_bad_tables_are_refused_by_name(content: Any, more: dict[str, Any], says: Any, tmp_path: Path) -> None:
+    with refuses("x.csv", says):
         read(tmp_path, content, **more)
 
 
 def test_arguments_are_checked(tmp_path: Path) -> None:
     good = "t,x\n0,1\n1,2\n"
     for more, says in (
-        ({"missing": "skip"}, "missing = 'skip'"), ({"columns": "x"}, "must be a list"), ({"rate": 0}, "rate = 0"),
-        ({"units": "m"}, "units = 'm'"), ({"units": {"x": 3}}, r"units\['x'\] = 3"), ({"key": "g"}, "only HDF5 and"),
+        ({"missing": "skip"}, "missing = 'skip'"), ({"columns": "x"}, "list"), ({"rate": 0}, "rate = 0"),
+        ({"units": "m"}, "units = 'm'"), ({"units": {"x": 3}}, "units['x'] = 3"), ({"key": "g"}, "HDF5"),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             read(tmp_path, good, **more)
-    for path, says in ((tmp_path / "no.csv", "there is no such file"), (tmp_path / "x.xlsx", r"must end in \.csv"),
-                       (5, "path = 5"), (tmp_path, "must end in")):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+    for path, says in ((tmp_path / "no.csv", "no such file"), (tmp_path / "x.xlsx", ".csv"),
+                       (5, "path = 5"), (tmp_path, "end")):  # fmt: skip
+        with refuses(says):
             fa.Data.load(path)
 
 
@@ -175,9 +176,7 @@ def test_times_by_a_rate_and_missing_rows(tmp_path: Path) -> None:
 
 def test_gaps_are_told(tmp_path: Path) -> None:
     rows = [f"{t},1" for t in (*range(10), *range(13, 20), *range(30, 40))]
-    with pytest.warns(
-        fa.errors.DataWarning, match="2 gaps in time, the longest: 11 s after t = 19 s; rows are 1 s apart"
-    ):
+    with warns(fa.errors.DataWarning, "2", "11 s", "t = 19", "gaps", "time", "rows"):
         data = read(tmp_path, "\n".join(["t,x", *rows]))
     assert data.gaps().tolist() == [[9, 4], [19, 11]]
 
@@ -209,23 +208,23 @@ def test_hdf5_of_others(tmp_path: Path) -> None:
         g["time"].attrs["units"], g["angle"].attrs["unit"] = "ms", np.bytes_(b"deg")
         g["elsewhere"] = h5py.ExternalLink("other.h5", "x")
         f["alone"] = np.arange(3.0)
-    with pytest.raises(ValueError, match=r"no column of times|have 5; columns="):
+    with refuses("column 'alone'", "columns="):
         fa.Data.load(path)
-    with pytest.warns(fa.errors.DataWarning, match="leaves out 'elsewhere', which is a link"):
+    with warns(fa.errors.DataWarning, "'elsewhere'", "link"):
         data = fa.Data.load(path, key="run")
     assert data.names == ("angle", "xyz_0", "xyz_1", "xyz_2") and data.units["angle"] == "rad"
     np.testing.assert_array_equal(data.t, t)
-    with pytest.raises(ValueError, match="key = 'walk': there is no such group; there are alone, run"):
+    with refuses("key = 'walk'"):
         fa.Data.load(path, key="walk")
     with h5py.File(path, "w") as f:
         f["table"] = np.array([(0.0, 1.0), (1.0, 2.0)], [("t", "f8"), ("x [mm]", "f4")])
     assert fa.Data.load(path)["x"].tolist() == [0.001, 0.002]
     with h5py.File(path, "w") as f:
         f["t"], f["x"] = t, t[:3]
-    with pytest.raises(ValueError, match="column 'x' has 3 rows, and the times have 5; columns="):
+    with refuses("column 'x'", "3", "5", "columns=", "rows", "times"):
         fa.Data.load(path)
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ValueError, match=r"is not a table of columns \(\.h5\), or damaged"):
+    with refuses("table", "columns", "damaged"):
         fa.Data.load(path)
 
 
@@ -234,7 +233,7 @@ def test_numbers_in_another_file_are_not_read(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "x.h5", "w") as f:
         f["t"] = np.arange(5.0)
         f.create_dataset("x", (5,), "f8", external=[(str(tmp_path / "raw"), 0, 40)])
-    with pytest.raises(ValueError, match="'x' is stored outside of the file"):
+    with refuses("'x'", "outside", "file"):
         fa.Data.load(tmp_path / "x.h5")
 
 
@@ -248,9 +247,9 @@ def test_matlab_files_of_others(tmp_path: Path) -> None:
     assert data.names == ("u", "inner/x") and data["u"][1] == 1e-3
     savemat(path, {"log": {"time": t, "u": t}, "more": np.ones(3)})
     assert fa.Data.load(path, key="log").names == ("u",)
-    with pytest.raises(ValueError, match="key = 'lag': there is no such variable; there are log, more"):
+    with refuses("key = 'lag'"):
         fa.Data.load(path, key="lag")
-    with pytest.raises(ValueError, match=r"no column of times|columns="):
+    with refuses("no column of times", "rate="):
         fa.Data.load(path)
 
 
@@ -269,9 +268,9 @@ def test_matlab_7_3(tmp_path: Path) -> None:
 
 COMPLEX = np.arange(5) + 1j
 LEFT = {
-    "z": (COMPLEX, "is complex"),
-    "state": (np.array(["on", "off"] * 2 + ["on"]), "is text"),
-    "cube": (np.zeros((5, 2, 2)), r"has 3 axes, \(5, 2, 2\)"),
+    "z": (COMPLEX, "complex"),
+    "state": (np.array(["on", "off"] * 2 + ["on"]), "text"),
+    "cube": (np.zeros((5, 2, 2)), "(5, 2, 2)"),
 }
 
 
@@ -284,20 +283,20 @@ def test_what_is_left_out_is_told_with_the_reason(name: str, tmp_path: Path) -> 
     elif path.suffix == ".mat":
         import scipy.sparse
 
-        left["S"], left["cell"] = (None, "is a sparse matrix"), (None, "holds objects")
+        left["S"], left["cell"] = (None, "sparse matrix"), (None, "objects")
         savemat(path, {**held, "S": scipy.sparse.eye_array(5), "cell": np.array([t, "a", t, t, t], object)})
     else:
-        left["there"] = None, "is a link to elsewhere, which is not followed"
+        left["there"] = None, "link"
         with h5py.File(path, "w") as f:
             for k, x in held.items():
                 f[k] = x.astype("S") if k == "state" else x
             f["there"] = h5py.ExternalLink("other.h5", "x")
-    with pytest.warns(fa.errors.DataWarning, match=rf"data '{name}': leaves out ") as told:
+    with warns(fa.errors.DataWarning, f"data '{name}'") as told:
         data = fa.Data.load(path)
     assert data.names == ("x",) and len(told) == 1
     for k, (_, why) in left.items():
-        assert re.search(f"'{k}', which {why}", str(told[0].message)), (k, str(told[0].message))
-        with pytest.raises(ValueError, match=f"columns: '{k}' {why}"):
+        assert re.search(naming(f"'{k}'", why), str(told[0].message))
+        with refuses("columns", f"'{k}'", why):
             fa.Data.load(path, columns=["x", k])
     for k in ("note", "rate"):  # a word, or one number alone, is no column
         assert f"'{k}'" not in str(told[0].message)
@@ -310,13 +309,13 @@ def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
         f["c"].attrs["MATLAB_class"] = np.bytes_("cell")
         S = f.create_group("S")
         S.attrs["MATLAB_sparse"], S["data"], S["ir"] = 5, np.ones(3), np.arange(3)
-    with pytest.warns(fa.errors.DataWarning, match="'S', which is a sparse matrix, 'c', which is a cell"):
+    with warns(fa.errors.DataWarning, "'S'", "'c'", "sparse matrix", "cell"):
         assert fa.Data.load(tmp_path / "x.mat").names == ()
 
 
 def test_a_name_of_times_that_is_no_column_is_told_of(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=["a", "b"], x=[1.0, 2.0], y=[1.0, 2.0])
-    with pytest.raises(ValueError, match=r"no column of times: there are x, y, besides 't', which is text; tell time="):
+    with refuses("'t'", "time=", "column", "times", "text"):
         fa.Data.load(tmp_path / "x.npz")
 
 
@@ -328,7 +327,7 @@ def test_dates_in_arrays_are_times(tmp_path: Path) -> None:
 
 def test_complex_columns_of_frames_are_refused() -> None:
     pandas = pytest.importorskip("pandas")
-    with pytest.raises(ValueError, match=r"column 'z'.* is complex"):
+    with refuses("column 'z'", "complex"):
         fa.Data.load(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
 
 
@@ -336,19 +335,19 @@ def test_data_frames() -> None:
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"t": [0.0, 0.5], "theta [deg]": [1, 2], "state": ["on", "off"]})
     assert fa.Data.load(frame, columns=["theta"])["theta"][1] == pytest.approx(2 * DEG)
-    with pytest.raises(ValueError, match="column 'state', row 0: 'on' is not a number"):
+    with refuses("column 'state'", "row 0", "'on'", "number"):
         fa.Data.load(frame)
     dates = pandas.date_range("2024-01-01", periods=3, freq="2ms")
     data = fa.Data.load(pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=dates))
     np.testing.assert_allclose(data.t, [0, 0.002, 0.004], atol=1e-15)
     holes = pandas.DataFrame({"t": [0.0, 1.0], "x": pandas.array([1, None], "Int64")})
-    with pytest.raises(ValueError, match="column 'x', row 1: nan"):
+    with refuses("column 'x'", "row 1", "nan"):
         fa.Data.load(holes)
     data = fa.Data.load(EXCERPT)
     back = fa.Data.load(data.to_pandas())
     assert back.names == data.names and back.units == data.units
     np.testing.assert_array_equal(back.t, data.t)
-    with pytest.raises(ValueError, match="have the same name 'x'"):
+    with refuses("'x'", "same name"):
         fa.Data.load(pandas.DataFrame([[0, 1, 2]], columns=["t", "x", "x"]))
 
 
@@ -357,5 +356,5 @@ def test_npz_of_others(tmp_path: Path) -> None:
     data = fa.Data.load(tmp_path / "x.npz")
     assert data.t.tolist() == [0, 0.002] and data["x_1"].tolist() == [2, 4]
     np.savez(tmp_path / "y.npz", t=np.array([{}], object))
-    with pytest.raises(ValueError, match=r"is not a table of columns \(\.npz\), or damaged"):
+    with refuses("table", "columns", "damaged"):
         fa.Data.load(tmp_path / "y.npz")

@@ -10,6 +10,7 @@ import flexarm as fa
 import h5py
 import numpy as np
 import pytest
+from messages import refuses, warns
 from scipy.io import loadmat
 
 HINGE = fa.Link(fa.Revolute("z", coulomb=0.1), fa.RigidBody(1.0, inertia=(1, 1, 1)))
@@ -39,7 +40,7 @@ def test_a_table_holds_what_the_result_has(run: fa.Result, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["runs.csv", "runs.mat", "runs.json", "runs.xlsx"])
 def test_a_batch_is_not_written_under_another_formats_name(name: str, runs: fa.BatchResult, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"runs\.\w+': must end in \.npz"):
+    with refuses("path =", name, ".npz"):
         runs.save(tmp_path / name)
     assert not any(tmp_path.iterdir())
 
@@ -82,7 +83,7 @@ def test_a_whole_result_is_loaded(suffix: str, run: fa.Result, tmp_path: Path) -
 def test_tables_are_no_results(run: fa.Result, tmp_path: Path) -> None:
     for name in ("x.csv", "x.mat"):
         run.save(tmp_path / name)
-        with pytest.raises(ValueError, match=r"a table keeps no arm: fa\.Data\.load reads its columns"):
+        with refuses("fa.Data.load", "table", "columns"):
             fa.Result.load(tmp_path / name)
 
 
@@ -140,7 +141,7 @@ def test_a_file_whose_own_tables_fit_and_whose_contents_do_not_is_refused(
                     f["about"][0] = f["about"][0].replace(b"0.", b"1.", 1)
                 else:
                     del f[last]
-        with pytest.raises(ValueError, match=r"damaged"):
+        with refuses(path, "damaged"):
             read(path)
 
 
@@ -156,7 +157,7 @@ def test_a_damaged_mat_is_refused_before_scipy_reads_it(
     places = [*rng.integers(116, len(whole), 100), *range(16, 100, 4)]  # of the numbers, and of the checksum
     for made in (*(whole[:k] + bytes([whole[k] ^ 1 << k % 8]) + whole[k + 1 :] for k in places), whole[:-1]):
         path.write_bytes(made)
-        with pytest.raises(ValueError, match=r"x\.mat': is damaged: its checksum does not fit"):
+        with refuses("x.mat", "damaged"):
             fa.Data.load(path)
 
 
@@ -200,11 +201,11 @@ def test_a_failed_batch_with_events_goes_through_hdf5(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one[k].q, two[k].q)
         np.testing.assert_array_equal(one[k].t_events[0], two[k].t_events[0])
     for name in ("a.npz", "a.h5"):
-        with pytest.raises(ValueError, match=r"is of a batch .*BatchResult\.load\(\.\.\.\)\[k\]"):
+        with refuses("BatchResult.load(...)[k]"):
             fa.Data.load(tmp_path / name)
     two[1].save(tmp_path / "one.csv")
     assert len(fa.Data.load(tmp_path / "one.csv")) == len(TIMES)
-    with pytest.raises(ValueError, match=r"holds another batch, with another origin \(BatchResult\.save\)"):
+    with refuses("BatchResult.save", "another batch", "origin"):
         fa.simulate_batch(arm, TIMES, v0=[[1.0], [2.0], [0.0]], out=tmp_path / "a.h5")
 
 
@@ -258,14 +259,14 @@ def test_comparisons_that_cannot_be(run: fa.Result) -> None:
     data = fa.Data(t, {"x": np.sin(t), "y": np.ones(len(t)), "z": t}, {"x": "m", "z": "rad"})
     joint, camera = "q link 0 revolute", fa.sensors.Camera(0)
     for given, says in (
-        ((t,), "data = ndarray"), ((data,), "no name in common"), ((data, {"w": joint}), "columns = 'w'"),
-        ((data, {"z": "q"}), r"columns\['z'\] = 'q': must be one of q link 0"),
-        ((data, {"x": joint}), r"columns\['x'\]: the data are in m, and the result is in rad"),
-        ((data, {"z": camera}), "has 3 components"), ((data, {"z": t[:3]}), r"has shape \(3,\): must be 11 numbers"),
-        ((data.shift(5), {"z": joint}), "from 5 to 6 s, the result from 0 to 1 s: they have 0 rows in common"),
+        ((t,), "data = ndarray"), ((data,), "name"), ((data, {"w": joint}), "columns = 'w'"),
+        ((data, {"z": "q"}), ("columns['z'] = 'q'", "link 0")),
+        ((data, {"x": joint}), ("columns['x']", "m", "rad")),
+        ((data, {"z": camera}), "3 components"), ((data, {"z": t[:3]}), ("has shape (3,)", "11 numbers")),
+        ((data.shift(5), {"z": joint}), ("5 to 6 s", "0 to 1 s")),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             run.compare(*given)
-    with pytest.warns(fa.errors.DataWarning, match=r"measured column 'y' is constant \(1\): its NRMSE is not defined"):
+    with warns(fa.errors.DataWarning, "column 'y'", "1", "NRMSE", "constant"):
         found = run.compare(data, {"y": joint, "z": joint})
     assert np.isnan(found.nrmse["y"]) and np.isfinite(found.nrmse["z"]) and np.isnan(found.lag["y"])

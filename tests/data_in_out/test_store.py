@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import zipfile
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import flexarm as fa
@@ -15,10 +16,9 @@ import h5py
 import numpy as np
 import pytest
 from flexarm.data.store import files, scenarios
-from flexarm.data.store.scenarios import ScenarioFile
-from flexarm.many.batch.executor import Executor, Future
 from flexarm.many.batch.storage import REASON_BYTES, in_bytes
 from many.test_sweep import LENGTH, STIFF, plan, scene
+from messages import refuses, warns
 
 TIMES = np.linspace(0, 0.02, 5)
 
@@ -72,7 +72,7 @@ def test_what_is_not_done_is_unknown_to_any_reader(tmp_path):
 
 
 def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
-    path, put = tmp_path / "b.h5", ScenarioFile._put
+    path, put = tmp_path / "b.h5", scenarios.ScenarioFile._put
 
     def stopped(self, name, indices, rows):
         put(self, name, indices, rows)
@@ -80,8 +80,8 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
             monkeypatch.undo()
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(ScenarioFile, "_put", stopped)
-    with pytest.raises(fa.errors.BatchInterrupted, match="when 2 of 6") as e:
+    monkeypatch.setattr(scenarios.ScenarioFile, "_put", stopped)
+    with refuses("2 of 6", error=fa.errors.BatchInterrupted) as e:
         run(path)
     for found in (e.value.result, fa.BatchResult.load(path)):
         assert found.status.tolist() == [0, 0, 4, 4, 4, 4] and np.isnan(found.q[2:]).all()
@@ -92,7 +92,7 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
 
 
 def test_a_saved_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
-    path, put = tmp_path / "x.h5", ScenarioFile._put
+    path, put = tmp_path / "x.h5", scenarios.ScenarioFile._put
     old, new = (fa.simulate_batch(arm(), TIMES, np.full((1030, 4), q)) for q in (0.0, 1e-3))
     old.save(path)
 
@@ -102,8 +102,8 @@ def test_a_saved_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
         put(self, name, indices, rows)
 
     before = path.read_bytes()
-    monkeypatch.setattr(ScenarioFile, "_put", fails)
-    with pytest.raises(ValueError, match=r"x\.h5': the disk is full"):
+    monkeypatch.setattr(scenarios.ScenarioFile, "_put", fails)
+    with refuses("x.h5", "the disk is full"):
         new.save(path)
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
     monkeypatch.undo()
@@ -125,11 +125,11 @@ def test_a_file_lies_where_its_link_leads(tmp_path):
     np.testing.assert_array_equal(fa.BatchResult.load(target).q, found.q)
     link.unlink()
     link.symlink_to(tmp_path / "nowhere" / "y.h5")
-    with pytest.raises(ValueError, match=r"x\.h5': there is no folder '.*nowhere'"):
+    with refuses("x.h5", "there is no folder"):
         run(link)
     link.unlink()
     link.symlink_to(link)
-    with pytest.raises(ValueError, match=r"x\.h5': is a link to itself; remove it, or give another name"):
+    with refuses("x.h5", "link", "itself", "another name"):
         run(link)
 
 
@@ -144,11 +144,11 @@ def test_an_error_leaves_no_file_open(tmp_path, monkeypatch, name):
     if name == "_unlike":
         monkeypatch.setattr(scenarios, name, fails)
     elif name == "_tidy":
-        monkeypatch.setattr(ScenarioFile, name, fails)
+        monkeypatch.setattr(scenarios.ScenarioFile, name, fails)
     else:
-        blank = ScenarioFile._tidy
-        monkeypatch.setattr(ScenarioFile, "_tidy", lambda self: fails() if self.done().all() else blank(self))
-    with pytest.raises(OSError, match="a broken disk") as held:
+        blank = scenarios.ScenarioFile._tidy
+        monkeypatch.setattr(scenarios.ScenarioFile, "_tidy", lambda self: fails() if self.done().all() else blank(self))
+    with refuses("a broken disk", error=OSError) as held:
         run(path)
     monkeypatch.undo()
     assert run(path).stats["resumed"] == (6 if name == "close" else 4)
@@ -173,7 +173,7 @@ def test_flipped_bytes_are_told_of_and_computed_again(tmp_path):
         reasons = f["reason"].id.get_offset()
     flip(path, offset + 2 * size + 7)
     flip(path, reasons + 4 * REASON_BYTES + 3, 0xFF)  # no UTF-8
-    with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 2, 4 are damaged.*verify=False"):
+    with refuses("b.h5", "scenario 2, 4", "damaged", "verify=False"):
         fa.BatchResult.load(path)
     assert fa.BatchResult.load(path, verify=False).q.shape == q.shape
     again = run(path)
@@ -189,7 +189,7 @@ def test_damaged_marks_of_what_is_done_are_told_of(tmp_path):
     with h5py.File(path) as f:
         offset = f["checksum"].id.get_offset()
     flip(path, offset + 3 * 4 + 1, 0x10)
-    with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 3 are damaged"):
+    with refuses("b.h5", "scenario 3", "damaged"):
         fa.BatchResult.load(path)
     again = run(path)
     assert again.stats["damaged"] == 1 and again.stats["resumed"] == 5
@@ -217,7 +217,7 @@ def test_damage_to_what_all_have_in_common_is_told_of(tmp_path):
         at = f["parameters/link.0.beam.length"].id.get_offset()
     flip(path, at + 6)
     for read in (fa.BatchResult.load, run):
-        with pytest.raises(ValueError, match=r"b\.h5': is damaged: its checksum does not fit"):
+        with refuses("b.h5", "damaged", "checksum"):
             read(path)
 
 
@@ -255,11 +255,11 @@ def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
     assert refused > 50
     for other in (b"", b"PK", b"\x89HDF\r\n\x1a\n", b"something else", pickle.dumps([1])):
         bad.write_bytes(other)
-        with pytest.raises(ValueError, match="bad"):
+        with refuses(bad):
             fa.BatchResult.load(bad)
-    with pytest.raises(ValueError, match="no such file"):
+    with refuses("no such file"):
         fa.BatchResult.load(tmp_path / "nowhere.h5")
-    with pytest.raises(ValueError, match=r"is a folder|not allowed"):
+    with refuses("batch", tmp_path):
         fa.BatchResult.load(tmp_path)
 
 
@@ -279,7 +279,7 @@ def test_a_saved_batch_that_lost_an_array_is_refused(tmp_path):
         held = dict(z)
     for name in set(held) - {"about"}:
         np.savez(tmp_path / "other.npz", **{k: x for k, x in held.items() if k != name})
-        with pytest.raises(ValueError, match="damaged"):
+        with refuses("other.npz", "damaged"):
             fa.BatchResult.load(tmp_path / "other.npz")
 
 
@@ -299,9 +299,9 @@ def test_files_of_an_older_flexarm_are_refused(tmp_path):
     with h5py.File(path, "w") as f:
         f["about"], f["q"], f["done"] = np.bytes_(b'{"flexarm": "0.0.9"}'), np.zeros((2, 3, 4)), np.ones(2, np.uint8)
     data = path.read_bytes()
-    says = r"sweep\.h5': is not a file of a batch or a sweep, or one of flexarm 0\.0\.9"
+    says = ("sweep.h5", "flexarm 0.0.9")
     for call in (fa.BatchResult.load, run, lambda p: fa.sweep(scene(), plan(2), out=p.parent)):
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             call(path)
     assert path.read_bytes() == data and [p.name for p in tmp_path.iterdir()] == ["sweep.h5"]
 
@@ -313,14 +313,14 @@ def test_an_array_or_the_numbers_of_another_arm_are_refused(tmp_path):
     for name, value, says in (
         ("q", held["q"][:, :-1], "'q' is float64"), ("status", held["status"][:2], "and not"),
         ("t", held["t"][::-1], "increase"), ("v", np.zeros((3, 5, 9)), "'v' is"),
-        ("about", np.array("{}"), "damaged .KeyError"), ("about", np.array("["), "damaged"),
+        ("about", np.array("{}"), "damaged"), ("about", np.array("["), "damaged"),
         (f"parameters/{LENGTH}", np.full(2, 0.3), "of 3 scenarios"), ("status", np.zeros(3), "'status'"),
     ):  # fmt: skip
         with (tmp_path / "x.npz").open("wb") as f:
             np.savez(f, **{**held, name: value})
-        with pytest.raises(ValueError, match=f"batch .*x.npz': .*{says}"):
+        with refuses("batch", "x.npz", says):
             fa.BatchResult.load(tmp_path / "x.npz")
-    with pytest.raises(ValueError, match="is not a file of a batch"):
+    with refuses("file", "batch"):
         fa.BatchResult.load(tmp_path / "one.npy")
 
 
@@ -330,7 +330,7 @@ def test_what_points_out_of_the_file_is_not_read(tmp_path):
     secret.write_bytes(bytes(1000))
     with h5py.File(path) as f:
         shapes = {k: f[k].shape for k in ("q", "t", "reason")}
-    ways, says = ["external", "link", "virtual", "soft"], r"bad\.h5': ('[qv]' is missing, or|'reason' is|is damaged)"
+    ways = ["external", "link", "virtual", "soft"]
     for name, how in (*(("q", way) for way in ways), ("reason", "external"), ("t", "soft"), ("v", "filter")):
         bad = tmp_path / "bad.h5"
         bad.write_bytes(path.read_bytes())
@@ -351,9 +351,9 @@ def test_what_points_out_of_the_file_is_not_read(tmp_path):
                 layout[:] = h5py.VirtualSource(str(path), "q", shapes[name])
                 f.create_virtual_dataset(name, layout)
         for verify in (True, False):
-            with pytest.raises(ValueError, match=says):
+            with refuses("bad.h5"):
                 fa.BatchResult.load(bad, verify=verify)
-        with pytest.raises(ValueError, match=says):
+        with refuses("bad.h5"):
             run(bad, 3)
 
 
@@ -377,7 +377,7 @@ def test_warnings_of_what_was_resumed_are_told_again(tmp_path, integrator):
     assert e.value.result.stats["out_of_range"] == 3
     told = []
     for _ in "ab":
-        with pytest.warns(fa.errors.RangeWarning, match=r"scenario 1: link 0: at order") as found:
+        with warns(fa.errors.RangeWarning, "scenario 1", "link 0") as found:
             result = batch()
         assert result.stats["out_of_range"] == 5
         told.append([str(w.message) for w in found])
@@ -389,16 +389,16 @@ def test_warnings_of_what_was_resumed_are_told_again(tmp_path, integrator):
 
 
 def test_what_the_disk_says_is_said_in_words(tmp_path, monkeypatch):
-    with pytest.raises(ValueError, match=r"out = '.*nowhere/b.h5': there is no folder"):
+    with refuses("out =", "b.h5", "there is no folder"):
         run(tmp_path / "nowhere" / "b.h5")
-    with pytest.raises(ValueError, match="out = "):
+    with refuses("out ="):
         run(tmp_path)
     usage = type(files.shutil.disk_usage(tmp_path))(1000, 900, 100)
     with monkeypatch.context() as m:
         m.setattr(files.shutil, "disk_usage", lambda path: usage)
-        with pytest.raises(ValueError, match=r"out = .*: takes .* kB, and the disk has 100 B free"):
+        with refuses("out =", "100 B"):
             run(tmp_path / "b.h5")
-        with pytest.raises(ValueError, match=r"output file .*: takes .* kB, and the disk has"):
+        with refuses("file", "disk", "kB"):
             fa.sweep(scene(), plan(2), out=tmp_path / "s")
     assert [p.name for p in tmp_path.iterdir()] == ["s"]
 
@@ -453,7 +453,7 @@ def test_a_file_that_another_process_writes(tmp_path):
     try:
         assert other.stdout.readline() == "open\n"
         for call in (fa.BatchResult.load, run, lambda p: run(p, resume=False)):
-            with pytest.raises(ValueError, match=r"b\.h5': another process is using it"):
+            with refuses("b.h5", "another process"):
                 call(path)
     finally:
         other.communicate("\n")
@@ -533,16 +533,16 @@ def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
     fa.sweep(scene(), plan(2), out=tmp_path)
     table = (tmp_path / "sweep.csv").read_bytes()
     other = fa.SweepPlan([fa.Vary("grid", {LENGTH: [0.3, 0.4], STIFF: [2e11, 3e11]})])
-    with pytest.raises(ValueError, match="holds another sweep, with another parameters; take another folder"):
+    with refuses("another sweep", "parameters", "folder"):
         fa.sweep(scene(), other, out=tmp_path)
     whole = tmp_path / "sweep.h5"
     data = whole.read_bytes()
     for bad in (b"", data[:200], data[:-30]):
         whole.write_bytes(bad)
-        with pytest.raises(ValueError, match=r"sweep\.h5': is not a file of a sweep .*start anew .*--fresh"):
+        with refuses("sweep.h5", "--fresh", "file", "start"):
             fa.sweep(scene(), other, out=tmp_path)
     whole.unlink()
-    with pytest.raises(ValueError, match=r"holds another sweep, a sweep\.csv without its sweep\.h5"):
+    with refuses("sweep.csv", "sweep.h5", "another sweep"):
         fa.sweep(scene(), other, out=tmp_path)
     assert (tmp_path / "sweep.csv").read_bytes() == table
     assert fa.sweep(scene(), other, out=tmp_path, resume=False).complete
@@ -555,13 +555,13 @@ def test_a_sweep_without_a_mark_is_not_taken_and_a_link_is_followed(tmp_path):
     whole = path.read_bytes()
     assert whole.count(about) == 1
     path.write_bytes(whole.replace(about, about.replace(b"marks", b"masks")))
-    with pytest.raises(ValueError, match=r"sweep\.h5': is damaged"):
+    with refuses("sweep.h5", "damaged"):
         fa.sweep(scene(), plan(3), out=tmp_path / "s")
     moved = tmp_path / "elsewhere"
     path.unlink()
     moved.write_bytes(whole)
     path.symlink_to(moved)
-    with pytest.raises(ValueError, match="holds another sweep"):
+    with refuses("another sweep"):
         fa.sweep(scene(), plan(4), out=tmp_path / "s")
     assert fa.sweep(scene(), plan(4), out=tmp_path / "s", resume=False).complete
     assert moved.read_bytes() != whole and path.is_symlink()
@@ -572,20 +572,20 @@ def test_two_sweeps_that_begin_in_one_folder_do_not_mix(tmp_path):
     def meanwhile(done, total):
         if done == 0:
             for p, more in ((plan(3), {}), (plan(4), {}), (plan(3), {"resume": False})):
-                with pytest.raises(ValueError, match=r"holds another sweep|another process is using it"):
+                with refuses("another"):
                     fa.sweep(scene(), p, out=tmp_path, **more)
 
     assert fa.sweep(scene(), plan(4), out=tmp_path, batch=1, progress=meanwhile).stats["computed"] == 4
-    with pytest.raises(ValueError, match="holds another sweep"):
+    with refuses("another sweep"):
         fa.sweep(scene(), plan(3), out=tmp_path)
 
 
 def test_a_batch_and_a_sweep_do_not_take_each_others_files(tmp_path):
     run(tmp_path / "sweep.h5")
-    with pytest.raises(ValueError, match="holds another sweep"):
+    with refuses("another sweep"):
         fa.sweep(scene(), plan(2), out=tmp_path)
     assert fa.sweep(scene(), plan(2, trajectories=True), out=tmp_path, resume=False).complete
-    with pytest.raises(ValueError, match="holds another batch"):
+    with refuses("another batch"):
         run(tmp_path / "sweep.h5")
     kept = fa.BatchResult.load(tmp_path / "sweep.h5")  # to be read it is one like the other
     assert len(kept) == 2 and np.isfinite(kept.q).all() and kept.arm(0).links[0].beam.length == 0.3
@@ -599,13 +599,13 @@ def test_trajectories_that_are_damaged_or_gone(tmp_path):
         where = f["q"].id.get_offset() + f["q"][0].nbytes
     flip(path, where + 20)
     assert found.trajectory(0)[1].shape == q.shape
-    with pytest.raises(ValueError, match=r"sweep\.h5': the data of scenario 1 are damaged"):
+    with refuses("sweep.h5", "scenario 1", "damaged"):
         found.trajectory(1)
     again = fa.sweep(scene(), p, out=tmp_path)
     assert again.stats["computed"] == 1 and again.stats["damaged"] == 1
     np.testing.assert_array_equal(again.trajectory(1)[1], q)
     path.unlink()
-    with pytest.raises(ValueError, match="no such file"):
+    with refuses("no such file"):
         found.trajectory(1)
 
 
@@ -618,12 +618,12 @@ def test_a_sweep_knows_its_functions(tmp_path):
             scene(), fa.SweepPlan([fa.Vary("grid", {LENGTH: [0.3]})], outputs=[scaled]), out=tmp_path, **more
         )
 
-    with pytest.raises(ValueError, match=r"outputs: is or holds code .*scaled: give name="):
+    with refuses("outputs", "scaled", "name=", "code"):
         swept(1.0)
     swept(1.0, name="A")
     assert swept(1.0, name="A").stats["computed"] == 0
     for w, name in ((2.0, "A"), (1.0, "B")):
-        with pytest.raises(ValueError, match=r"another sweep, with another (outputs|name)"):
+        with refuses("another sweep"):
             swept(w, name=name)
     assert swept(1.0, name="B", resume=False).complete
 
@@ -650,7 +650,7 @@ def test_zip_files_are_read_whole_or_not_at_all(tmp_path):
     with zipfile.ZipFile(tmp_path / "b.npz") as z:
         info = z.getinfo("q.npy")
     flip(tmp_path / "b.npz", info.header_offset + 80)
-    with pytest.raises(ValueError, match=r"b\.npz': is not a file of a batch, or damaged"):
+    with refuses("b.npz", "file", "damaged"):
         fa.BatchResult.load(tmp_path / "b.npz")
 
 

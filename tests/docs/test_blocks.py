@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pages
 import pytest
+from messages import refuses
 from pages import PAGES, Ran
 
 
@@ -37,14 +37,14 @@ def written(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("```\nx\n```\n", "must be one of python, sh, cpp, toml, text, not ''"),
-        ("```bash\nls\n```\n", "not 'bash'"),
-        ("Run\n\n    ls\n\nnow.\n", "line 3: code must stand between"),
-        ("<!-- not run: -->\n```sh\nls\n```\n", "needs a reason"),
+        ("```\nx\n```\n", "''"),
+        ("```bash\nls\n```\n", "'bash'"),
+        ("Run\n\n    ls\n\nnow.\n", "line 3"),
+        ("<!-- not run: -->\n```sh\nls\n```\n", "reason"),
     ],
 )
 def test_block_of_no_known_language_is_an_error(text: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=re.escape(said)):
+    with refuses(said):
         pages.blocks(written(tmp_path, text))
 
 
@@ -108,7 +108,7 @@ b = a + int(Path("out.txt").read_text())
 
 
 def test_cpp_that_does_not_compile_is_noticed() -> None:
-    with pytest.raises(AssertionError, match="no_such_thing"):
+    with refuses("no_such_thing", error=AssertionError):
         pages.compile_cpp("int main() { return no_such_thing; }\n")
 
 

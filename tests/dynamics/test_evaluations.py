@@ -12,6 +12,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import random_arm, random_state
+from messages import refuses
 
 LOADS = [fa.Load(0, force=(1.0, 2.0, 3.0)), fa.Load(1, moment=(0.1, 0.2, 0.3), axes="section")]
 CALLS: dict[str, Callable[[fa.Arm, Any, Any, Any], Any]] = {
@@ -88,7 +89,7 @@ def test_a_state_that_fails_leaves_no_trace() -> None:
         q, v, tau = random_state(rng, arm)
         for name in ("forward", "ci", "inverse"):
             expected = CALLS[name](arm, q, v, tau)
-            with pytest.raises(ValueError, match=r"finite|definite"):
+            with refuses("too large"):
                 CALLS[name](arm, q, v + 1e200, tau)
             assert np.array_equal(CALLS[name](arm, q, v, tau), expected)
 

@@ -7,6 +7,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import derivative
+from messages import refuses, warns
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -134,9 +135,9 @@ def test_a_beam_wound_up_without_end_is_refused(turn: float) -> None:
         arm = make(SHAPES[name], **options)
         q = np.r_[0.3, bent(SHAPES[name], turn)]
         for ask in (arm.frame, arm.mass_matrix, lambda q, arm=arm: arm.inverse_dynamics(q, 0 * q, 0 * q)):
-            with pytest.raises(ValueError, match="finite"):
+            with refuses("finite"):
                 ask(q)
-    with pytest.raises(fa.SimulationError, match="finite"):
+    with refuses("finite", error=fa.SimulationError):
         fa.simulate(arm, [0, 1e-3], q)
 
 
@@ -195,7 +196,7 @@ def test_a_run_that_bends_too_far_for_its_points_says_so() -> None:
     q0 = np.zeros(arm.nq)
     q0[8] = 160.0  # the eighth shape: 3 rad
     t = np.linspace(0, 1e-4, 3)
-    with pytest.warns(fa.errors.RangeWarning, match=r"link 0: order \"exact\" has 60 Gauss points") as caught:
+    with warns(fa.errors.RangeWarning, "link 0", '"exact"', "60", "Gauss") as caught:
         fa.simulate(arm, t, q0, integrator="gauss", step=1e-5)
     found = caught[0].message
     assert found.link == 0 and found.time == 0 and 1.5 < found.finding.value < 4
@@ -204,5 +205,5 @@ def test_a_run_that_bends_too_far_for_its_points_says_so() -> None:
         warnings.simplefilter("error")
         fa.simulate(again, t, q0, integrator="gauss", step=1e-5)
     few = make({"bending_y": 2}, gauss_points=4)  # in the plane as well
-    with pytest.warns(fa.errors.RangeWarning, match="take gauss_points = 8"):
+    with warns(fa.errors.RangeWarning, "gauss_points = 8"):
         fa.simulate(few, t, [0, 3.0, 3.0], integrator="gauss", step=1e-5)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import differences, floating_arm, paper_link, pendulum, random_arm, random_state, rates, unit_balls
+from messages import refuses
 from scipy.spatial.transform import Rotation
 
 
@@ -87,9 +88,9 @@ def test_mode_shapes_along_the_arm() -> None:
         w = np.cosh(x) - np.cos(x) - s * (np.sinh(x) - np.sin(x))
         found = shapes.displacement[:11, 1, n]
         np.testing.assert_allclose(found / found[-1], w / w[-1], atol=1e-7)
-    with pytest.raises(ValueError, match="points = 1: must be at least 2"):
+    with refuses("points = 1", "2"):
         arm.mode_shapes(modes, 1)
-    with pytest.raises(ValueError, match="must be what this arm's"):
+    with refuses("arm's"):
         pendulum().mode_shapes(modes)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 from scipy.stats import chi2
 
 STEEL = fa.Material(7850, 209e9, 0.3)
@@ -217,7 +218,7 @@ def test_friction_of_joints_that_stick_and_slide() -> None:
         assert abs(filter.parameters[name] / value - 1) < 0.05, name
         assert abs(filter.parameters[name] - value) < 3 * filter.parameter_std[name], name
     # an arm with that friction of its own has nothing left to find, and is warned of once
-    with pytest.warns(fa.errors.ModelWarning, match="'link 0 revolute', 'link 1 revolute'.*creeps") as said:
+    with warns(fa.errors.ModelWarning, "'link 0 revolute'", "'link 1 revolute'") as said:
         knows = fa.KalmanFilter(run.arm, SENSORS, STEP, force_noise=0.2 * NOISE, q_std=0.01, v_std=0.01,
                                 estimate={"coulomb.0": (0.0, 0.05), "gain.0": (0.0, 0.1)})  # fmt: skip
     assert len(said) == 1
@@ -247,7 +248,7 @@ def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
     run, tau = moved(two_links(0.3), 0.5)
     y = [s.read(run) for s in SENSORS]
     wrong = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
-    with pytest.warns(fa.errors.FilterWarning, match="times as far from their predictions"):
+    with warns(fa.errors.FilterWarning, "predictions"):
         assert wrong.run(run.t, tau, y).consistency > 2
     right = fa.KalmanFilter(two_links(0.3), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
     with warnings.catch_warnings():
@@ -256,7 +257,7 @@ def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
     # an arm that hangs at rest in the horizontal plane does not tell what it carries
     rest = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.0,
                            estimate={"payload": (0.1, 0.1)})  # fmt: skip
-    with pytest.warns(fa.errors.FilterWarning, match="payload: the readings have told nothing"):
+    with warns(fa.errors.FilterWarning, "payload", "readings", "nothing"):
         rest.run(run.t, np.zeros_like(tau), np.zeros((run.t.size, 4)))
 
 
@@ -318,7 +319,7 @@ def test_a_sensor_that_is_not_linear_is_refused() -> None:
         def _measure(self, arm: fa.Arm, t: Any, q: Any, v: Any, a: Any, loads: Any) -> Any:
             return np.asarray(super()._measure(arm, t, q, v, a, loads) ** 2)
 
-    with pytest.raises(ValueError, match=r"sensors\[0\]: Squared: must be linear in q and v, and the same"):
+    with refuses("sensors[0]: Squared", "linear"):
         fa.KalmanFilter(two_links(), [Squared(0, noise=1.0)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
 
 
@@ -348,34 +349,34 @@ GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
 @pytest.mark.parametrize(
     "change, told",
     [
-        ({"sensors": []}, "sensors = \\[\\]: there must be at least one"),
-        ({"sensors": [fa.sensors.StrainGauge(0, 0.01)]}, r"sensors\[0\]: noise = None"),
-        ({"sensors": [SENSORS[0], fa.sensors.Tachometer(5, noise=1)]}, r"sensors\[1\]: link = 5"),
-        ({"sensors": [fa.sensors.Accelerometer(noise=1.0)]}, r"sensors\[0\]: Accelerometer: must be an Encoder"),
-        ({"sensors": [fa.sensors.Encoder(0, delay=0.01)]}, r"sensors\[0\]: delay = 0.01"),
-        ({"step": 0.0}, "step = 0.0: must be positive"),
-        ({"force_noise": -1.0}, "force_noise = -1.0: must not be negative"),
-        ({"force_noise": [1.0, 2.0]}, "force_noise has shape"),
-        ({"q_std": -0.1}, "q_std = -0.1: must not be negative"),
+        ({"sensors": []}, "sensors = []"),
+        ({"sensors": [fa.sensors.StrainGauge(0, 0.01)]}, ("sensors[0]", "noise = None")),
+        ({"sensors": [SENSORS[0], fa.sensors.Tachometer(5, noise=1)]}, ("sensors[1]", "link = 5")),
+        ({"sensors": [fa.sensors.Accelerometer(noise=1.0)]}, ("sensors[0]", "Accelerometer", "Encoder")),
+        ({"sensors": [fa.sensors.Encoder(0, delay=0.01)]}, ("sensors[0]", "delay = 0.01")),
+        ({"step": 0.0}, "step = 0.0"),
+        ({"force_noise": -1.0}, "force_noise = -1.0"),
+        ({"force_noise": [1.0, 2.0]}, "force_noise"),
+        ({"q_std": -0.1}, "q_std = -0.1"),
         ({"v_std": np.nan}, "v_std"),
         ({"q": np.zeros(2)}, "q has shape"),
-        ({"estimate": {"mass": (0.1, 0.1)}}, "estimate: 'mass': must be 'payload'"),
-        ({"estimate": {"coulomb": (0.1, 0.1)}}, "estimate: 'coulomb'"),
-        ({"estimate": {"damping.7": (0.1, 0.1)}}, "estimate: damping.7: link = 7"),
-        ({"sensors": SENSORS[0]}, "must be a list of sensors"),
-        ({"arm": None}, "arm = None: must be an Arm"),
-        ({"estimate": ["payload"]}, r"estimate = \['payload'\]: must be a dictionary"),
-        ({"drift": 0.1}, "drift = 0.1: must be a dictionary"),
-        ({"estimate": {"payload": (-0.1, 0.1)}}, "a payload's start must not be negative"),
-        ({"estimate": {"payload": 0.1}}, "payload: \\(start, standard deviation\\)"),
-        ({"estimate": {"payload": (0.1, -0.1)}}, "standard deviation must not be negative"),
-        ({"drift": {"payload": 0.1}}, "drift: payload is not among"),
+        ({"estimate": {"mass": (0.1, 0.1)}}, ("estimate", "'mass'", "'payload'")),
+        ({"estimate": {"coulomb": (0.1, 0.1)}}, ("estimate", "'coulomb'")),
+        ({"estimate": {"damping.7": (0.1, 0.1)}}, ("estimate", "damping.7", "link = 7")),
+        ({"sensors": SENSORS[0]}, ("list", "sensors")),
+        ({"arm": None}, ("arm = None", "Arm")),
+        ({"estimate": ["payload"]}, "estimate = ['payload']"),
+        ({"drift": 0.1}, "drift = 0.1"),
+        ({"estimate": {"payload": (-0.1, 0.1)}}, ("payload", "negative")),
+        ({"estimate": {"payload": 0.1}}, ("payload", "standard deviation")),
+        ({"estimate": {"payload": (0.1, -0.1)}}, ("standard deviation", "negative")),
+        ({"drift": {"payload": 0.1}}, ("drift", "payload")),
         ({"friction_speed": 0.0}, "friction_speed = 0"),
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
     given: dict[str, Any] = {"arm": two_links(), "sensors": SENSORS, "step": STEP} | GOOD | change
-    with pytest.raises(ValueError, match=told):
+    with refuses(told):
         fa.KalmanFilter(**given)
 
 
@@ -383,17 +384,17 @@ def test_bad_readings_and_times_are_named() -> None:
     filter = fa.KalmanFilter(two_links(), SENSORS, STEP, **GOOD)
     t, zeros = np.arange(5) * STEP, np.zeros((5, 6))
     for call, told in (
-        (lambda: filter.update(np.zeros(3)), r"readings has shape \(3,\): must be \(4,\)"),
-        (lambda: filter.update(["a"] * 4), "readings: must be numbers"),
+        (lambda: filter.update(np.zeros(3)), ("readings has shape (3,)", "(4,)")),
+        (lambda: filter.update(["a"] * 4), ("readings", "numbers")),
         (lambda: filter.predict(np.zeros(2)), "tau has shape"),
         (lambda: filter.predict(np.full(6, np.nan)), "tau"),
-        (lambda: filter.run(2 * t, zeros, np.zeros((5, 4))), "t: must increase in steps of 0.001 s"),
+        (lambda: filter.run(2 * t, zeros, np.zeros((5, 4))), ("t", "0.001 s")),
         (lambda: filter.run(t, zeros[:3], np.zeros((5, 4))), "tau has shape"),
-        (lambda: filter.run(t, zeros, np.zeros((4, 4))), "readings has 4 rows: must have 5"),
+        (lambda: filter.run(t, zeros, np.zeros((4, 4))), ("readings has 4 rows", "5")),
         (lambda: filter.tip(7), "link = 7"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with refuses(told):
             call()
-    with pytest.raises(RuntimeError, match=r"the filter cannot go on at t = .*: the estimate ran away, payload ="):
+    with refuses("t =", "filter", "ran away", "payload", error=RuntimeError):
         wild = fa.KalmanFilter(two_links(), SENSORS, STEP, **GOOD, estimate={"payload": (0.1, 0.1)})
         wild.run(t, zeros, np.full((5, 4), 1e300))

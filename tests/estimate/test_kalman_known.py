@@ -9,6 +9,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 STEP = 2e-4
@@ -103,16 +104,16 @@ def test_what_it_cannot_know_is_named() -> None:
     arm, sensors = two_links(), [fa.sensors.Encoder(0, noise=1e-3)]
     good: dict[str, Any] = {"force_noise": 1e-3, "q_std": 1e-3, "v_std": 1e-3}
     for more, told in (
-        ({"control": pid(rate=500.0)}, "control: one of them samples"),
-        ({"control": fa.FeedForward({0: fa.Motion([0, 1], [0, 1])})}, "fitted to the times of a run"),
-        ({"drive": {0: 3.0}}, "must be a Motion or a Torque"),
-        ({"loads": [3]}, r"loads\[0\] = 3"),
-        ({"drive": {0: fa.Torque(T, T)}, "t": 5.0}, "samples cover t = 0"),
+        ({"control": pid(rate=500.0)}, ("control", "samples")),
+        ({"control": fa.FeedForward({0: fa.Motion([0, 1], [0, 1])})}, "times of a run"),
+        ({"drive": {0: 3.0}}, ("Motion", "Torque")),
+        ({"loads": [3]}, "loads[0] = 3"),
+        ({"drive": {0: fa.Torque(T, T)}, "t": 5.0}, ("t = 0", "samples")),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=told):
+        with refuses(told):
             fa.KalmanFilter(arm, sensors, STEP, **good, **more)
     kalman = fa.KalmanFilter(arm, sensors, STEP, **good, **KNOWN["drives"])
-    with pytest.raises(ValueError, match=r"t\[0\] = 0.1: the filter is at 0 s"):
+    with refuses("t[0] = 0.1", "0 s"):
         kalman.run(T[500:], None, np.zeros((501, 1)))
 
 

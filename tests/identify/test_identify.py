@@ -11,7 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm import _console
-from flexarm.arm.variation import Setup, Variation
+from messages import refuses, warns
 
 MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
 TRUE = {MASS: 0.05, MODULUS: 2.09e11, DAMPING: 0.05}
@@ -107,9 +107,9 @@ def test_drive_and_sensors_are_sought_too() -> None:
     true = {"drive.0.scale": 1.1, "drive.0.offset": 0.02, "drive.0.delay": 0.0033, "sensor.0.offset": 0.01,
             "sensor.1.gain": 1.07, "sensor.1.delay": 0.0021, "sensor.1.filter.frequency": 25.0}  # fmt: skip
     base = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, filter=40.0)))
-    setup = Setup(base.arm, base.drive, sensors=base.sensors)
-    made = Variation(setup, {k: np.array([x]) for k, x in true.items()}).scenario(0)
-    data = recorded(replace(base, drive=made.drive, sensors=made.sensors))
+    torque, (encoder, gauge) = base.drive[0], base.sensors
+    sensors = replace(encoder, offset=0.01), replace(gauge, gain=1.07, delay=0.0021, filter=25.0)
+    data = recorded(replace(base, drive={0: torque.scaled(1.1).moved(0.02, 0.0033)}, sensors=sensors))
     known = {MODULUS: 2.09e11}
     fit = fa.identify(base, data, [*true, MODULUS], **MEASURED)
     assert inside(fit, {**true, **known})
@@ -128,7 +128,7 @@ def test_a_gauge_that_saturates_is_fitted_as_it_is(data: fa.Data) -> None:
 
 def test_a_sensor_that_samples_less_often_than_the_data_is_refused(data: fa.Data) -> None:
     slow = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, rate=50)))
-    with pytest.raises(ValueError, match=r"outputs\['strain'\]: .* samples at 50 Hz.*rows at 200 Hz.* rate=None"):
+    with refuses("outputs['strain']", "50 Hz", "200 Hz", "rate=None", "samples", "rows"):
         fa.identify(slow, data, MASS, **MEASURED)
     fast = replace(scene(), sensors=(scene().sensors[0], fa.sensors.StrainGauge(0, 0.01, rate=200)))
     assert inside(fa.identify(fast, data, MASS, **MEASURED), {MASS: 0.05})
@@ -161,7 +161,7 @@ def test_a_joint_that_moves_as_measured(data: fa.Data) -> None:
 def test_several_starts_leave_a_local_minimum(data: fa.Data) -> None:
     """From a beam a hundred times too soft one search ends elsewhere, and says so; of several, one does not."""
     soft = scene(0.05, 2e9)
-    with pytest.warns(fa.errors.FitWarning, match="local minimum"):
+    with warns(fa.errors.FitWarning, "local minimum"):
         lost = fa.identify(soft, data, [MASS, MODULUS, DAMPING], **MEASURED, starts=1)
     assert lost.nrmse["strain"] > 0.5
     sought = {MASS: fa.Unknown(low=0.01, high=0.2), MODULUS: fa.Unknown(low=1e9, high=1e12), DAMPING: None}
@@ -187,7 +187,7 @@ def test_outputs_of_any_kind_give_the_same(data: fa.Data) -> None:
 def test_what_the_data_cannot_tell_is_named(data: fa.Data) -> None:
     """Stiffness and mass of a strip go with its width; all inertia with the torque."""
     names = [MODULUS, "link.0.beam.material.density", "link.0.beam.section.z", DAMPING]
-    with pytest.warns(fa.errors.FitWarning, match="cannot tell"):
+    with warns(fa.errors.FitWarning, "cannot tell"):
         fit = fa.identify(scene(0.06), data, [*names, MASS], **MEASURED)
     assert len(fit.untold) == 1 and set(fit.untold[0].names) == set(names[:3])
     changes = dict(zip(fit.untold[0].names, fit.untold[0].changes, strict=True))
@@ -196,7 +196,7 @@ def test_what_the_data_cannot_tell_is_named(data: fa.Data) -> None:
     assert np.isinf(fit.std[MODULUS]) and inside(fit, {MASS: 0.05, DAMPING: 0.05})
     assert "link.0.beam.section.z" in fit.report()
     assert fit.values["link.0.beam.section.z"] == pytest.approx(0.02, rel=0.1)
-    with pytest.warns(fa.errors.FitWarning, match=r"cannot tell: gravity.2: a change"):  # along the joint's axis
+    with warns(fa.errors.FitWarning, "gravity.2"):  # along the joint's axis
         assert np.isinf(fa.identify(scene(), data, {MASS: None, "gravity.2": -9.81}, **MEASURED).std["gravity.2"])
 
 
@@ -237,7 +237,7 @@ def test_report_and_figure(data: fa.Data) -> None:
 
 def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
     long = replace(scene(), options={"integrator": "implicit", "step": 0.005})
-    with pytest.warns(fa.errors.FitWarning, match="integrator moves"):
+    with warns(fa.errors.FitWarning, "moves"):
         biased = fa.identify(long, data, [MASS, MODULUS, DAMPING], **MEASURED)
     fit = fa.identify(scene(), data, [MASS, MODULUS, DAMPING], **MEASURED)
     assert fit.stats["step"] < 0.005 and inside(fit, TRUE) and not inside(biased, TRUE)
@@ -249,43 +249,42 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
 @pytest.mark.parametrize(
     ("parameters", "given", "said"),
     [
-        ({}, {}, "name at least one"),
-        (5, {}, "parameters = 5: must be paths"),
-        (["link.0.tip.mas"], {}, "did you mean 'link.0.tip.mass'"),
-        (["link.0.joint"], {}, "is no number"),
+        ({}, {}, "at least one"),
+        (5, {}, "parameters = 5"),
+        (["link.0.tip.mas"], {}, "'link.0.tip.mass'"),
+        (["link.0.joint"], {}, "number"),
         (["gravity"], {}, "'gravity.0'"),
-        (["q0.9"], {}, "did you mean 'q0."),
-        (["sensor.1.filter.frequency"], {}, "give this sensor a filter"),
-        ({MASS: "heavy"}, {}, "must be a number"),
-        ({MASS: -1.0}, {}, "must not be negative"),
-        ({MASS: fa.Unknown(low=0.1)}, {}, "start = 0.05: must be within the bounds, 0.1 to inf"),
-        ({"link.0.joint.upper": None}, {}, "give a start"),
-        ([MASS], {"outputs": {"angel": "sensor.0"}}, r"outputs\['angel'\]: .*did you mean 'angle'"),
-        ([MASS], {"outputs": {"angle": "sensor.5"}}, r"there are sensor\.0, sensor\.1"),
-        ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
-        ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and the output of the run is in 1; "
-         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a known gain, rad for each unit of strain"),
-        ([MASS], {"outputs": {"angle": fa.sensors.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
-         "add 'sensor.2.gain' to the parameters, .*, rad for each unit of dR/R"),
+        (["q0.9"], {}, "'q0."),
+        (["sensor.1.filter.frequency"], {}, "filter"),
+        ({MASS: "heavy"}, {}, "number"),
+        ({MASS: -1.0}, {}, "negative"),
+        ({MASS: fa.Unknown(low=0.1)}, {}, ("start = 0.05", "0.1")),
+        ({"link.0.joint.upper": None}, {}, "start"),
+        ([MASS], {"outputs": {"angel": "sensor.0"}}, ("outputs['angel']", "'angle'")),
+        ([MASS], {"outputs": {"angle": "sensor.5"}}, "sensor.0, sensor.1"),
+        ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs['angle']"),
+        ([MASS], {"outputs": {"angle": "sensor.1"}}, ("'sensor.1.gain'", "rad", "strain")),
+        ([MASS], {"outputs": {"angle": fa.sensors.StrainGauge(0, x=0.02, gauge_factor=2.1)}},
+         ("'sensor.2.gain'", "rad", "dR/R")),
         ([MASS], {"outputs": {"angle": fa.sensors.Camera(0)}}, "3 components"),
-        ([MASS], {"outputs": {"angle": lambda r: r.q}}, "one for each row"),
-        ([MASS], {"outputs": None}, "no column of the data"),
-        ([MASS], {"outputs": {"still": "sensor.0"}}, "'still' is constant"),
-        ([MASS], {"inputs": {0: "torqe"}}, "did you mean 'torque'"),
-        ([MASS], {"inputs": {5: "torque"}}, r"inputs\[5\]"),
-        ([MASS], {"inputs": {0: "angle"}}, "is it \\(fa.Motion, 'angle'\\)"),
-        ([MASS], {"inputs": {0: (fa.Motion, "torque")}}, "must be in rad or m"),
-        ([MASS], {"noise": {"angle": 0.0}}, "must be positive"),
-        ([MASS], {"noise": {"torque": 1.0}}, "unknown key 'torque'"),
+        ([MASS], {"outputs": {"angle": lambda r: r.q}}, "row"),
+        ([MASS], {"outputs": None}, ("column", "data")),
+        ([MASS], {"outputs": {"still": "sensor.0"}}, ("'still'", "constant")),
+        ([MASS], {"inputs": {0: "torqe"}}, "'torque'"),
+        ([MASS], {"inputs": {5: "torque"}}, "inputs[5]"),
+        ([MASS], {"inputs": {0: "angle"}}, "(fa.Motion, 'angle')"),
+        ([MASS], {"inputs": {0: (fa.Motion, "torque")}}, "rad or m"),
+        ([MASS], {"noise": {"angle": 0.0}}, "positive"),
+        ([MASS], {"noise": {"torque": 1.0}}, "key 'torque'"),
         ([MASS], {"starts": 0}, "starts = 0"),
         ([MASS], {"integrator": "euler"}, "integrator"),
-        (["q0.0"], {"inputs": {0: (fa.Motion, "angle")}}, "motion of that joint is prescribed"),
-        ([MASS, "link.0.tip"], {}, "is no number"),
+        (["q0.0"], {"inputs": {0: (fa.Motion, "angle")}}, ("motion", "prescribed")),
+        ([MASS, "link.0.tip"], {}, "number"),
     ],
 )
 def test_bad_input_is_named(parameters: Any, given: dict[str, Any], said: str, data: fa.Data) -> None:
     with_still = fa.Data(T, {**data.columns, "still": np.full(len(T), 0.1)}, data.units)
-    with pytest.raises(ValueError, match=said):
+    with refuses(said):
         fa.identify(scene(), with_still, parameters, **{**MEASURED, **given})
 
 
@@ -294,28 +293,28 @@ def test_a_gauge_whose_gain_is_sought_may_be_measured_in_rad(data: fa.Data) -> N
     gauge = fa.sensors.StrainGauge(link=0, x=0.01, gauge_factor=2.0)
     in_rad = fa.Data(T, {**data.columns, "bend": 5.0 * data["strain"]}, {**data.units, "bend": "rad"})
     given = {**MEASURED, "outputs": {"bend": gauge}}
-    with pytest.raises(ValueError, match=r"add 'sensor\.2\.gain' to the parameters"):
+    with refuses("'sensor.2.gain'", "parameters"):
         fa.identify(scene(), in_rad, [DAMPING], **given)
     found = fa.identify(scene(), in_rad, [DAMPING, "sensor.2.gain"], **given)
     assert found.values["sensor.2.gain"] == pytest.approx(2.5, rel=0.05)
 
 
 def test_bad_data_are_named(data: fa.Data) -> None:
-    with pytest.raises(ValueError, match=r"must be fa\.Data"):
+    with refuses("fa.Data"):
         fa.identify(scene(), "rig.csv", [MASS], **MEASURED)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"must be an fa\.Scene"):
+    with refuses("fa.Scene"):
         fa.identify(scene().arm, data, [MASS], **MEASURED)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="empty list"):
+    with refuses("empty", "list"):
         fa.identify(scene(), [], [MASS], **MEASURED)
-    with pytest.raises(ValueError, match="samples cover t = 0"):
+    with refuses("t = 0", "samples"):
         fa.identify(scene(), data.shift(3.0), [MASS], outputs=MEASURED["outputs"])
     short = data.between(0.0, 0.01)
-    with pytest.raises(ValueError, match="7 numbers are sought, and there are 3 readings"):
+    with refuses("7 numbers", "3 readings"):
         fa.identify(scene(), short, [MASS, MODULUS, DAMPING, "q0.0", "v0.0", "q0.1", "q0.2"], inputs={0: "torque"},
                     outputs={"angle": "sensor.0"})  # fmt: skip
     kept = np.delete(np.arange(len(T)), range(50, 60))
     gap = fa.Data(T[kept], {k: x[kept] for k, x in data.columns.items()}, data.units)
-    with pytest.warns(fa.errors.DataWarning, match="a gap of 0.055 s after t = 0.245"):
+    with warns(fa.errors.DataWarning, "0.055 s", "t = 0.245", "gap"):
         fa.identify(scene(), gap, [MASS], **MEASURED)
 
 
@@ -323,8 +322,8 @@ def test_bad_data_are_named(data: fa.Data) -> None:
 def test_a_run_that_diverges_within_the_fit_shortens_the_step(data: fa.Data) -> None:
     """rk4 above its limit at the start's stiffness is an error; from a start below it, the search goes on past it."""
     stiff = replace(scene(modulus=2e14), options={"integrator": "rk4", "step": 1e-3})
-    told = r"the run fails at all 8 starts \(link.0.beam.*youngs_modulus = 2e\+14"
-    with pytest.raises(fa.errors.FitError, match=told) as e:
+    told = ("8 starts", "link.0.beam", "youngs_modulus = 2e+14")
+    with refuses(told, error=fa.errors.FitError) as e:
         fa.identify(stiff, data, [MODULUS], **MEASURED)
     assert e.value.values == {MODULUS: 2e14}
     several = {MODULUS: fa.Unknown(low=1e10, high=1e15)}
@@ -365,20 +364,20 @@ def test_a_long_fit_tells_how_long_it_takes(
 
 
 def test_intervals_hold_in_95_percent() -> None:
-    """Of 20 twins of three numbers; bench/identify/coverage.py counts more, of more kinds. Errors over deviations must
+    """Of 12 twins of three numbers; bench/identify/coverage.py counts more, of more kinds. Errors over deviations must
     be about one, so that intervals are neither too narrow nor too wide."""
     hits, errors = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         clean = recorded(scene(), noise={})
-        for k in range(20):
+        for k in range(12):
             rng = np.random.default_rng([9, k])
             noisy = {name: clean[name] + x * rng.normal(size=len(T)) for name, x in NOISE.items()}
             data = fa.Data(T, {**noisy, "torque": clean["torque"]}, clean.units)
             fit = fa.identify(scene(0.06, 1.9e11, 0.06), data, list(TRUE), **MEASURED, step=1.25e-3)
             hits.append([fit.intervals[p][0] <= x <= fit.intervals[p][1] for p, x in TRUE.items()])
             errors.append([(fit.values[p] - x) / fit.std[p] for p, x in TRUE.items()])
-    assert np.mean(hits) >= 0.87  # 95 % less three standard deviations of a count of 60
+    assert np.mean(hits) >= 0.84  # 95 % less three standard deviations of a count of 36
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.35
 
 
@@ -439,5 +438,5 @@ def test_all_warnings_of_the_fitted_runs_are_told(data: fa.Data) -> None:
     """Those of ranges alone had been: a pulse of a load that no step has seen was not."""
     push = fa.Load(0, force=lambda t: (0.0, 1e-3 if 0.5014 < t < 0.5016 else 0.0, 0.0))
     options = {"integrator": "implicit", "step": 5e-3}
-    with pytest.warns(fa.errors.StepWarning, match=r"loads\[0\]: is 0.001 at t = 0.50"):
+    with warns(fa.errors.StepWarning, "loads[0]", "0.001", "t = 0.50"):
         fa.identify(replace(scene(), loads=(push,), options=options), data, [MASS], **MEASURED)

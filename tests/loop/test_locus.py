@@ -9,6 +9,7 @@ import pytest
 from arms import STEEL, paper_link
 from flexarm.data.draw.loop import plot_loop
 from flexarm.loop.margins import Margins
+from messages import refuses
 from scipy.optimize import brentq
 
 INERTIA = 0.35
@@ -150,9 +151,9 @@ def test_a_shaper_of_the_closed_loop_leaves_nothing() -> None:
         left.append(np.abs(r.tip_deflection()[(t > 1.0) & (t < 2.0), 1]).max())
     assert left[0] < 1e-4 < 5e-3 < left[1]
     assert loop.shaper("zvd", 2).duration > loop.shaper("zvd", [0]).duration == loop.shaper().duration
-    with pytest.raises(ValueError, match="the loop is unstable"):
+    with refuses("unstable"):
         fa.closed_loop(rigid(), fa.PD(1.0, -1.0)).shaper()
-    with pytest.raises(ValueError, match="nothing rings"):
+    with refuses("nothing", "rings"):
         fa.closed_loop(rigid(), fa.PD(1.0, 5.0)).shaper()
 
 
@@ -185,30 +186,30 @@ def test_python_laws_are_taken_for_their_differences() -> None:
 def test_what_does_not_fit_is_named() -> None:
     arm, J = rigid(), [("joint", 0)]
     for said, bad in {
-        r"control\[0\]: acts on 'link 0 revolute', which lock": lambda: fa.closed_loop(arm, fa.PD(1, 1), lock=[0]),
-        r"K has shape \(1, 3\)": lambda: fa.closed_loop(arm, fa.StateFeedback([[1, 2, 3]])),
-        r"q = \[nan\]": lambda: fa.closed_loop(arm, fa.PD(1, 1), [np.nan]),
-        r"v = \[inf\]": lambda: fa.closed_loop(arm, fa.PD(1, 1), v=[np.inf]),
-        "must be a controller": lambda: fa.closed_loop(arm, "pd"),
-        "must be an Arm": lambda: fa.closed_loop("arm", []),
+        ("control[0]", "'link 0 revolute'", "lock"): lambda: fa.closed_loop(arm, fa.PD(1, 1), lock=[0]),
+        "K has shape (1, 3)": lambda: fa.closed_loop(arm, fa.StateFeedback([[1, 2, 3]])),
+        "q = [nan]": lambda: fa.closed_loop(arm, fa.PD(1, 1), [np.nan]),
+        "v = [inf]": lambda: fa.closed_loop(arm, fa.PD(1, 1), v=[np.inf]),
+        "controller": lambda: fa.closed_loop(arm, "pd"),
+        "Arm": lambda: fa.closed_loop("arm", []),
         "no common period": lambda: fa.closed_loop(
             arm, [fa.Sampled(lambda t, y: 0.0, 333.3, J), fa.Sampled(lambda t, y: 0.0, 1000 * np.pi, J)]
         ),
-        "has no derivative at the state": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: np.sign(y[0]), 50, J)),
-        "must be one finite number": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
-        "300 can be": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: -y[0], 50, J, delay=30.0)),
-        "did you mean 'control.0.kv'": lambda: fa.closed_loop(arm, fa.PD(1, 1)).limits("control.0.kq"),
-        "are of one rate": lambda: fa.closed_loop(
+        ("derivative", "state"): lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: np.sign(y[0]), 50, J)),
+        ("finite", "number"): lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
+        "300": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: -y[0], 50, J, delay=30.0)),
+        "'control.0.kv'": lambda: fa.closed_loop(arm, fa.PD(1, 1)).limits("control.0.kq"),
+        "rate": lambda: fa.closed_loop(
             arm, fa.LinearController([[0.5]], [[1.0]], [[1.0]], [[1.0]], rate=50, measure=J)
         ).limits("control.0.rate"),
-        "numbers that increase": lambda: fa.closed_loop(arm, fa.PD(1, 1)).locus([1.0, 0.5]),
-        "1 inputs and 3 outputs; name": lambda: fa.closed_loop(arm, fa.PD(1, 1), outputs=[("tip", 0)]).zeros,
-        "a ball has no angle": lambda: fa.closed_loop(
+        ("numbers", "increase"): lambda: fa.closed_loop(arm, fa.PD(1, 1)).locus([1.0, 0.5]),
+        ("1", "3", "inputs", "outputs"): lambda: fa.closed_loop(arm, fa.PD(1, 1), outputs=[("tip", 0)]).zeros,
+        ("a ball", "angle"): lambda: fa.closed_loop(
             fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))]), fa.PD(1, 1, 0, 0)
         ),
-        "must be zero for elastic": lambda: fa.closed_loop(paper_link(), fa.PD(1, 1), v=[0, 1.0, 0, 0]),
+        "elastic": lambda: fa.closed_loop(paper_link(), fa.PD(1, 1), v=[0, 1.0, 0, 0]),
     }.items():
-        with pytest.raises(ValueError, match=said):
+        with refuses(said):
             bad()
 
 
@@ -269,12 +270,12 @@ def test_a_short_locus_has_labels_enough(tmp_path) -> None:
 def test_a_rate_beside_another_cannot_be_varied_alone() -> None:
     loop = fa.closed_loop(rigid(), [damper(0.5), damper(0.1, rate=50.0)])
     assert loop.period == pytest.approx(0.02) and loop.stable
-    with pytest.raises(ValueError, match=r'over = .control.0.rate.: control\[1\] \(50 Hz\) keeps .* limits\("rate"\)'):
+    with refuses("over = 'control.0.rate'", "control[1]", "50 Hz", '"rate"'):
         loop.limits("control.0.rate")
     rates = [50.0, 100.0, 200.0]  # whole ratios
     assert loop.locus(rates, "control.0.rate").stable.all()
     read = fa.closed_loop(rigid(), fa.Sampled(lambda t, y: -y[0], 100, [fa.sensors.Encoder(0, pulses=None, rate=50)]))
-    with pytest.raises(ValueError, match=r"over = .rate.: a sensor of control\[0\] \(50 Hz\) keeps"):
+    with refuses("over = 'rate'", "sensor", "control[0]", "50 Hz"):
         read.limits("rate")
     # both of one gain: z = 1 - k1 twice, less what the slower one holds
     factor = loop.limits().high
@@ -302,9 +303,9 @@ def test_zeros_to_the_tip_are_real_and_in_pairs() -> None:
     assert abs(np.sin((1 + 1j) * z) + np.sinh((1 + 1j) * z)) < 1e-9
     assert real[0] == pytest.approx(expected, rel=1e-4)
     assert np.abs(found + expected).min() < 1e-3 * expected
-    with pytest.raises(ValueError, match=r"did you mean 'tip link 0 y'"):
+    with refuses("'tip link 0 y'"):
         loop.zeros_of(0, "tip link 0 yy")
-    with pytest.raises(ValueError, match="must be from 0 to 2"):
+    with refuses("0 to 2"):
         loop.zeros_of(0, 3)
 
 
@@ -317,7 +318,7 @@ def test_names_of_links_and_joints_are_paths() -> None:
     assert loop.locus(masses, "link.upper.hub.mass").poles == pytest.approx(
         loop.locus(masses, "link.0.hub.mass").poles
     )
-    with pytest.raises(ValueError, match=r"did you mean 'link\.1\.tip\.mass'"):
+    with refuses("'link.1.tip.mass'"):
         loop.limits("link.elbow.tip.mas")
 
 
@@ -344,5 +345,5 @@ def test_all_rates_vary_together() -> None:
     slow = fa.LinearController([], D=[[0.1 * INERTIA * 50.0]], rate=low / 2, measure=[("rate", 0)])
     fast = fa.LinearController([], D=[[0.5 * INERTIA * 100.0]], rate=low, measure=[("rate", 0)])
     assert np.abs(fa.closed_loop(rigid(), [fast, slow]).z).max() == pytest.approx(1.0, abs=1e-7)
-    with pytest.raises(ValueError, match="no law of this loop is sampled"):
+    with refuses("law", "sampled"):
         fa.closed_loop(rigid(), fa.PD(1.0, 1.0)).limits("rate")

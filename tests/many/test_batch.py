@@ -15,7 +15,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, G, close, floating_arm, paper_link, pendulum
-from flexarm.model.acting.sampled import Sampled
+from messages import refuses, warns
 
 
 def two_links(tip: float = 0.05) -> fa.Arm:
@@ -24,10 +24,10 @@ def two_links(tip: float = 0.05) -> fa.Arm:
     return fa.Arm(links, gravity=(0, -G, 0))
 
 
-def held(tau: np.ndarray, dt: float) -> Sampled:
+def held(tau: np.ndarray, dt: float) -> fa.Sampled:
     """A sampled controller that applies the rows of tau, each over one step."""
     n, nv = tau.shape
-    return Sampled(lambda t, y: tau[min(round(t / dt), n - 1)], 1 / dt, actuate=list(np.eye(nv)))
+    return fa.Sampled(lambda t, y: tau[min(round(t / dt), n - 1)], 1 / dt, actuate=list(np.eye(nv)))
 
 
 def joint_torques(rng: np.random.Generator, arm: fa.Arm, *shape: int, size: float = 0.1) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_rollout_with_an_arm_for_each_scenario():
     for i, arm in enumerate(arms):
         np.testing.assert_array_equal(run.q[i], fa.rollout(arm, arm.zero, step=1e-3, nstep=20).q[0])
     assert np.abs(run.q[0] - run.q[1]).max() > 1e-6
-    with pytest.raises(ValueError, match=r"arm\[1\]: must have the same coordinates"):
+    with refuses("arm[1]", "same coordinates"):
         fa.rollout([arms[0], paper_link()], arms[0].zero, step=1e-3, nstep=2)
 
 
@@ -150,12 +150,12 @@ def test_out_arrays_are_filled_and_checked():
     run = fa.rollout(arm, np.zeros((2, arm.nq)), step=1e-3, nstep=5, out=out)
     assert run.q is out["q"] and np.isfinite(out["v"]).all() and np.abs(out["v"]).max() > 0
     for bad, text in (
-        ({"q": np.empty((2, 5, arm.nq))}, "must be an array of float64, shape"),
+        ({"q": np.empty((2, 5, arm.nq))}, ("float64", "shape")),
         ({"q": np.empty((2, 6, arm.nq), np.float32)}, "float32"),
         ({"q": np.empty((2, 6, 2 * arm.nq))[..., ::2]}, "contiguous"),
-        ({"p": out["q"]}, "did you mean 'q'|known are"),
+        ({"p": out["q"]}, ("out", "'p'")),
     ):
-        with pytest.raises(ValueError, match=text):
+        with refuses(text):
             fa.rollout(arm, np.zeros((2, arm.nq)), step=1e-3, nstep=5, out=bad)
     one = fa.simulate_batch(arm, [0, 1e-3, 2e-3], out={"q": (q := np.empty((1, 3, arm.nq)))})
     assert one.q is q
@@ -165,23 +165,23 @@ def test_rollout_says_what_is_wrong():
     arm = two_links()
     q0, good = arm.zero, {"step": 1e-3, "nstep": 3}
     for args, options, text in (
-        ((q0[1:],), good, r"q0 has shape \(5,\): must be \(6,\) or \(B, 6\)"),
-        ((np.zeros((2, 6)), np.zeros((3, 6))), good, r"q0: is for 2 scenarios, v0 for 3"),
-        ((q0, None, np.zeros((2, 6))), good, "tau has shape .* nstep = 3, or 1"),
-        ((q0, None, np.full((3, 6), np.nan)), good, r"tau\[0, 0\] = nan: must be finite"),
+        ((q0[1:],), good, ("q0 has shape (5,)", "6")),
+        ((np.zeros((2, 6)), np.zeros((3, 6))), good, ("q0", "2", "3")),
+        ((q0, None, np.zeros((2, 6))), good, ("tau has shape", "nstep = 3")),
+        ((q0, None, np.full((3, 6), np.nan)), good, "tau[0, 0] = nan"),
         ((q0,), {"step": 1e-3}, "nstep = None"),
-        ((q0,), {"step": 0.0, "nstep": 1}, "step = 0.0: must be positive"),
-        ((q0,), {**good, "every": 4}, "every = 4: must be from 1 to the number of steps, 3"),
-        ((q0,), {**good, "integrator": "ida"}, "integrator = 'ida': must be one of implicit, rk4"),
-        ((q0,), {**good, "integrator": "rk4", "spectral_radius": 0.9}, 'is for integrator="implicit"'),
-        ((q0,), {**good, "spectral_radius": 1.5}, "spectral_radius = 1.5: must be from 0 to 1"),
+        ((q0,), {"step": 0.0, "nstep": 1}, "step = 0.0"),
+        ((q0,), {**good, "every": 4}, ("every = 4", "1", "3")),
+        ((q0,), {**good, "integrator": "ida"}, "integrator = 'ida'"),
+        ((q0,), {**good, "integrator": "rk4", "spectral_radius": 0.9}, ("integrator=", '"implicit"')),
+        ((q0,), {**good, "spectral_radius": 1.5}, ("spectral_radius = 1.5", "0 to 1")),
         ((q0,), {**good, "workers": 0}, "workers = 0"),
-        ((q0,), {**good, "drive": {0: np.zeros((3, 3))}}, r"q, v, a at half steps: \(7, 3\)"),
-        ((q0,), {**good, "integrator": fa.Implicit(1e-3)}, "step = 0.001: belongs into the integrator"),
-        ((q0,), {**good, "control": [fa.PD(1, 1), [fa.PD(1, 1)]]}, "or such a list for each scenario"),
-        ((q0,), {**good, "drive": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
+        ((q0,), {**good, "drive": {0: np.zeros((3, 3))}}, ("half steps", "(7, 3)")),
+        ((q0,), {**good, "integrator": fa.Implicit(1e-3)}, "step = 0.001"),
+        ((q0,), {**good, "control": [fa.PD(1, 1), [fa.PD(1, 1)]]}, ("list", "scenario")),
+        ((q0,), {**good, "drive": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, ("motion", "prescribed")),
     ):
-        with pytest.raises(ValueError, match=text):
+        with refuses(text):
             fa.rollout(arm, *args, **options)
 
 
@@ -297,7 +297,7 @@ def test_held_forces_by_every_integrator():
     run = fa.simulate_batch(arm, uneven, tau=tau[:, :3], integrator="rk4", step=1e-4)
     again = fa.rollout(arm, arm.zero, tau=np.repeat(tau[:, :2], (10, 30), axis=1), step=1e-4, integrator="rk4")
     close(run.q[:, 1:], again.q[:, [10, 40]], 1e-12)
-    with pytest.raises(ValueError, match="need equal steps of t"):
+    with refuses("equal", "steps"):
         fa.simulate_batch(arm, uneven, tau=tau[:, :3], integrator="gauss", step=1e-4)
 
 
@@ -403,13 +403,13 @@ def test_a_controllers_error_names_its_scenario():
 
     q0 = np.tile(arm.zero, (20, 1))
     q0[13, 0] = 0.3
-    with pytest.raises(ValueError, match=r"scenario 13: control\[0\] at t = 0"):
+    with refuses("scenario 13", "control[0]", "t = 0"):
         fa.simulate_batch(arm, [0, 1e-3], q0, control=fa.Sampled(law, 1e3, [("joint", 0)]), batch=9)
 
     def breaks(t: float, y: np.ndarray) -> float:
         raise RuntimeError("enough")
 
-    with pytest.raises(RuntimeError, match="enough"):
+    with refuses("enough", error=RuntimeError):
         fa.rollout(arm, q0, step=1e-3, nstep=2, control=fa.Sampled(breaks, 1e3, [("joint", 0)]))
 
 
@@ -430,7 +430,7 @@ def test_integrators_as_objects():
         t = np.linspace(0, 0.01, 11)
         np.testing.assert_array_equal(*(fa.simulate_batch(arm, t, tau=tau[:, :1], **x).q
                                         for x in ({"integrator": chosen}, named)))  # fmt: skip
-    with pytest.raises(ValueError, match="integrator = 'gauss': must be one of implicit, rk4"):
+    with refuses("integrator = 'gauss'"):
         fa.rollout(arm, q0, tau=tau, integrator=fa.Gauss(1e-3))
 
 
@@ -460,23 +460,23 @@ def test_equal_parts_are_built_once():
 def test_batch_says_what_is_wrong():
     arm, t = two_links(), [0, 1e-3]
     for options, text in (
-        ({"parameters": {"link.0.tip.mas": [1.0]}}, "did you mean 'link.0.tip.mass'"),
-        ({"parameters": {"link.2.tip.mass": [1.0]}}, "nothing that can vary"),
-        ({"parameters": {"link.0.beam.order": [1, 2]}}, "nothing that can vary"),
-        ({"parameters": {"link.0.tip.mass": 1.0}}, "one entry for each scenario"),
-        ({"parameters": {"link.0.tip.mass": [0.1, -1.0]}}, r"scenario 1: link.0.tip.mass = -1"),
-        ({"parameters": {"link.0.tip.com": [[1.0, 2.0]]}}, r"must be \(B, 3\)"),
-        ({"parameters": {"link.0.tip.mass": [1.0, 2.0], "gravity": np.zeros((3, 3))}}, "is for 2 scenarios"),
-        ({"parameters": {"gravity": np.zeros((2, 3)), "gravity.1": [1.0, 2.0]}}, "is a part of 'gravity'"),
-        ({"q0": np.zeros((2, 6)), "parameters": {"link.0.tip.mass": [1.0, 2.0, 3.0]}}, "q0: is for 2"),
+        ({"parameters": {"link.0.tip.mas": [1.0]}}, "'link.0.tip.mass'"),
+        ({"parameters": {"link.2.tip.mass": [1.0]}}, ("nothing", "vary")),
+        ({"parameters": {"link.0.beam.order": [1, 2]}}, ("nothing", "vary")),
+        ({"parameters": {"link.0.tip.mass": 1.0}}, "scenario"),
+        ({"parameters": {"link.0.tip.mass": [0.1, -1.0]}}, ("scenario 1", "link.0.tip.mass = -1")),
+        ({"parameters": {"link.0.tip.com": [[1.0, 2.0]]}}, "(B, 3)"),
+        ({"parameters": {"link.0.tip.mass": [1.0, 2.0], "gravity": np.zeros((3, 3))}}, "2 scenarios"),
+        ({"parameters": {"gravity": np.zeros((2, 3)), "gravity.1": [1.0, 2.0]}}, "'gravity'"),
+        ({"q0": np.zeros((2, 6)), "parameters": {"link.0.tip.mass": [1.0, 2.0, 3.0]}}, ("q0", "2")),
         ({"outputs": ["q", "x"]}, "outputs = 'x'"),
-        ({"integrator": "rk4", "stages": 2}, 'is for integrator="gauss"'),
-        ({"step": -1.0}, "step = -1.0"), ({"step": 1e-30}, "step = 1e-30: asks for .* at most 1e.08"),
-        ({"drive": {0: fa.Motion(lambda t: (t, 1.0, 0.0))}, "q0": np.ones(6)}, "q0: disagrees with the motion"),
+        ({"integrator": "rk4", "stages": 2}, ("integrator=", '"gauss"')),
+        ({"step": -1.0}, "step = -1.0"), ({"step": 1e-30}, "step = 1e-30"),
+        ({"drive": {0: fa.Motion(lambda t: (t, 1.0, 0.0))}, "q0": np.ones(6)}, ("q0", "motion")),
         ({"q0": np.zeros((0, 6))}, "q0 has shape"),
         ({"out": "batch.h5", "batch": 0}, "batch = 0"),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=text):
+        with refuses(text):
             fa.simulate_batch(arm, t, **options)
 
 
@@ -485,7 +485,7 @@ def test_memory_is_known_beforehand(monkeypatch):
     run = fa.simulate_batch(arm, np.linspace(0, 0.01, 11), parameters={"link.0.tip.mass": [0.1, 0.2]})
     assert fa.batch_memory(arm, 2, 11) == run.q.nbytes + run.v.nbytes
     monkeypatch.setattr(sys.modules["flexarm.many.batch.arguments"], "_physical_memory", lambda: 1000.0)
-    with pytest.raises(ValueError, match=r"2 scenarios of 11 rows take .* GB, this machine has .* out='file.h5'"):
+    with refuses("2 scenarios", "11 rows", "GB", "out='file.h5'"):
         fa.simulate_batch(arm, np.linspace(0, 0.01, 11), parameters={"link.0.tip.mass": [0.1, 0.2]})
 
 
@@ -494,7 +494,7 @@ def test_a_rollout_that_does_not_fit_into_memory_is_refused(options, monkeypatch
     arm, options = paper_link(), dict(options)
     monkeypatch.setattr(sys.modules["flexarm.many.batch.arguments"], "_physical_memory", lambda: 24e9)
     q0 = np.zeros((options.pop("B", 1), arm.nq))
-    with pytest.raises(ValueError, match=r"nstep = 10+: [0-9]+ rows of 10* scenarios, and 10* steps, take .* GB"):
+    with refuses("nstep =", "GB", "every"):
         fa.rollout(arm, q0, step=1e-3, **options)
 
 
@@ -503,7 +503,7 @@ def test_range_warning_names_the_scenario():
     arm = paper_link()
     q0 = np.zeros((3, arm.nq))
     q0[1, 1] = 0.6
-    with pytest.warns(fa.errors.RangeWarning, match=r"scenario 1: link 0"):
+    with warns(fa.errors.RangeWarning, "scenario 1", "link 0"):
         run = fa.simulate_batch(arm, [0, 1e-4, 2e-4], q0)
     assert run.stats["out_of_range"] == 1
 
@@ -546,7 +546,7 @@ def test_ctrl_c_in_a_rollout():
     def give_up(share: float) -> None:
         raise RuntimeError("enough")
 
-    with pytest.raises(RuntimeError, match="enough"):
+    with refuses("enough", error=RuntimeError):
         fa.rollout(two_links(), np.zeros((500, 6)), step=1e-4, nstep=5000, progress=give_up, every=1000)
 
 
@@ -568,14 +568,14 @@ def test_a_file_holds_what_memory_would(tmp_path):
         np.testing.assert_array_equal(kept.q, plain.q)
         np.testing.assert_array_equal(kept.parameters["link.0.tip.mass"], SWEEP["parameters"]["link.0.tip.mass"])
         assert kept.arm(7) == plain.arm(7) and kept.failures == [] and not kept.status.any()
-    with pytest.raises(ValueError, match="holds another batch"):
+    with refuses("another batch"):
         fa.simulate_batch(two_links(0.06), TIMES, out=path, **SWEEP)
     over = fa.simulate_batch(two_links(0.06), TIMES, out=path, resume=False, **SWEEP)
     assert over.stats["resumed"] == 0 and np.abs(over.q - plain.q).max() > 1e-6
     (tmp_path / "no.h5").write_text("something else")
-    with pytest.raises(ValueError, match="is not a file of a batch"):
+    with refuses("file", "batch"):
         fa.simulate_batch(two_links(), TIMES, out=tmp_path / "no.h5", **SWEEP)
-    with pytest.raises(ValueError, match=r"batch '.*no.h5': (is not|Unable)"):
+    with refuses("batch", "no.h5"):
         fa.BatchResult.load(tmp_path / "no.h5")
 
 
@@ -595,7 +595,7 @@ def test_a_file_knows_its_batch(tmp_path):
     again = fa.simulate_batch(two_links(), [0, 1e-3, 2e-3], **file, **{**base, "drive": {0: ramp(1.0)}})
     assert again.stats["resumed"] == 2
     for other in others:
-        with pytest.raises(ValueError, match="holds another batch"):
+        with refuses("another batch"):
             fa.simulate_batch(arm, [0, 1e-3, 2e-3], **file, **{**base, **other})
 
 
@@ -718,12 +718,12 @@ def test_a_number_that_is_none_is_named_with_its_scenario():
     ):  # fmt: skip
         bad = np.zeros(shape)
         bad[at] = np.nan
-        message = rf"{field}\[{', '.join(map(str, at))}\] = nan \(scenario {at[0]}\): must be finite"
-        with pytest.raises(ValueError, match=message):
+        message = f"{field}[{', '.join(map(str, at))}] = nan", f"scenario {at[0]}"
+        with refuses(message):
             fa.simulate_batch(arm, t, **{field: bad})
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             fa.rollout(arm, **{"q0": arm.zero, field: bad}, step=0.01, nstep=3)
-    with pytest.raises(ValueError, match=r"parameters\['link.0.tip.mass'\]\[1\] = inf \(scenario 1\): must be finite"):
+    with refuses("parameters['link.0.tip.mass'][1] = inf", "scenario 1"):
         fa.simulate_batch(arm, t, parameters={"link.0.tip.mass": [0.1, np.inf]})
 
 

@@ -10,6 +10,7 @@ from flexarm.tasks import TASKS, Task, TipTracking, VibrationSuppression
 gym = pytest.importorskip("gymnasium")
 from flexarm.env import FlexarmEnv, FlexarmVectorEnv  # noqa: E402
 from gymnasium.utils.env_checker import check_env  # noqa: E402
+from messages import refuses  # noqa: E402
 
 IDS = ("TipTracking", "VibrationSuppression")
 
@@ -211,17 +212,17 @@ def test_drawn_parameters_are_those_of_the_arms():
     ("arguments", "says"),
     [
         ({"num_envs": 0}, "num_envs = 0"),
-        ({"task": "tip-traking"}, "did you mean 'tip-tracking'"),
-        ({"task": Task}, "must be a flexarm.tasks.Task"),
-        ({"randomize": {"link.0.tip.mas": (0, 1)}}, "did you mean 'link.0.tip.mass'"),
-        ({"randomize": {"link.0.tip.mass": (1, 0)}}, "must be .low, high."),
+        ({"task": "tip-traking"}, "'tip-tracking'"),
+        ({"task": Task}, "flexarm.tasks.Task"),
+        ({"randomize": {"link.0.tip.mas": (0, 1)}}, "'link.0.tip.mass'"),
+        ({"randomize": {"link.0.tip.mass": (1, 0)}}, "(1.0, 0.0)"),
         ({"autoreset_mode": "Sometime"}, "autoreset_mode"),
         ({"render_mode": "human"}, "render_mode"),
         ({"task": replace(TipTracking(), torque=(1.0,))}, "torque"),
     ],
 )
 def test_bad_arguments_are_named(arguments, says):
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         FlexarmVectorEnv(**{"num_envs": 2, **arguments})
 
 
@@ -230,11 +231,11 @@ def test_bad_actions_and_masks_are_named():
     with pytest.raises(gym.error.ResetNeeded):
         envs.step(np.zeros((2, 2)))
     envs.reset(seed=0)
-    with pytest.raises(ValueError, match="actions has shape"):
+    with refuses("actions has shape"):
         envs.step(np.zeros((2, 3)))
-    with pytest.raises(ValueError, match="must be finite"):
+    with refuses("actions[0, 0] = nan"):
         envs.step(np.full((2, 2), np.nan))
-    with pytest.raises(ValueError, match="reset_mask"):
+    with refuses("reset_mask"):
         envs.reset(options={"reset_mask": [1, 2, 3]})
 
 
@@ -243,9 +244,9 @@ def test_a_task_without_a_reward_is_refused_by_name():
         pass
 
     task = Idle(VibrationSuppression().arm, (1.0,))
-    with pytest.raises(ValueError, match="Idle has no reward: give it reward"):
+    with refuses("Idle", "reward"):
         FlexarmVectorEnv(2, task)
-    with pytest.raises(NotImplementedError, match="Idle has no reward"):
+    with refuses("Idle", "reward", error=NotImplementedError):
         task.reward(None, None)
 
 

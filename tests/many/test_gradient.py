@@ -6,7 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
-from flexarm.arm.variation import Setup, Variation
+from messages import refuses
 
 PATHS = ["link.1.tip.mass", "link.0.beam.length", "link.1.beam.material.youngs_modulus", "link.0.joint.damping",
          "gravity", "link.1.tip.com"]  # fmt: skip
@@ -104,15 +104,15 @@ def test_many_at_once_are_those_one_by_one() -> None:
         ({"integrator": "gauss"}, "integrator = 'gauss'"),
         ({"integrator": "rk4", "rtol": 1e-9}, "rtol = 1e-09"),
         ({"spectral_radius": 2.0}, "spectral_radius = 2"),
-        ({"arm": fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, "ball"),
+        ({"arm": fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, ("link[0].joint", "ball")),
         ({"arm": fa.Arm([fa.Link(fa.Revolute("z", coulomb=1.0), fa.RigidBody(1.0, inertia=(1, 1, 1)))])}, "friction"),
-        ({"q": np.nan}, "q"),
+        ({"q": np.nan}, "q = [nan, nan, nan, nan]"),
     ],
 )
 def test_bad_input(change: dict, says: str) -> None:
     arm = change.pop("arm", paper_link())
     q = arm.zero + change.pop("q", 0.0)
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         fa.step_derivatives(arm, q, np.zeros(arm.nv), np.zeros(arm.nv), **{"step": 1e-3} | change)
 
 
@@ -128,14 +128,14 @@ def test_a_step_without_a_solution_is_said() -> None:
     arm = arm_of()
     rng = np.random.default_rng(1)
     q, v, tau = (0.2 * rng.normal(size=arm.nv) for _ in range(3))  # a torsion far too fast for the step, and loud
-    with pytest.raises(ValueError, match="no solution was found; take a smaller step"):
+    with refuses("no solution", "smaller step"):
         fa.step_derivatives(arm, q, v, tau, step=5e-3)
-    with pytest.raises(ValueError, match="step 0: no solution was found"):
+    with refuses("step 0", "no solution"):
         fa.rollout_gradient(arm, np.stack([q, q]), np.stack([v, v]), tau[None], step=5e-3)
 
 
 def with_value(arm: fa.Arm, path: str, value: np.ndarray) -> fa.Arm:
-    return Variation(Setup(arm), {path: np.asarray(value)[None]}).scenario(0).arm
+    return fa.simulate_batch(arm, [0, 1e-9], parameters={path: np.asarray(value)[None]}).arm(0)
 
 
 @pytest.mark.parametrize(
@@ -229,20 +229,20 @@ def test_scenarios_have_their_own_arms() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"parameters": ["link.0.tip.mas"]}, "link.0.hub.mass|link.1.tip.mass"),
-        ({"parameters": ["q0"]}, "q0"),
-        ({"parameters": "gravity"}, "must be a list"),
+        ({"parameters": ["link.0.tip.mas"]}, "'link.0.tip.mas'"),
+        ({"parameters": ["q0"]}, ("parameters", "'q0'")),
+        ({"parameters": "gravity"}, "parameters = 'gravity'"),
         ({"parameters": ["link.0.joint"]}, "link.0.joint"),
-        ({"step": 1e-3}, "is no rollout of this arm, these forces and this step"),
+        ({"step": 1e-3}, "rollout"),
         ({"q": np.zeros((4, 7))}, "q has shape"),
-        ({"arm": [arm_of(), arm_of()]}, "arm: is 2 arms"),
+        ({"arm": [arm_of(), arm_of()]}, ("arm", "2 arms")),
     ],
 )
 def test_bad_input_of_a_rollout(change: dict, says: str) -> None:
     arm = arm_of()
     r = fa.rollout(arm, 0.01 + arm.zero, None, np.zeros((3, 8)), step=2e-4)
     given = {"arm": arm, "q": r.q[0], "v": r.v[0], "tau": np.zeros((3, 8)), "step": 2e-4} | change
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         fa.rollout_gradient(given.pop("arm"), **given)
 
 
@@ -263,5 +263,5 @@ def test_scenarios_of_a_batch_have_derivatives() -> None:
         paths = ["link.0.tip.mass", "drive.0.scale"]
         assert batch[k].gradient(weights, paths) == pytest.approx(one.gradient(weights, paths), rel=1e-12)
     held = fa.simulate_batch(arm, t, tau=np.ones((2, 6, arm.nv)), integrator="implicit", step=1e-3)
-    with pytest.raises(ValueError, match="does not know what it was made of"):
+    with refuses("result", "simulate"):
         held[0].gradient({"q": np.ones((6, arm.nq))}, ["link.0.tip.mass"])

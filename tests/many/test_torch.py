@@ -6,6 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 from flexarm.torch import rollout  # noqa: E402
+from messages import refuses  # noqa: E402
 
 STEP = 4e-3
 
@@ -89,20 +90,20 @@ def test_a_payload_is_found_by_descent() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"q0": torch.zeros(3)}, r"q0 has shape \(3,\): must be \(..., 2\)"),
-        ({"tau": torch.zeros(2)}, r"tau has shape \(2,\): must be \(..., nstep, 2\)"),
+        ({"q0": torch.zeros(3)}, ("q0 has shape (3,)", "(..., 2)")),
+        ({"tau": torch.zeros(2)}, ("tau has shape (2,)", "(..., nstep, 2)")),
         ({"parameters": {"link.0.tip.mas": 1.0}}, "link.0.tip.mass"),
-        ({"parameters": {"q0": 1.0}}, "an argument of its own"),
-        ({"q0": torch.zeros(3, 2), "v0": torch.zeros(4, 2)}, "do not fit together"),
+        ({"parameters": {"q0": 1.0}}, "argument"),
+        ({"q0": torch.zeros(3, 2), "v0": torch.zeros(4, 2)}, "together"),
         ({"integrator": "gauss"}, "integrator = 'gauss'"),
         ({"v0": torch.full((2,), float("nan"))}, "v0"),
-        ({"arm": [arm_of()]}, "must be an Arm"),
+        ({"arm": [arm_of()]}, "Arm"),
     ],
 )
 def test_bad_input(change: dict, says: str) -> None:
     given = {"arm": arm_of(), "q0": torch.zeros(2), "v0": torch.zeros(2), "tau": torch.zeros(3, 2), "step": STEP}
     given |= change
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         rollout(**given)
 
 
@@ -111,5 +112,5 @@ def test_there_are_no_second_derivatives() -> None:
     (q0,) = tensors((2,))
     q, _ = rollout(arm, q0, torch.zeros(2), torch.zeros(3, 2), step=STEP)
     (g,) = torch.autograd.grad((q**2).sum(), q0, create_graph=True)
-    with pytest.raises(RuntimeError, match="once_differentiable"):
+    with refuses("once_differentiable", error=RuntimeError):
         g.sum().backward()

@@ -6,6 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
+from messages import refuses
 
 INTEGRATORS = (
     {"rtol": 1e-9, "atol": 1e-12},
@@ -314,57 +315,57 @@ def test_friction_and_controller() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.PD("a", 1.0), "kp"),
-        (lambda: fa.PD(np.nan, 1.0), "kp = nan: must be finite"),
-        (lambda: fa.PD(1.0, 1.0, reference=np.nan), "reference = nan: must be finite"),
+        (lambda: fa.PD("a", 1.0), "kp = 'a'"),
+        (lambda: fa.PD(np.nan, 1.0), "kp = nan"),
+        (lambda: fa.PD(1.0, 1.0, reference=np.nan), "reference = nan"),
         (
             lambda: fa.PD(1.0, 1.0, reference=fa.Motion([0, 1], [0, 1]), reference_rate=1.0),
-            "reference_rate: the reference is a Motion",
+            ("reference_rate", "Motion", "reference"),
         ),
         (lambda: fa.StrainFeedback(1.0, 1.0, 1.0, strain="K9"), "strain = 'K9'"),
         (lambda: fa.Motor(1.0, np.nan), "gear_ratio = nan"),
         (lambda: fa.LinearController.pid(1.0, np.nan, 1.0, rate=10.0), "ki = nan"),
-        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, actuate=[]), r"actuate = \[\]: must be a list of at least one"),
-        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, measure=[]), r"measure = \[\]: must be a list of at least one"),
-        (lambda: fa.StateFeedback([[1.0, 1.0]], actuate=0), "actuate = 0: must be a list"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, actuate=[]), "actuate = []"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, measure=[]), "measure = []"),
+        (lambda: fa.StateFeedback([[1.0, 1.0]], actuate=0), "actuate = 0"),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 1e9)),
-            "rate = 1000000000.0: asks for",
+            "rate = 1000000000.0",
         ),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1, 1), drive={0: fa.Motion([0, 1], [0, 1])}),
-            r"control\[0\]: acts on 'link 0 prismatic', whose motion is prescribed",
+            ("control[0]", "'link 0 prismatic'", "motion", "prescribed"),
         ),
         (
             lambda: fa.simulate(
                 fa.Arm([fa.Link(fa.Universal(), fa.RigidBody(1, inertia=(1, 1, 1)))]), [0, 1], control=fa.PD(1, 1)
             ),
-            "its joint has 2 freedoms",
+            "2 freedoms",
         ),
-        (lambda: fa.PD(1.0, 1.0, limit=-1.0), "limit = -1.0: must be positive"),
-        (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link"),
-        (lambda: fa.simulate(mass(), [0, 1], control=lambda t: 0), "control = .*must be a controller"),
+        (lambda: fa.PD(1.0, 1.0, limit=-1.0), "limit = -1.0"),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link = 3"),
+        (lambda: fa.simulate(mass(), [0, 1], control=lambda t: 0), ("control =", "controller")),
         (lambda: fa.Sampled(1.0, 10.0), "law = 1.0"),
-        (lambda: fa.Sampled(lambda t, y: 0.0, 0.0), "rate = 0.0: must be positive"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 0.0), "rate = 0.0"),
         (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, delay=-1.0), "delay = -1.0"),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: np.nan, 10.0)),
-            r"control\[0\] at t = 0.0: the law gave \[nan\]",
+            ("control[0]", "t = 0.0", "[nan]"),
         ),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 10.0, ["joint"])),
-            r"measure\[0\] = 'joint'",
+            "measure[0] = 'joint'",
         ),
-        (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K"),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K has shape (1, 1)"),
         (
             lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[("joint", 0)]),
             "do not fit",
         ),
         (
             lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[fa.sensors.Encoder(0)]),
-            "measure: sensors are sampled; give a rate",
+            ("measure", "sensors", "sampled", "rate"),
         ),
-        (lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[("joint", 0)], delay=1.0), "delay = 1.0: needs a rate"),
+        (lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[("joint", 0)], delay=1.0), "delay = 1.0"),
         (lambda: fa.LinearController.pid(1.0, 1.0, 1.0), "filter_time = None"),
         (lambda: fa.Motor(0.0), "torque_constant = 0.0"),
         (lambda: fa.PD(1.0, 1.0, motor=3), "motor = 3"),
@@ -374,12 +375,12 @@ def test_friction_and_controller() -> None:
                 [0, 1],
                 control=fa.PD(1.0, 1.0, link=(0, 1)),
             ),
-            "a ball has no angle",
+            ("a ball", "angle"),
         ),
     ],
 )
 def test_bad_controllers(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
@@ -537,15 +538,15 @@ def test_control_in_scene_files(tmp_path) -> None:
     expected = fa.simulate(scene.arm, scene.t, control=law, integrator="gauss", step=0.02)
     np.testing.assert_array_equal(scene.run().q, expected.q)
     for old, new, message in (
-        ("strain_feedback", "strain_feedbak", r"control\[0\].type = 'strain_feedbak'.*did you mean 'strain_feedback'"),
-        ("kv = 0.08", "kw = 0.08", r"control.0.: unknown key 'kw'"),
-        ("kv = 0.08", "", r"control\[0\]: missing kv"),
-        ("kv = 0.08", "kv = 0.08\nlink = 3", r"control\[0\]: .*link"),
-        ("r = [0, 0.3, 0.3]", "s = [0, 0.3, 0.3]", r"control\[0\].reference"),
-        ("limit = 3.0", "limit = -3.0", r"control\[0\].motor.limit = -3.0: must be positive"),
+        ("strain_feedback", "strain_feedbak", ("control[0].type = 'strain_feedbak'", "'strain_feedback'")),
+        ("kv = 0.08", "kw = 0.08", ("control[0]", "key 'kw'")),
+        ("kv = 0.08", "", ("control[0]", "missing")),
+        ("kv = 0.08", "kv = 0.08\nlink = 3", ("control[0]", "link")),
+        ("r = [0, 0.3, 0.3]", "s = [0, 0.3, 0.3]", "control[0].reference"),
+        ("limit = 3.0", "limit = -3.0", "control[0].motor.limit = -3.0"),
     ):
         path.write_text(SCENE.replace(old, new))
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             fa.load(path)
 
 
@@ -568,11 +569,11 @@ def test_pid_follows_samples_as_the_callable_through_them(rate: float | None, tm
     scene.save(tmp_path / "scene.toml")
     np.testing.assert_array_equal(fa.load(tmp_path / "scene.toml").run().q, scene.run().q)
     for reference, message in (
-        (([0, 1], [0, 1, 2]), "reference: r has shape"),
-        (([0, 0], [0, 1]), r"t\[1\] = 0.0: t must increase"),
-        (([0, 0.5], [0, 1]), "reference: samples cover t = 0.0 to 0.5"),
+        (([0, 1], [0, 1, 2]), "reference"),
+        (([0, 0], [0, 1]), "t[1] = 0.0"),
+        (([0, 0.5], [0, 1]), ("reference", "t = 0.0", "0.5", "samples")),
     ):
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             run(reference)
 
 

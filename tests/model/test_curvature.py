@@ -6,7 +6,8 @@ from dataclasses import replace
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.model.parts.shapes import curvature_at
+from messages import refuses
+from numpy.polynomial.legendre import legval
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -197,7 +198,8 @@ X = np.linspace(0, 0.5, 200)
 def test_ways_to_give_it(given) -> None:
     found, want = beam(given), beam(wave)
     for x in (0.0, 0.21, 0.5):
-        np.testing.assert_allclose(curvature_at(found.curvature, 0.5, x), wave(x), atol=2e-5)
+        kept = legval(4 * x - 1, np.array(found.curvature["legendre"]).T)
+        np.testing.assert_allclose(kept, wave(x), atol=2e-5)
     arms = held(found), held(want)
     p = [arm.frame(arm.zero)[0] for arm in arms]
     assert np.abs(p[0] - p[1]).max() < 1e-6
@@ -226,19 +228,19 @@ def test_files_and_tables(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"curvature": (0, 1)}, r"curvature"),
-        ({"curvature": (0, 1, np.nan)}, r"curvature must be finite|curvature.*finite"),
-        ({"curvature": (0, 0, 1.0), "order": 2}, r'order = 2: must be "exact" where the beam has a curvature'),
-        ({"curvature": (0, 0, 600.0)}, r"curvature =.* 600: at x = .* folds the beam"),
-        ({"curvature": (0, 400.0, 0)}, r"curvature =.* folds the beam"),
-        ({"curvature": {"x": [0, 0.5]}}, r"curvature = .*must have x and K"),
-        ({"curvature": {"x": [0, 0.4], "K": np.ones((2, 3))}}, r"must increase from 0 to the length"),
-        ({"curvature": {"x": [0, 0.5], "K": np.ones((3, 3))}}, r"must be \(n,\) and \(n, 3\)"),
-        ({"curvature": {"legendre": [[1.0], [2.0]]}}, r"three lists"),
-        ({"curvature": lambda x: (0, 0, x > 0.2)}, r"is not smooth enough .*split the beam there"),
-        ({"curvature": lambda x: (0, 1)}, r"curvature at x = 0 has shape"),
+        ({"curvature": (0, 1)}, "curvature"),
+        ({"curvature": (0, 1, np.nan)}, ("curvature", "finite")),
+        ({"curvature": (0, 0, 1.0), "order": 2}, ("order = 2", '"exact"')),
+        ({"curvature": (0, 0, 600.0)}, ("curvature =", "600", "folds")),
+        ({"curvature": (0, 400.0, 0)}, ("curvature", "folds", "beam")),
+        ({"curvature": {"x": [0, 0.5]}}, "curvature ="),
+        ({"curvature": {"x": [0, 0.4], "K": np.ones((2, 3))}}, ("0", "increase", "length")),
+        ({"curvature": {"x": [0, 0.5], "K": np.ones((3, 3))}}, "(n, 3)"),
+        ({"curvature": {"legendre": [[1.0], [2.0]]}}, "three lists"),
+        ({"curvature": lambda x: (0, 0, x > 0.2)}, ("smooth", "split")),
+        ({"curvature": lambda x: (0, 1)}, ("curvature at x = 0", "shape")),
     ],
 )
 def test_bad_curvatures(change: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         beam(**change)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 
 
 def test_moved_laws_by_hand() -> None:
@@ -32,7 +33,7 @@ def test_laws_at_many_times() -> None:
     for law in (fa.Torque(t, 3 * t), fa.Torque(lambda s: 3 * s)):
         np.testing.assert_allclose(law(t), 3 * t, atol=1e-14)
     np.testing.assert_array_equal(fa.Torque(3.0)(t), np.full(11, 3.0))
-    with pytest.raises(ValueError, match="nan"):
+    with refuses("t = [0.0, nan]"):
         fa.Torque(3.0)([0.0, np.nan])
 
 

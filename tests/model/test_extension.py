@@ -3,6 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 from scipy.optimize import brentq
 
 E, RHO, AREA, L = 2e9, 2000.0, 3e-4, 0.8
@@ -135,7 +136,7 @@ def test_a_gauge_feels_the_stretch() -> None:
 
 # -- turned inside out: 1 + eps <= 0 -----------------------------------------------------------------------------------
 
-TURNED = r"rod.* turned inside out at x = {x} m: 1 \+ eps of its axis is -"
+TURNED = "rod", "inside out", "1 + eps"
 HELD = fa.Motion([0.0, 0.2], [0.0, 0.0])
 
 
@@ -152,7 +153,7 @@ def test_no_steady_state_beyond_the_speed_that_stretches_a_rod_without_end(order
         q = spun(order).modes(speed={0: share * critical}, lock=lock).q
         assert 1 + spun(order).strain(q, 0, 0.0)[5] == pytest.approx(1 / np.cos(share * np.pi / 2), rel=1e-3)
     for share in (1.01, 2.0):
-        with pytest.raises(ValueError, match="speed: .*" + TURNED.format(x="[0-9.]+")):
+        with refuses("speed", TURNED):
             spun(order).modes(speed={0: share * critical}, lock=lock)
 
 
@@ -168,7 +169,7 @@ def pressed(order, g: float) -> fa.Arm:
 def test_a_balance_turned_inside_out_is_refused(order) -> None:
     for find in (lambda arm: arm.equilibrium(lock=[0]), lambda arm: arm.trim().q):
         assert pressed(order, 99.0).strain(find(pressed(order, 99.0)), 0, 0.4)[5] == pytest.approx(-0.99, rel=1e-6)
-        with pytest.raises(ValueError, match=TURNED.format(x="0[.0-9]*") + r"0\.01.*0\.98[0-9]* of the load"):
+        with refuses(TURNED, "-0.01", "0.98", "load"):
             find(pressed(order, 101.0))
 
 
@@ -185,17 +186,17 @@ def test_a_run_turned_inside_out_is_told(integrator: str) -> None:
         return fa.simulate(arm, t, q0, v0, drive={0: HELD}, integrator=integrator, **step)
 
     run(0.9)
-    with pytest.warns(fa.errors.RangeWarning, match=TURNED.format(x="[0-9.]+") + "[^;]*, from t = ") as told:
+    with warns(fa.errors.RangeWarning, TURNED, "t =") as told:
         out = run(1.2)
     found = told[0].message
     assert found.link == 0 and found.finding.limit == 0.0
     assert found.finding.value == pytest.approx(1 + out.strain(0, 0.4)[:, 5].min(), rel=1e-3)
     assert found.time == pytest.approx(np.arcsin(1 / 1.2) / w, abs=t[1])
-    with pytest.warns(fa.errors.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")):
+    with warns(fa.errors.RangeWarning, "scenario 1", TURNED):
         start = np.array([[0, -share * w] for share in (0.9, 1.2)])
         fa.simulate_batch(arm, t, q0, start, drive={0: HELD}, integrator=integrator, **step)
     if integrator in ("implicit", "rk4"):
-        with pytest.warns(fa.errors.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")) as told:
+        with warns(fa.errors.RangeWarning, "scenario 1", TURNED) as told:
             out = fa.rollout(arm, q0, start, drive={0: HELD}, integrator=integrator, nstep=200, every=5, **step)
         assert len(told) == 1 and out.stats["out_of_range"] == 1
         assert told[0].message.time == found.time

@@ -4,6 +4,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import BODY, STRIP, close, differences, random_state
+from messages import refuses
 from scipy.spatial.transform import Rotation
 
 
@@ -198,41 +199,41 @@ def test_drives_of_single_freedoms() -> None:
     np.testing.assert_allclose(r.tau[:, 1:], np.tile([0.0, 0.1], (51, 1)), atol=1e-12)
     again = fa.simulate(arm, t, drive={(0, 0): fa.Torque(t, r.tau[:, 0]), (0, 2): fa.Torque(0.1)}, rtol=1e-9)
     np.testing.assert_allclose(again.q, r.q, atol=1e-3)
-    with pytest.raises(ValueError, match=r"drive: link = 0: its joint has 3 freedoms; name one as \(0, 0\)"):
+    with refuses("drive: link = 0", "3 freedoms", "(0, 0)"):
         fa.simulate(arm, t, drive={0: fa.Torque(1.0)})
-    with pytest.raises(ValueError, match=r"drive: link = \(0, 3\): its joint has freedoms 0 to 2"):
+    with refuses("drive: link = (0, 3)", "0 to 2"):
         fa.simulate(arm, t, drive={(0, 3): fa.Torque(1.0)})
     ball = fa.Arm([fa.Link(fa.Spherical(), BODY)])
-    with pytest.raises(ValueError, match="a ball cannot be prescribed"):
+    with refuses("a ball", "prescribed"):
         fa.simulate(ball, t, drive={(0, 1): fa.Motion.spin_up(1, 1)})
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.Axes(axes=("tx",) * 7), r"axes = 7: at most six"),
-        (lambda: fa.Axes(axes=("tx", "rw")), r"'rw' must be one of tx"),
-        (lambda: fa.Revolute("z", stiffness=-1.0), r"stiffness\[0\] = -1"),
-        (lambda: fa.Revolute("z", lower=1.0, upper=0.0), r"lower\[0\] = 1: must be below upper"),
-        (lambda: fa.Revolute("z", upper=0.0), r"limit_stiffness\[0\] = 0: must be positive"),
-        (lambda: fa.Spherical(stiffness=(1, 2, 3)), r"stiffness\[1\] = 2: spring and limits of a ball"),
-        (lambda: fa.Spherical(rest=0.1), r"rest\[0\] = 0.1: a ball's spring is at rest where it is not turned"),
-        (lambda: fa.Spherical(upper=4.0, limit_stiffness=1.0), r"upper\[0\] = 4: of a ball, must be an angle"),
-        (lambda: fa.Spherical(lower=-1, upper=2, limit_stiffness=1.0), r"lower\[0\] = -1: of a ball"),
-        (lambda: fa.Planar(damping=(1.0, 2.0)), r"damping has shape \(2,\): must be 3 numbers"),
-        (lambda: fa.Fixed(inboard=(1, 2, 3)), r"inboard = \(1, 2, 3\): must be a Placement"),
-        (lambda: fa.Fixed(inboard=fa.Placement(rotation=2 * np.eye(3))), r"inboard.rotation"),
+        (lambda: fa.Axes(axes=("tx",) * 7), "axes = 7"),
+        (lambda: fa.Axes(axes=("tx", "rw")), "'rw'"),
+        (lambda: fa.Revolute("z", stiffness=-1.0), "stiffness[0] = -1"),
+        (lambda: fa.Revolute("z", lower=1.0, upper=0.0), "lower[0] = 1"),
+        (lambda: fa.Revolute("z", upper=0.0), "limit_stiffness[0] = 0"),
+        (lambda: fa.Spherical(stiffness=(1, 2, 3)), "stiffness[1] = 2"),
+        (lambda: fa.Spherical(rest=0.1), "rest[0] = 0.1"),
+        (lambda: fa.Spherical(upper=4.0, limit_stiffness=1.0), "upper[0] = 4"),
+        (lambda: fa.Spherical(lower=-1, upper=2, limit_stiffness=1.0), "lower[0] = -1"),
+        (lambda: fa.Planar(damping=(1.0, 2.0)), ("damping has shape (2,)", "3", "numbers")),
+        (lambda: fa.Fixed(inboard=(1, 2, 3)), ("inboard = (1, 2, 3)", "Placement")),
+        (lambda: fa.Fixed(inboard=fa.Placement(rotation=2 * np.eye(3))), "inboard.rotation"),
         (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": "axes", "axes": ["tx"], "inboard": {"positon": 1}}}]}),
-         r"link\[0\].joint.inboard: unknown key 'positon'; did you mean 'position'"),
+         ("link[0].joint.inboard", "key 'positon'", "'position'")),
     ],
 )  # fmt: skip
 def test_bad_joints(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
 def test_a_quaternion_needs_a_length() -> None:
     arm = two_links(fa.Free(), fa.Revolute("y"))
     for call in (lambda: arm.mass_matrix(np.zeros(arm.nq)), lambda: fa.simulate(arm, [0, 1], np.zeros(arm.nq))):
-        with pytest.raises(ValueError, match=r"\[3:7\] = 0 0 0 0: the quaternion of link 0 free must have a length"):
+        with refuses("[3:7] = 0 0 0 0", "quaternion", "link 0 free"):
             call()

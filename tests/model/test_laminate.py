@@ -8,6 +8,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 from model.saint_venant import classical_stiffness, grid, lines
 
 STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
@@ -157,25 +158,25 @@ def test_a_strip_under_a_load_bends_and_twists() -> None:
     [
         (
             lambda: fa.sections.Orthotropic(1600, 1e9, 1e9, -1e9, 0.3),
-            r"G12 = -1e\+09|G12 = -1000000000.0: must be positive",
+            "G12 =",
         ),
-        (lambda: fa.sections.Orthotropic(1600, 1e10, 4e10, 1e9, 0.6), r"nu12 = 0.6: must lie between .* 0.5"),
-        (lambda: fa.sections.Ply(0.0, CARBON), r"thickness = 0.0: must be positive"),
-        (lambda: fa.sections.Ply(T, CARBON, np.nan), r"angle = nan: must be finite"),
-        (lambda: fa.sections.Ply(T, fa.Material(1.0, 1e9)), r"material = .*: must have a poisson_ratio"),
-        (lambda: fa.sections.Ply(T, 7.0), r"material = 7.0: must be an Orthotropic or a Material"),
-        (lambda: fa.sections.laminate(-1.0, plies(0)), r"width = -1.0: must be positive"),
-        (lambda: fa.sections.laminate(B, []), r"plies = \[\]: must be a list of Ply"),
-        (lambda: fa.sections.laminate(B, plies(0), "x"), r"normal = 'x': must be one of"),
+        (lambda: fa.sections.Orthotropic(1600, 1e10, 4e10, 1e9, 0.6), ("nu12 = 0.6", "0.5")),
+        (lambda: fa.sections.Ply(0.0, CARBON), "thickness = 0.0"),
+        (lambda: fa.sections.Ply(T, CARBON, np.nan), "angle = nan"),
+        (lambda: fa.sections.Ply(T, fa.Material(1.0, 1e9)), ("material =", "poisson_ratio")),
+        (lambda: fa.sections.Ply(T, 7.0), ("material = 7.0", "Orthotropic", "Material")),
+        (lambda: fa.sections.laminate(-1.0, plies(0)), "width = -1.0"),
+        (lambda: fa.sections.laminate(B, []), ("plies = []", "Ply")),
+        (lambda: fa.sections.laminate(B, plies(0), "x"), "normal = 'x'"),
     ],
 )
 def test_bad_laminates(make: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
 def test_what_is_no_plate_and_degrees_are_told() -> None:
-    with pytest.warns(fa.errors.ModelWarning, match=r"is 0.02 m thick and 0.02 m wide"):
+    with warns(fa.errors.ModelWarning, "0.02 m thick", "0.02 m wide"):
         fa.sections.laminate(B, [fa.sections.Ply(B, STEEL)])
-    with pytest.warns(fa.errors.ModelWarning, match=r"angle = 45 rad of a ply: is it in degrees\?"):
+    with warns(fa.errors.ModelWarning, "angle = 45"):
         fa.sections.Ply(T, CARBON, 45.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.model.acting.control import Run
+from messages import refuses
 from pages import Ran
 
 EXACT = {"rtol": 1e-10, "atol": 1e-13}
@@ -182,9 +182,9 @@ def test_laws_of_another_arm_than_the_one_that_moves() -> None:
         np.testing.assert_allclose(ahead[[0, 3]], model.inverse_dynamics(x, w, a)[at], atol=1e-10)
     ahead = fa.FeedForward([fa.Motion(lambda t: MOVE(t)), 0.1])
     np.testing.assert_allclose(ahead.forces(arm, [0.7, 0.4])[1], ahead.forces(arm, 0.4)[0], rtol=1e-8)
-    with pytest.raises(ValueError, match="model: its joints have 1 freedoms; the arm's have 2"):
+    with refuses("model", "1 freedoms", "2"):
         fa.FeedForward([MOVE, 0.1], model=soft(1)).forces(arm, 0.4)
-    with pytest.raises(ValueError, match="model = 3: must be an Arm"):
+    with refuses("model = 3", "Arm"):
         fa.FeedForward(0.1, model=3)
 
 
@@ -267,11 +267,10 @@ def test_static_strain_follows_a_moving_reference() -> None:
     arm = soft(2)
     law = fa.StrainFeedback(40.0, 1.0, 2.0, link=0, reference=MOVE, static="equilibrium", pose=[9, 9, 9, -0.7, 9, 9])
     plain = fa.StrainFeedback(40.0, 1.0, 2.0, link=0, reference=MOVE)
-    t = np.linspace(0, 1, 5)
-    with_, without = (x._laws(arm, Run(t, (), 0, 0))[0][0].reference for x in (law, plain))
     for x in (0.0, 0.17, 0.6, 0.99):
         q = arm.equilibrium([MOVE(x)[0], 0, 0, -0.7, 0, 0], lock=[0, 1])
-        assert with_(x)[0] - without(x)[0] == pytest.approx(2.0 * arm.strain(q, 0, 0.0)[2], rel=1e-8)
+        runs = [fa.simulate(arm, [x, x + 1e-3], control=a, integrator="rk4", step=1e-4) for a in (law, plain)]
+        assert runs[0].tau[0, 0] - runs[1].tau[0, 0] == pytest.approx(2.0 * arm.strain(q, 0, 0.0)[2], rel=1e-8)
 
 
 def test_washout_lets_what_rests_go() -> None:
@@ -372,38 +371,38 @@ JUMP = fa.Motion(jump)
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: run(fa.PD(1, 1, reference=JUMP)), "reference: its q jumps by 0.3 rad or m at t = 0.437"),
-        (lambda: run(fa.FeedForward(JUMP)), "reference of 'link 0 prismatic': its q jumps"),
-        (lambda: run(fa.FeedForward(fa.Motion(corner))), "its v jumps by 2 rad/s or m/s at t = 0.37"),
-        (lambda: run(fa.PD(1, 1, reference=fa.Motion(lambda t: (t, 0.0, 0.0)))), "its v must be the derivative"),
-        (lambda: run(fa.PD(1, 1, reference=MOVE), end=2.0), "reference: samples cover t = 0.0 to 1.0"),
-        (lambda: run(fa.PD(1, 1, reference_rate=([0, 0.5], [0, 1]))), "reference_rate: samples cover t = 0.0 to 0.5"),
-        (lambda: run(fa.FeedForward([MOVE]), pendulum()), "reference: has 1 entries; must have 2"),
-        (lambda: run(fa.ComputedTorque([1, 2, 3], reference=[0, 0], rate=10), pendulum()), r"kp has shape \(3,\)"),
-        (lambda: fa.ComputedTorque(-1.0, reference=0, rate=10), "kp = -1.0: must not be negative"),
-        (lambda: fa.ComputedTorque([[1.0]], reference=0, rate=10), "kp = .*must be one number, or one for each"),
-        (lambda: fa.ComputedTorque(1.0, reference=0, rate=0), "rate = 0.*must be positive"),
+        (lambda: run(fa.PD(1, 1, reference=JUMP)), ("reference", "0.3 rad", "t = 0.437", "jumps")),
+        (lambda: run(fa.FeedForward(JUMP)), ("'link 0 prismatic'", "reference", "jumps")),
+        (lambda: run(fa.FeedForward(fa.Motion(corner))), ("2 rad/s", "t = 0.37", "jumps")),
+        (lambda: run(fa.PD(1, 1, reference=fa.Motion(lambda t: (t, 0.0, 0.0)))), "derivative"),
+        (lambda: run(fa.PD(1, 1, reference=MOVE), end=2.0), ("reference", "t = 0.0", "1.0", "samples")),
+        (lambda: run(fa.PD(1, 1, reference_rate=([0, 0.5], [0, 1]))), ("reference_rate", "t = 0.0", "0.5", "samples")),
+        (lambda: run(fa.FeedForward([MOVE]), pendulum()), ("reference", "1 entries", "2")),
+        (lambda: run(fa.ComputedTorque([1, 2, 3], reference=[0, 0], rate=10), pendulum()), "kp has shape (3,)"),
+        (lambda: fa.ComputedTorque(-1.0, reference=0, rate=10), "kp = -1.0"),
+        (lambda: fa.ComputedTorque([[1.0]], reference=0, rate=10), ("kp =", "number")),
+        (lambda: fa.ComputedTorque(1.0, reference=0, rate=0), "rate = 0"),
         (lambda: fa.ComputedTorque(1.0, reference=0, rate=10, elastic="rigid"), "elastic = 'rigid'"),
-        (lambda: fa.FeedForward("a").forces(mass(), 0.0), r"reference\[0\] = 'a'"),
+        (lambda: fa.FeedForward("a").forces(mass(), 0.0), "reference[0] = 'a'"),
         (lambda: run(fa.FeedForward([0.0]), fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])),
-         "is a ball's, which has no angle"),
-        (lambda: PID(1, 1, 0, rate=100, tracking_time=1e-3), "tracking_time = 0.001: must be at least a sample"),
-        (lambda: PID(1, 0, 0, rate=100, tracking_time=1), "there is no integral"),
-        (lambda: linear(anti_windup=[[1.0, 2.0]]), r"anti_windup has shape \(1, 2\): must be \(1, 1\)"),
-        (lambda: linear(u0=[1.0, 2.0]), "u0"),
-        (lambda: run(linear(reference=MOVE, measure=[("joint", 0)] * 2)), "gives 2 numbers; B has 1 columns"),
-        (lambda: run(fa.LinearController([], D=[[1.0, 1.0]], rate=10, reference=MOVE)), "a Motion is for"),
-        (lambda: fa.StrainFeedback(1, 1, 1, static="sag"), "static = 'sag'.*equilibrium"),
+         ("ball", "angle")),
+        (lambda: PID(1, 1, 0, rate=100, tracking_time=1e-3), "tracking_time = 0.001"),
+        (lambda: PID(1, 0, 0, rate=100, tracking_time=1), ("tracking_time", "integral")),
+        (lambda: linear(anti_windup=[[1.0, 2.0]]), "anti_windup has shape (1, 2)"),
+        (lambda: linear(u0=[1.0, 2.0]), "u0 has shape (2,)"),
+        (lambda: run(linear(reference=MOVE, measure=[("joint", 0)] * 2)), ("2 numbers", "1 columns")),
+        (lambda: run(fa.LinearController([], D=[[1.0, 1.0]], rate=10, reference=MOVE)), "Motion"),
+        (lambda: fa.StrainFeedback(1, 1, 1, static="sag"), "static = 'sag'"),
         (lambda: fa.StrainFeedback(1, 1, 1, static=1.0, washout=1.0), "leave out static"),
-        (lambda: fa.StrainFeedback(1, 1, 1, washout=-1.0), "washout = -1.0: must be positive"),
+        (lambda: fa.StrainFeedback(1, 1, 1, washout=-1.0), "washout = -1.0"),
         (lambda: PPF(-1, 0.3, 1, measure=ANGLE), "frequency = -1"),
-        (lambda: PPF(100, 0.3, 1, measure=ANGLE, rate=20), "rate = 20: must be above 31.8"),
-        (lambda: PPF(10, 0.3, 1, measure=[*ANGLE, ("rate", 0)]), "measure.*a list of one entry"),
-        (lambda: IRC(1.0, -1.0, measure=ANGLE), "must have one sign"),
+        (lambda: PPF(100, 0.3, 1, measure=ANGLE, rate=20), ("rate = 20", "31.8")),
+        (lambda: PPF(10, 0.3, 1, measure=[*ANGLE, ("rate", 0)]), "measure = [('joint', 0), ('rate', 0)]"),
+        (lambda: IRC(1.0, -1.0, measure=ANGLE), ("feedthrough = -1", "sign")),
     ],
 )  # fmt: skip
 def test_bad_laws(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 

@@ -4,6 +4,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, random_arm, random_state
+from messages import refuses
 
 G = 9.81
 
@@ -83,23 +84,23 @@ def test_a_follower_force_turns_with_the_link() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda a: fa.Load(0), r"force = None: give a force"),
-        (lambda a: fa.Load(0, force=(1, 2)), r"force has shape \(2,\): must be 3 numbers"),
-        (lambda a: fa.Load(0, x=0.1, along=(0, 1), force=(1, 2, 3)), r"give x or along, not both"),
-        (lambda a: fa.Load(0, force=(1, 2, 3), axes="body"), r"axes = 'body'"),
-        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(3, force=(1, 2, 3))]), r"load: link = 3"),
-        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(0, 0.7, force=(1, 2, 3))]), r"x = 0.7: must be on the beam"),
-        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(0, along=(0.2, 0.1), force=(1, 2, 3))]), r"along = 0.2"),
-        (lambda a: fa.simulate(a, [0, 1], loads=[1.0]), r"loads\[0\] = 1.0: must be a Load"),
-        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(force=lambda t: (t, 0))]), r"Load force at t = 0.0 has shape"),
+        (lambda a: fa.Load(0), "force = None"),
+        (lambda a: fa.Load(0, force=(1, 2)), ("force has shape (2,)", "3", "numbers")),
+        (lambda a: fa.Load(0, x=0.1, along=(0, 1), force=(1, 2, 3)), ("x", "along")),
+        (lambda a: fa.Load(0, force=(1, 2, 3), axes="body"), "axes = 'body'"),
+        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(3, force=(1, 2, 3))]), ("load", "link = 3")),
+        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(0, 0.7, force=(1, 2, 3))]), ("x = 0.7", "beam")),
+        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(0, along=(0.2, 0.1), force=(1, 2, 3))]), "along = 0.2"),
+        (lambda a: fa.simulate(a, [0, 1], loads=[1.0]), ("loads[0] = 1.0", "Load")),
+        (lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(force=lambda t: (t, 0))]), ("Load", "t = 0.0", "force")),
         (
             lambda a: fa.simulate(a, [0, 1], loads=[fa.Load(force=np.ones((2, 3)), t=[0, 0.5])]),
-            r"loads\[0\]: samples cover t = 0.0 to 0.5",
+            ("loads[0]", "t = 0.0", "0.5", "samples"),
         ),
     ],
 )
 def test_bad_loads(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make(paper_link())
 
 
@@ -119,13 +120,13 @@ def test_loads_in_scene_files_and_results(tmp_path) -> None:
     reaction = r.joint_reaction()  # the bearing holds the thrust; the hinge itself passes on no moment
     np.testing.assert_allclose(reaction, np.tile([0, -4.0, 0, 0, 0, 0], (len(r.t), 1)), atol=1e-9)
     r.save(tmp_path / "run.npz")
-    with pytest.raises(ValueError, match="does not keep the loads"):
+    with refuses("loads = None"):
         fa.Result.load(tmp_path / "run.npz").joint_reaction()
     path.write_text(text + "link = 3\n")
-    with pytest.raises(ValueError, match=r"load\[0\]: load: link = 3"):
+    with refuses("load[0]", "link = 3"):
         fa.load(path)
     path.write_text(text + "forse = [1, 2, 3]\n")
-    with pytest.raises(ValueError, match=r"load\[0\]: unknown key 'forse'; did you mean 'force'"):
+    with refuses("load[0]", "key 'forse'", "'force'"):
         fa.load(path)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 from pages import Ran
 from scipy.optimize import lsq_linear
 
@@ -182,7 +182,7 @@ def test_a_state_that_is_not_a_number_goes_on_along_the_plan() -> None:
     q = np.zeros(arm.nv)
     before = mpc.step(0.0, q, q)
     planned = mpc.plan[1]
-    with pytest.warns(fa.errors.MPCWarning, match=r"t = 0.001 s .* not finite"):
+    with warns(fa.errors.MPCWarning, "t = 0.001", "finite"):
         after = mpc.step(1e-3, np.full(arm.nv, np.nan), q)
     assert mpc.failures == 1 and np.isfinite(after).all()
     again = pickle.loads(pickle.dumps(mpc))  # as workers of a batch have it: without the plan
@@ -225,7 +225,7 @@ def test_a_state_that_is_not_a_number_goes_on_along_the_plan() -> None:
     ],
 )
 def test_bad_input_is_named(given: dict[str, Any], told: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(told)):
+    with refuses(told):
         swing(fa.MPC(**given), two_links(1), 0.002)
 
 
@@ -246,7 +246,7 @@ def test_friction_and_slides_and_balls() -> None:
     slide = fa.MPC(reference=0.1)
     assert abs(swing(slide, linear_arm(), 0.8).q[-1, 0] - 0.1) < 0.005 and slide.failures == 0
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.1, 0, 0), 0.01 * np.eye(3)))])
-    with pytest.raises(ValueError, match="has a ball"):
+    with refuses("a ball"):
         swing(fa.MPC(), ball, 0.002)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 PZT = fa.Piezo(62e9, 0.3, 7800, d31=-1.8e-10, permittivity=1.5e-8)
@@ -122,9 +123,9 @@ def test_a_ball_is_led_by_its_tip() -> None:
     v0 = np.array([3.0, 0.5, -0.5, 0.0, 0.0])
     run = fa.simulate(arm, np.linspace(0, 1, 501), None, v0, control=law, integrator="implicit", step=1e-3)
     assert law.failures == 0 and np.abs(run.frame()[0][-50:] - goal).max() < 3e-3
-    with pytest.raises(ValueError, match='track = "joints": link 0 has a ball'):
+    with refuses('track = "joints"', "link 0"):
         fa.MPC(arm).step(0.0, arm.zero, v0)
-    with pytest.raises(ValueError, match="a ball has no coordinates"):
+    with refuses("a ball"):
         fa.MPC(arm, track=[("joint", 0)]).step(0.0, arm.zero, v0)
     heavy = fa.Arm([link(fa.Spherical(), 0.25)])  # a model of its own, with a ball as well
     other = fa.MPC(heavy, track="tip", reference=goal, rate=500.0, horizon=0.3)
@@ -135,15 +136,15 @@ def test_a_ball_is_led_by_its_tip() -> None:
 def test_what_cannot_be_predicted_is_named() -> None:
     arm, q = two_links(), np.zeros(6)
     for more, told in (
-        ({"control": fa.Sampled(lambda t, y: 0.0, 500.0)}, "control: sampled law 0 is not linear"),
-        ({"control": fa.ComputedTorque(100.0, reference=[0, 0], rate=500.0)}, "sampled law 0 is not linear"),
-        ({"control": fa.FeedForward({0: fa.Motion([0, 1], [0, 1])})}, "fitted to the times of a run"),
-        ({"drive": {0: fa.Motion([0, 1], [0, 1])}, "inputs": [0, 1]}, "whose motion is prescribed"),
-        ({"drive": dict.fromkeys((0, 1), fa.Motion([0, 1], [0, 1]))}, "all joints have a motion"),
-        ({"drive": {0: fa.Torque([5, 6], [0, 1])}}, "samples cover t = 5"),
+        ({"control": fa.Sampled(lambda t, y: 0.0, 500.0)}, ("control", "law 0", "sampled", "linear")),
+        ({"control": fa.ComputedTorque(100.0, reference=[0, 0], rate=500.0)}, ("law 0", "sampled", "linear")),
+        ({"control": fa.FeedForward({0: fa.Motion([0, 1], [0, 1])})}, "times of a run"),
+        ({"drive": {0: fa.Motion([0, 1], [0, 1])}, "inputs": [0, 1]}, ("motion", "prescribed")),
+        ({"drive": dict.fromkeys((0, 1), fa.Motion([0, 1], [0, 1]))}, "motion"),
+        ({"drive": {0: fa.Torque([5, 6], [0, 1])}}, ("t = 5", "samples")),
         ({"loads": 3}, "loads = 3"),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=told):
+        with refuses(told):
             fa.MPC(arm, **more).step(0.0, q, q)
 
 

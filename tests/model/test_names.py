@@ -9,6 +9,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
+from messages import refuses
 
 MATERIAL = fa.Material(density=2700.0, youngs_modulus=70e9)
 
@@ -62,15 +63,15 @@ def test_joints_keep_their_names(tmp_path: Path) -> None:
 
 
 def test_names_in_what_the_core_says() -> None:
-    with pytest.raises(ValueError, match="inertia of coordinate 'elbow'"):
+    with refuses("coordinate 'elbow'", "inertia"):
         fa.Arm([fa.Link(fa.Revolute(name="elbow"), name="forearm")])
-    with pytest.raises(ValueError, match="inertia of coordinate 'wrist y'"):
+    with refuses("coordinate 'wrist y'", "inertia"):
         fa.Arm([fa.Link(fa.Universal(name="wrist"), fa.RigidBody(1.0, inertia=(1, 0, 0)), name="hand")])
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
     smooth = fa.Arm([fa.Link(fa.Revolute(name="elbow"), solid, name="forearm")])
-    with pytest.raises(fa.SimulationError, match="'elbow' moves at"):
+    with refuses("'elbow'", "moves", error=fa.SimulationError):
         fa.simulate(smooth, [0, 1, 2], drive={"elbow": fa.Torque(1e13)}, integrator="rk4", step=1e-2)
-    with pytest.raises(fa.SimulationError, match="beam of upper arm is bent"):
+    with refuses("upper arm", "bent", error=fa.SimulationError):
         fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(1e6)}, integrator="rk4", step=1e-5)
 
 
@@ -78,16 +79,16 @@ def test_messages_name_joints() -> None:
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
     arm = fa.Arm([fa.Link(fa.Spherical(name="wrist"), solid, name="hand")])
     for call in (lambda q: arm.frame(q), lambda q: fa.rollout(arm, q, step=1e-2, nstep=2)):
-        with pytest.raises(ValueError, match="quaternion of wrist must have a length"):
+        with refuses("quaternion", "wrist"):
             call(np.zeros(4))
-    with pytest.raises(ValueError, match="rotations of the ball of wrist go together"):
+    with refuses("ball of wrist", "together"):
         arm.linearize(arm.zero, lock=[("hand", 0)])
-    with pytest.raises(ValueError, match="joint wrist is a ball"):
+    with refuses("wrist", "a ball"):
         fa.invert(arm, {"x": fa.Motion([0, 1, 2], [0, 0.1, 0.2], ends="rest")})
 
 
 def test_labels_are_of_one_coordinate() -> None:
-    with pytest.raises(ValueError, match="'a revolute' is a coordinate of link 0, too; take other names"):
+    with refuses("'a revolute'", "link 0"):
         fa.Arm([links("a", "b", None)[0], fa.Link(fa.Revolute(name="a revolute"), fa.RigidBody(1.0, (1, 0, 0)))])
     other = fa.Arm([*links("a", "elbow", None), fa.Link(fa.Revolute(name="elbow"), fa.RigidBody(1.0, (1, 0, 0)))])
     assert other.coordinates[-1] == "link 2 revolute"  # a name of two is none
@@ -126,7 +127,7 @@ def test_runs_and_sensors() -> None:
         np.testing.assert_array_equal(ours.y, theirs.y)
         of_joint = sensor in (fa.sensors.Encoder, fa.sensors.ForceTorque)
         assert ("shoulder" if of_joint else "upper arm") in sensor(link="upper arm").title(NAMED)
-    with pytest.raises(ValueError, match="named twice"):
+    with refuses("named", "twice"):
         fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1), 0: fa.Torque(0.1)})
 
 
@@ -138,9 +139,9 @@ def test_paths() -> None:
     plain = fa.simulate_batch(PLAIN, T, drive={0: fa.Torque(0.1)}, parameters=parameters)
     np.testing.assert_array_equal(named.q, plain.q)
     assert not np.allclose(named.q[0], named.q[1])
-    with pytest.raises(ValueError, match="is a part of"):
+    with refuses("'link.0.tip.mass'"):
         fa.simulate_batch(NAMED, T, parameters={"link.upper arm.tip.mass": masses, "link.0.tip.mass": masses})
-    with pytest.raises(ValueError, match="nothing that can vary"):
+    with refuses("nothing", "vary"):
         fa.simulate_batch(NAMED, T, parameters={"link.wrist.tip.mass": masses})
 
 
@@ -164,18 +165,18 @@ def test_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_bad_names() -> None:
     for name in ("", " elbow", "a.b", "3", "-1", "link 2", "patch", "load", "a\nb", 4):
-        with pytest.raises(ValueError, match="name = "):
+        with refuses("name ="):
             fa.Link(fa.Revolute(), name=name)  # type: ignore[arg-type]
-        with pytest.raises(ValueError, match="name = "):
+        with refuses("name ="):
             fa.Revolute(name=name)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="its link is called 'a', as is that of link 0"):
+    with refuses("'a'", "link 0", "link"):
         fa.Arm(links("a", "a", None))
-    with pytest.raises(ValueError, match=r"link = 'torsion': no link and .*; did you mean 'torsion_bar'"):
+    with refuses("link = 'torsion'", "'torsion_bar'"):
         NAMED.frame(NAMED.zero, "torsion")
-    with pytest.raises(ValueError, match="none has a name"):
+    with refuses("link = 'elbow'"):
         PLAIN.frame(PLAIN.zero, "elbow")
     both = fa.Arm(links("b", "a", "a"))
-    with pytest.raises(ValueError, match="link = 'a': is link 1 and the joint of link 0"):
+    with refuses("link = 'a'", "link 1", "link 0"):
         both.frame(both.zero, "a")
     assert fa.Arm(links("a", "b", "a")).names == ("a", "b")  # one name for a link and its own joint
 

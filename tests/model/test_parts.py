@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from messages import refuses
 
 STEEL = {"density": 7850.0, "youngs_modulus": 209e9, "poisson_ratio": 0.25}
 PZT = {"youngs_modulus": 63e9, "poisson_ratio": 0.3, "density": 7600.0, "d31": -1.7e-10, "permittivity": 1.5e-8}
@@ -122,15 +123,15 @@ def test_noise_does_not_depend_on_the_type_of_a_number() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.Material("steel", 2e11), "density = 'steel': must be a number"),
-        (lambda: fa.Link(3), "joint = 3: must be a Joint"),
-        (lambda: fa.Link(fa.Fixed(), hub=fa.Fixed()), r"hub = Fixed\(.*\): must be a RigidBody or None"),
-        (lambda: fa.Revolute(inboard=3), "inboard = 3: must be a Placement or None"),
-        (lambda: fa.sections.Ply(1e-3, 7), "material = 7: must be an Orthotropic or a Material"),
-        (lambda: fa.sensors.Encoder(quadrature=1), "quadrature = 1: must be true or false"),
-        (lambda: fa.Motor(0.05, limit="high"), "limit = 'high': must be a number"),
+        (lambda: fa.Material("steel", 2e11), "density = 'steel'"),
+        (lambda: fa.Link(3), ("joint = 3", "Joint")),
+        (lambda: fa.Link(fa.Fixed(), hub=fa.Fixed()), ("hub = Fixed", "RigidBody", "None")),
+        (lambda: fa.Revolute(inboard=3), ("inboard = 3", "Placement", "None")),
+        (lambda: fa.sections.Ply(1e-3, 7), ("material = 7", "Orthotropic", "Material")),
+        (lambda: fa.sensors.Encoder(quadrature=1), "quadrature = 1"),
+        (lambda: fa.Motor(0.05, limit="high"), "limit = 'high'"),
     ],
 )
 def test_a_part_checks_its_arguments_by_their_types(make: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import STEEL, close, paper_link
 from flexarm.cli import main
+from messages import refuses
 from model.test_patch import D31, FIBRE, GHOST, MOMENT, PAIR, PZT, B, E, H, L, T, clamped_free, strip
 from numpy.polynomial import legendre
 
@@ -224,74 +225,74 @@ def bonded(**beam) -> fa.Arm:
 
 
 BAD = [
-    (lambda: bad(start=-0.01), r"start = -0.01: must not be negative"),
-    (lambda: bad(end=0.01), r"end = 0.01: must be beyond the start"),
-    (lambda: bad(end=0.6), r"patches\[0\].end = 0.6: must be at most the beam's length, 0.5 m"),
-    (lambda: bad(width=0.03), r"patches\[0\].width = 0.03: must be at most the face's, 0.02 m"),
-    (lambda: bad(width=0.01, face="z"), r"patches\[0\].width = 0.01: must be at most the face's, 0.001 m"),
-    (lambda: bad(width=0), r"width = 0: must be positive"),
-    (lambda: bad(thickness=-1e-4), r"thickness = -0.0001: must be positive"),
-    (lambda: bad(thickness="thin"), r"thickness = 'thin': must be a number"),
-    (lambda: bad(angle=np.nan), r"angle = nan: must be finite"),
-    (lambda: bad(offset=-1.0), r"offset = -1: must not be negative"),
-    (lambda: bad(face="x"), r"face = 'x': must be one of y, \+y, -y, z, \+z, -z"),
-    (lambda: bad(face="+y", pair="same"), r"pair = 'same': needs two faces"),
-    (lambda: bad(pair="oposed"), r"pair = 'oposed': .*did you mean 'opposed'"),
-    (lambda: bad(material=STEEL), r"material = Material.*must be a Piezo"),
-    (lambda: bad(stiffness=1), r"stiffness = 1: must be true or false"),
-    (lambda: bad(profile=[1.0, 1.2]), r"profile: reaches 1.2: must stay from -1 to 1"),
-    (lambda: bad(profile={"x": [0, 1], "share": [1, 1]}), r"profile.x = .*from start to end, 0.02 to 0.07 m"),
-    (lambda: bad(profile={"x": [0, 1], "shar": [1, 1]}), r"profile: unknown key 'shar'; did you mean 'share'"),
-    (lambda: bad(profile=lambda x: abs(x - 0.04)), r"profile: a callable must be smooth .* samples"),
-    (lambda: bad(profile=0.5), r"profile has shape \(\): must be a callable, or two samples"),
+    (lambda: bad(start=-0.01), "start = -0.01"),
+    (lambda: bad(end=0.01), "end = 0.01"),
+    (lambda: bad(end=0.6), ("patches[0].end = 0.6", "0.5 m")),
+    (lambda: bad(width=0.03), ("patches[0].width = 0.03", "0.02 m")),
+    (lambda: bad(width=0.01, face="z"), ("patches[0].width = 0.01", "0.001 m")),
+    (lambda: bad(width=0), "width = 0"),
+    (lambda: bad(thickness=-1e-4), "thickness = -0.0001"),
+    (lambda: bad(thickness="thin"), "thickness = 'thin'"),
+    (lambda: bad(angle=np.nan), "angle = nan"),
+    (lambda: bad(offset=-1.0), "offset = -1"),
+    (lambda: bad(face="x"), "face = 'x'"),
+    (lambda: bad(face="+y", pair="same"), "pair = 'same'"),
+    (lambda: bad(pair="oposed"), ("pair = 'oposed'", "'opposed'")),
+    (lambda: bad(material=STEEL), ("material = Material", "Piezo")),
+    (lambda: bad(stiffness=1), "stiffness = 1"),
+    (lambda: bad(profile=[1.0, 1.2]), ("profile", "1.2", "-1 to 1")),
+    (lambda: bad(profile={"x": [0, 1], "share": [1, 1]}), ("profile.x =", "0.02 to 0.07", "start", "end")),
+    (lambda: bad(profile={"x": [0, 1], "shar": [1, 1]}), ("profile", "key 'shar'", "'share'")),
+    (lambda: bad(profile=lambda x: abs(x - 0.04)), ("profile", "smooth", "samples")),
+    (lambda: bad(profile=0.5), ("profile has shape ()", "samples")),
     (
         lambda: bonded(section=fa.sections.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)),
-        r"patches\[0\].offset = None: a section",
+        "patches[0].offset = None",
     ),
-    (lambda: strip(7), r"patches = \[7\]: must be a list of Patch"),
-    (lambda: fa.Piezo(-1, 0.3, 7500, 0), r"youngs_modulus = -1: must be positive"),
-    (lambda: fa.Piezo(6e10, 0.7, 7500, 0), r"poisson_ratio = 0.7"),
-    (lambda: fa.Piezo(6e10, 0.3, 7500, np.inf), r"d31 = inf: must be finite"),
-    (lambda: bad(material=replace(PZT, permittivity=1e-9)), r"permittivity = 1e-09: at constant stress must be above"),
-    (lambda: bad(material=replace(PZT, permittivity=0.0)).patch_voltage([0, 0, 0]), r"permittivity = 0.0: patch 0 of"),
-    (lambda: bonded().charge([0, 0, 0], 0, 1), r"patch = 1: must be from -1 to 0, the patches of link 0"),
-    (lambda: strip().charge([0, 0, 0]), r"link = -1: has no patches"),
-    (lambda: bonded().equilibrium(voltages=[1, 2]), r"voltages has shape \(2,\): must be one number"),
-    (lambda: bonded().equilibrium(voltages={0: 1.0}), r"voltages: 0: must be \(link, patch\)"),
-    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Torque(1.0)}), r"must be a Voltage"),
-    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0): fa.Voltage(1.0)}), r"must be \(.patch., link, patch\)"),
-    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 3): fa.Voltage(1.0)}), r"drive: patch = 3"),
-    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Voltage([0, 0.5], [0, 1])}), r"samples cover t"),
-    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Voltage(lambda t: "a")}), r"Voltage at t = 0"),
-    (lambda: fa.simulate(paper_link(), [0, 1], drive={0: fa.Voltage(1.0)}), r"must be a Motion or a Torque"),
-    (lambda: fa.Voltage([0, 1], [0, np.nan]), r"V = .*must be finite"),
-    (lambda: bonded().linearize([0, 0, 0], inputs=[("patch", 0)]), r"inputs\[0\] = .*must be \(.patch., link, patch"),
-    (lambda: bonded().linearize([0, 0, 0], inputs=[], outputs=[("charge", 0, 2)]), r"outputs\[0\]: patch = 2"),
-    (lambda: fa.place_patch(paper_link(), patch=PAIR, length=0.6), r"length = 0.6: must be positive and below"),
-    (lambda: fa.place_patch(paper_link(), patch=PAIR, weights=[1, 1]), r"weights has shape \(2,\): must be 3 numbers"),
-    (lambda: fa.place_patch(paper_link(), patch=PAIR, modes=4), r"modes = 4: the arm has 3 that bend this beam"),
-    (lambda: fa.place_patch(paper_link(), patch=replace(PAIR, face="z", width=1e-3)), r"face 'z' .* moves none"),
-    (lambda: fa.split(strip(PAIR, damping_ratio=0.1).links[0]), r"damping_ratio = 0.1: is of the whole beam's modes"),
-    (lambda: fa.split(strip(PAIR).links[0], places=[0.7]), r"places = \[0.7\]: must be a list of places from 0 to"),
-    (lambda: fa.split(fa.Link(fa.Fixed())), r"link = .*must be a Link with a beam"),
-    (lambda: fa.place_patch(paper_link(), patch="pzt"), r"patch = 'pzt': must be a Patch"),
+    (lambda: strip(7), ("patches = [7]", "Patch")),
+    (lambda: fa.Piezo(-1, 0.3, 7500, 0), "youngs_modulus = -1"),
+    (lambda: fa.Piezo(6e10, 0.7, 7500, 0), "poisson_ratio = 0.7"),
+    (lambda: fa.Piezo(6e10, 0.3, 7500, np.inf), "d31 = inf"),
+    (lambda: bad(material=replace(PZT, permittivity=1e-9)), "permittivity = 1e-09"),
+    (lambda: bad(material=replace(PZT, permittivity=0.0)).patch_voltage([0, 0, 0]), "permittivity = 0.0"),
+    (lambda: bonded().charge([0, 0, 0], 0, 1), ("patch = 1", "-1 to 0", "link 0")),
+    (lambda: strip().charge([0, 0, 0]), "link = -1"),
+    (lambda: bonded().equilibrium(voltages=[1, 2]), ("voltages has shape (2,)", "number")),
+    (lambda: bonded().equilibrium(voltages={0: 1.0}), ("voltages", "0", "link")),
+    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Torque(1.0)}), "Voltage"),
+    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0): fa.Voltage(1.0)}), ("patch", "link")),
+    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 3): fa.Voltage(1.0)}), ("drive", "patch = 3")),
+    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Voltage([0, 0.5], [0, 1])}), "samples"),
+    (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Voltage(lambda t: "a")}), ("Voltage", "t = 0")),
+    (lambda: fa.simulate(paper_link(), [0, 1], drive={0: fa.Voltage(1.0)}), ("Motion", "Torque")),
+    (lambda: fa.Voltage([0, 1], [0, np.nan]), ("V =", "finite")),
+    (lambda: bonded().linearize([0, 0, 0], inputs=[("patch", 0)]), ("inputs[0] =", "patch", "link")),
+    (lambda: bonded().linearize([0, 0, 0], inputs=[], outputs=[("charge", 0, 2)]), ("outputs[0]", "patch = 2")),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, length=0.6), "length = 0.6"),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, weights=[1, 1]), ("weights has shape (2,)", "3", "numbers")),
+    (lambda: fa.place_patch(paper_link(), patch=PAIR, modes=4), ("modes = 4", "3")),
+    (lambda: fa.place_patch(paper_link(), patch=replace(PAIR, face="z", width=1e-3)), ("face 'z'", "none")),
+    (lambda: fa.split(strip(PAIR, damping_ratio=0.1).links[0]), "damping_ratio = 0.1"),
+    (lambda: fa.split(strip(PAIR).links[0], places=[0.7]), "places = [0.7]"),
+    (lambda: fa.split(fa.Link(fa.Fixed())), ("link =", "Link", "beam")),
+    (lambda: fa.place_patch(paper_link(), patch="pzt"), ("patch = 'pzt'", "Patch")),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("call", "message"), BAD)
 def test_bad_input(call, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         call()
 
 
 def test_bad_scenes(tmp_path) -> None:
     for change, message in (
-        (('face = "w"\nprofile', "profile"), r"link\[0\].beam.patches\[0\].face = 'w'"),
-        (("d33 = 1, d31", "d31"), r"patches\[0\].material: unknown key 'd33'"),
-        (("volts", "voltage"), r"drive\[0\]: unknown key 'volts'; did you mean 'voltage'"),
-        (("patch = 2", "patch = 0"), r"drive: patch = 2"),
+        (('face = "w"\nprofile', "profile"), "link[0].beam.patches[0].face = 'w'"),
+        (("d33 = 1, d31", "d31"), ("patches[0].material", "key 'd33'")),
+        (("volts", "voltage"), ("drive[0]", "key 'volts'", "'voltage'")),
+        (("patch = 2", "patch = 0"), ("drive", "patch = 2")),
     ):
         path = tmp_path / "scene.toml"
         path.write_text(SCENE.replace(change[1], change[0], 1))
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             fa.load(path).run()

@@ -7,6 +7,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 
 pytest.importorskip("sectionproperties")
 
@@ -85,20 +86,20 @@ def test_a_channels_shear_centre() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"points": [[0, 0], [1, 0]]}, r"points has shape \(2, 2\): must be three corners"),
-        ({"points": [[0, 0], [1, 0], [2, 0]]}, r"points: must enclose an area"),
-        ({"points": [[0, 0], [1, 1], [1, 0], [0, 1]]}, r"points: must not cross itself"),
-        ({"points": [[0, 0], [1, np.nan], [1, 0]]}, r"points.* must be finite"),
-        ({"holes": [rectangle(0.02, 0.001)]}, r"holes\[0\]: must lie inside the outline"),
-        ({"holes": [rectangle(0.002, 0.001), rectangle(0.001, 0.002)]}, r"holes: must not touch nor overlap"),
-        ({"material": fa.Material(1.0, 1.0)}, r"material = .*: must have a poisson_ratio"),
-        ({"elements": 3}, r"elements = 3: must be from 20 to 100000"),
-        ({"elements": 10**9}, r"elements = 1000000000: must be from 20"),
-        ({"holes": 5}, r"holes = 5: must be a list of outlines"),
+        ({"points": [[0, 0], [1, 0]]}, ("points has shape (2, 2)", "three corners")),
+        ({"points": [[0, 0], [1, 0], [2, 0]]}, ("points", "enclose")),
+        ({"points": [[0, 0], [1, 1], [1, 0], [0, 1]]}, ("points", "cross itself")),
+        ({"points": [[0, 0], [1, np.nan], [1, 0]]}, ("points", "finite")),
+        ({"holes": [rectangle(0.02, 0.001)]}, ("holes[0]", "inside", "outline")),
+        ({"holes": [rectangle(0.002, 0.001), rectangle(0.001, 0.002)]}, ("holes", "overlap")),
+        ({"material": fa.Material(1.0, 1.0)}, ("material =", "poisson_ratio")),
+        ({"elements": 3}, ("elements = 3", "20 to 100000")),
+        ({"elements": 10**9}, ("elements = 1000000000", "20")),
+        ({"holes": 5}, "holes = 5"),
     ],
 )
 def test_bad_polygons(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         fa.sections.polygon(**{"points": rectangle(0.01, 0.02), "material": STEEL} | change)
 
 
@@ -112,7 +113,7 @@ def test_bad_polygons(change: dict[str, Any], message: str) -> None:
     ],
 )  # fmt: skip
 def test_slivers_are_refused_before_they_are_divided_into_millions(points: Any, holes: Any) -> None:
-    with pytest.raises(ValueError, match=r"parts are as thin as \d.*e-\d+ m, and take about .* no more than 100000"):
+    with refuses("thin", "100000"):
         fa.sections.polygon(points, STEEL, holes)
-    with pytest.raises(ValueError, match=r"thin as 9.2e-07 m, .* give elements=\d{5} if they are meant"):
+    with refuses("9.2e-07 m", "elements="):
         fa.sections.polygon([(0, 0), (1e-2, 0), (1e-2, 1e-6), (0, 1e-6)], STEEL)

@@ -3,6 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from scipy.spatial.transform import Rotation
 
 BODY = fa.RigidBody(1.0, inertia=(1.0, 1.0, 1.0), end=(0.4, 0.0, 0.0))
@@ -62,28 +63,28 @@ def test_a_pose_will_do_wherever_a_q_is_asked_for(arm: fa.Arm) -> None:
 
 
 WRONG = [
-    ({"elbo": 0.3}, r"joints: link = 'elbo': .*did you mean 'elbow'"),
-    ({"elbow": [0.3, 0.1]}, r"joints: 'elbow' = \[0.3, 0.1\]: must be 1 number$"),
-    ({"elbow": "far"}, "joints: 'elbow' = 'far': must be numbers"),
-    ({"elbow": np.nan}, "joints: 'elbow' = nan: must be finite"),
-    ({"wrist": 0.3}, "joints: 'wrist' = 0.3: must be 2 numbers"),
-    ({"hand": 0.3}, "'hand' = 0.3: must be 3 or 4 numbers, a ball's turn by a rotation vector"),
-    ({"hand": [0, 0, 0, 0]}, "the quaternion of hand must have a length"),
-    ({("hand", 0): 0.3}, "is a ball's, which has no angle; give the whole joint's turn"),
-    ({"elbow": 0.1, 1: 0.2}, "joints: link = 1: is named twice"),
-    ([0.3], r"joints = \[0.3\]: must be a dictionary"),
+    ({"elbo": 0.3}, ("joints", "link = 'elbo'", "'elbow'")),
+    ({"elbow": [0.3, 0.1]}, ("joints", "'elbow'", "0.3", "0.1", "number")),
+    ({"elbow": "far"}, ("joints", "'elbow'", "'far'", "numbers")),
+    ({"elbow": np.nan}, ("joints", "'elbow'", "nan", "finite")),
+    ({"wrist": 0.3}, ("joints", "'wrist'", "0.3", "2", "numbers")),
+    ({"hand": 0.3}, ("'hand'", "0.3", "4", "numbers", "a ball")),
+    ({"hand": [0, 0, 0, 0]}, ("quaternion", "hand")),
+    ({("hand", 0): 0.3}, ("ball", "angle")),
+    ({"elbow": 0.1, 1: 0.2}, ("joints", "link = 1")),
+    ([0.3], "joints = [0.3]"),
 ]
 
 
 @pytest.mark.parametrize(("joints", "message"), WRONG)
 def test_wrong_poses(arm: fa.Arm, joints, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         arm.pose(joints)
 
 
 def test_too_few_coordinates_say_how(arm: fa.Arm) -> None:
     for ask in (arm.frame, arm.modes, arm.equilibrium, lambda q: fa.simulate(arm, [0, 1], q)):
-        with pytest.raises(ValueError, match=r"q0? has shape \(2,\): .*arm\.pose\(\{0: 0\.3\}\)"):
+        with refuses("has shape (2,)", "arm.pose({0: 0.3})"):
             ask([0.1, 0.2])
 
 
@@ -98,7 +99,7 @@ def test_whoever_takes_a_state_tells_of_pose_and_takes_its_dictionary() -> None:
         lambda q: two.modes(q).frequencies,
         lambda q: fa.closed_loop(two, fa.StateFeedback(np.ones((1, 12)), q0=q)).growth,
     ):
-        with pytest.raises(ValueError, match=r"q0? has shape \(2,\): must be 6 numbers, .*arm.pose"):
+        with refuses("has shape (2,)", "6 numbers", "arm.pose"):
             ask([0.2, -0.2])
     assert (fa.lqr(two, {"fore": 0.4}).K == fa.lqr(two, q).K).all()
     assert (two.modes({"fore": 0.4}).frequencies == two.modes(q).frequencies).all()

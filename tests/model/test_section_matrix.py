@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
+from messages import refuses, warns
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
 STRIP = fa.Rectangle(0.004, 0.01)
@@ -234,7 +235,7 @@ def test_economize_knows_them() -> None:
 
 
 def test_an_angle_in_degrees_is_doubted() -> None:
-    with pytest.warns(fa.errors.ModelWarning, match="angle = 45 rad of a section: is it in degrees"):
+    with warns(fa.errors.ModelWarning, "angle = 45"):
         fa.SectionMatrix.of(STRIP, STEEL, angle=45)
 
 
@@ -244,24 +245,24 @@ def test_an_angle_in_degrees_is_doubted() -> None:
         (lambda: fa.SectionMatrix(K[:5], M), "stiffness has shape"),
         (lambda: fa.SectionMatrix(K * np.nan, M), "stiffness"),
         (lambda: fa.SectionMatrix(K, M * [1, 1, 1, 1, 1, -1]), "inertia"),
-        (lambda: fa.SectionMatrix(K, np.diag(np.diag(M) * [1, 2, 1, 1, 1, 1])), r"inertia\[1\]\[1\]"),
+        (lambda: fa.SectionMatrix(K, np.diag(np.diag(M) * [1, 2, 1, 1, 1, 1])), "inertia[1][1]"),
         (lambda: fa.SectionMatrix.of(STRIP, fa.Material(1.0, 1.0)), "poisson_ratio"),
         (lambda: fa.SectionMatrix.of(fa.SectionMatrix(K, M), STEEL), "doubly symmetric"),
-        (lambda: fa.SectionMatrix.of(STRIP, STEEL, y=np.nan), "^y = nan: must be finite"),
-        (lambda: fa.SectionMatrix.of(STRIP, STEEL, z=np.inf), "^z = inf: must be finite"),
-        (lambda: fa.SectionMatrix.of(STRIP, STEEL, angle=np.inf), "^angle = inf: must be finite"),
-        (lambda: fa.Beam(0.5, fa.SectionMatrix(K, M), STEEL, ALL), "material = .*: must be left out"),
-        (lambda: fa.Beam(0.5, STRIP, None, ALL), "material = None: must be a Material"),
-        (lambda: fa.Beam(0.5, STRIP, STEEL), "modes: missing"),
-        (lambda: arm(fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M)), "torsion.*must be positive"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, y=np.nan), "y = nan"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, z=np.inf), "z = inf"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, angle=np.inf), "angle = inf"),
+        (lambda: fa.Beam(0.5, fa.SectionMatrix(K, M), STEEL, ALL), "material ="),
+        (lambda: fa.Beam(0.5, STRIP, None, ALL), ("material = None", "Material")),
+        (lambda: fa.Beam(0.5, STRIP, STEEL), ("modes", "missing")),
+        (lambda: arm(fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M)), ("torsion", "positive")),
         (
             lambda: fa.Beam(0.5, fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M), modes=ALL, basis="loaded"),
-            "section: stiffness = 0.*torsion.*must be positive",
+            ("section", "stiffness = 0"),
         ),
-        (lambda: arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.01), order=2), 'order = 2: must be 3 or "exact"'),
-        (lambda: fa.sections.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "must all be a SectionMatrix"),
+        (lambda: arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.01), order=2), ("order = 2", "3", '"exact"')),
+        (lambda: fa.sections.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "SectionMatrix"),
     ],
 )
 def test_bad_input(make: object, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         make()

@@ -7,6 +7,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from model.saint_venant import Mesh, grid, lines
 
 STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
@@ -151,19 +152,19 @@ def test_arms_of_them_are_kept() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.Tube(0.1, 0.1), "thickness = 0.1: must be less than the radius"),
-        (lambda: fa.Tube(-0.1, 0.1), "radius = -0.1: must be positive"),
-        (lambda: fa.sections.Ellipse(0.1, np.nan), "z = nan: must be positive"),
-        (lambda: fa.sections.Box(0.1, 0.2, 0.05), "thickness = 0.05: must be less than half of y"),
-        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1)), "thickness = 0.1: must be less than half of z"),
-        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1, 0.1)), "thickness = .*: must be one number, or two"),
-        (lambda: fa.sections.IBeam(0.1, 0.1, 0.05, 0.01), "flange = 0.05: must be less than half of y"),
-        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, 0.1), "web = 0.1: must be less than z"),
-        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, "thin"), "web = 'thin': must be a number"),
-        (lambda: fa.sections.Box(0.1, 0.2, 0.01, 0.0), "shear_correction = 0: must be positive"),
-        (lambda: fa.Rectangle(0.1, 0.2, (0.5,)), "shear_correction = .*: must be one number, or two"),
+        (lambda: fa.Tube(0.1, 0.1), "thickness = 0.1"),
+        (lambda: fa.Tube(-0.1, 0.1), "radius = -0.1"),
+        (lambda: fa.sections.Ellipse(0.1, np.nan), "z = nan"),
+        (lambda: fa.sections.Box(0.1, 0.2, 0.05), "thickness = 0.05"),
+        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1)), "thickness = 0.1"),
+        (lambda: fa.sections.Box(0.1, 0.2, (0.01, 0.1, 0.1)), ("thickness =", "number")),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.05, 0.01), "flange = 0.05"),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, 0.1), "web = 0.1"),
+        (lambda: fa.sections.IBeam(0.1, 0.1, 0.01, "thin"), "web = 'thin'"),
+        (lambda: fa.sections.Box(0.1, 0.2, 0.01, 0.0), "shear_correction = 0"),
+        (lambda: fa.Rectangle(0.1, 0.2, (0.5,)), ("shear_correction =", "number")),
     ],
 )
 def test_bad_sections(make: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()

@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, random_state
+from messages import refuses
 from numpy.polynomial.legendre import Legendre
 from scipy.optimize import brentq
 
@@ -279,7 +280,7 @@ basis_tip = { mass = 2.0, inertia = [0, 0, 0.1] }
     assert arm.nv == 3 and arm.links[0].beam.section.sections[1].y == 0.001
     assert arm.links[1].beam.basis_tip.mass == 2.0
     path.write_text(path.read_text().replace("y = 0.001, z", "y = -0.001, z"))
-    with pytest.raises(ValueError, match=r"link\[0\].beam.section.sections\[1\].y = -0.001: must be positive"):
+    with refuses("link[0].beam.section.sections[1].y = -0.001"):
         fa.load(path)
 
 
@@ -292,45 +293,45 @@ def beam(**change) -> fa.Beam:
     [
         (
             {"modes": {"bending_y": [lambda x: 1.0, lambda x: 2.0]}},
-            r"modes.bending_y\[1\] = .*combination of the shapes",
+            ("modes.bending_y[1] =", "combination"),
         ),
-        ({"modes": {"bending_y": [lambda x: x, lambda x: 1.0, lambda x: 3 - x]}}, r"modes.bending_y\[2\] = "),
-        ({"modes": {"bending_y": [lambda x: 0.0]}}, r"modes.bending_y\[0\]: its strain must not be zero throughout"),
-        ({"modes": {"torsion": [[0.0, 0.0]]}}, r"modes.torsion\[0\] = 0: its strain must be finite, and not zero"),
-        ({"modes": {"bending_y": [lambda x: abs(x - 0.5)]}}, r"modes.bending_y\[0\]: is not smooth enough"),
-        ({"modes": {"bending_y": lambda x: 1.0}}, r"modes.bending_y = .*: must be a whole number, or a list of strain"),
-        ({"modes": {"bending_y": [lambda x: np.nan]}}, r"modes.bending_y\[0\].* must be finite"),
-        ({"modes": {"bending_y": [lambda x: "no"]}}, r"modes.bending_y\[0\].* must be numbers"),
-        ({"modes": {"bending_y": [[1.0]]}}, r"modes.bending_y\[0\] has shapes .*two or more"),
-        ({"modes": {"bending_y": [{"x": [0, 0.9], "strain": [1, 2]}]}}, r"must increase from 0 to the length, 1.0 m"),
-        ({"modes": {"bending_y": [{"x": [0, 1]}]}}, r"must have x and strain, or legendre"),
-        ({"modes": {"bending_y": [{"legendra": [1]}]}}, r"unknown key 'legendra'; did you mean 'legendre'"),
-        ({"modes": {"bending_y": [np.random.default_rng(0).normal(size=400)]}}, r"is too rough"),
-        ({"basis": "loadet"}, r"basis = 'loadet': must be one of .* did you mean 'loaded'"),
-        ({"basis_tip": fa.RigidBody(1.0)}, r"basis_tip: goes with basis = 'loaded'"),
-        ({"basis": "loaded", "basis_tip": 1.0}, r"basis_tip = 1.0: must be a RigidBody"),
+        ({"modes": {"bending_y": [lambda x: x, lambda x: 1.0, lambda x: 3 - x]}}, "modes.bending_y[2] ="),
+        ({"modes": {"bending_y": [lambda x: 0.0]}}, ("modes.bending_y[0]", "strain")),
+        ({"modes": {"torsion": [[0.0, 0.0]]}}, "modes.torsion[0] = 0"),
+        ({"modes": {"bending_y": [lambda x: abs(x - 0.5)]}}, ("modes.bending_y[0]", "smooth enough")),
+        ({"modes": {"bending_y": lambda x: 1.0}}, ("modes.bending_y =", "whole number", "list", "strain")),
+        ({"modes": {"bending_y": [lambda x: np.nan]}}, ("modes.bending_y[0]", "finite")),
+        ({"modes": {"bending_y": [lambda x: "no"]}}, ("modes.bending_y[0]", "numbers")),
+        ({"modes": {"bending_y": [[1.0]]}}, ("modes.bending_y[0]", "two")),
+        ({"modes": {"bending_y": [{"x": [0, 0.9], "strain": [1, 2]}]}}, ("1.0 m", "increase", "length")),
+        ({"modes": {"bending_y": [{"x": [0, 1]}]}}, ("x and strain", "legendre")),
+        ({"modes": {"bending_y": [{"legendra": [1]}]}}, ("key 'legendra'", "'legendre'")),
+        ({"modes": {"bending_y": [np.random.default_rng(0).normal(size=400)]}}, "rough"),
+        ({"basis": "loadet"}, ("basis = 'loadet'", "'loaded'")),
+        ({"basis_tip": fa.RigidBody(1.0)}, ("basis_tip", "basis = 'loaded'")),
+        ({"basis": "loaded", "basis_tip": 1.0}, ("basis_tip = 1.0", "RigidBody")),
         (
             {"section": fa.sections.Taper((0, 2.0), (SQUARE, SQUARE))},
-            r"section.x = \(0.0, 2.0\): must end at the beam's length",
+            "section.x = (0.0, 2.0)",
         ),
     ],
 )
 def test_bad_shapes(change: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         beam(**change)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (((0.0,), (SQUARE,)), r"x = \(0.0,\): must be two or more places"),
-        (((0.1, 1.0), (SQUARE, SQUARE)), r"increasing from 0"),
-        (((0.0, 1.0), (SQUARE,)), r"must be one section for each of the 2 places"),
-        (((0.0, 1.0), (SQUARE, 1.0)), r"sections\[1\] = 1.0: must be a Rectangle"),
+        (((0.0,), (SQUARE,)), "x = (0.0,)"),
+        (((0.1, 1.0), (SQUARE, SQUARE)), "increasing from 0"),
+        (((0.0, 1.0), (SQUARE,)), ("section", "2 places")),
+        (((0.0, 1.0), (SQUARE, 1.0)), ("sections[1] = 1.0", "Rectangle")),
     ],
 )
 def test_bad_tapers(arguments: tuple, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         fa.sections.Taper(*arguments)
 
 

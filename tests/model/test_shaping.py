@@ -10,6 +10,7 @@ import pytest
 from arms import close, paper_link
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from messages import refuses
 
 KINDS = ("zv", "zvd", "zvdd")
 QUINTIC = fa.Motion([0, 0.25, 1.65], [0, 0.1, 0.1], [0, 0, 0], [0, 0, 0])  # 0.1 rad in 0.25 s, then rest
@@ -97,7 +98,7 @@ def test_motions_that_do_not_end_at_rest() -> None:
     assert spin(0.0) == (0, 0, 0) and spin(0.1)[0] == pytest.approx(0.5 * fa.Motion.spin_up(2.0, 0.5)(0.1)[0])
     half = fa.Motion([0, 0.25], [0, 0.4], [0, 1.0], [0, 0])
     assert fa.input_shaper("zv", 20.0).shape(half).law.breaks[-1] == 0.25
-    with pytest.raises(ValueError, match=r"motion at t = 0.0: has v = 1.*must start at rest"):
+    with refuses("t = 0.0", "v = 1", "motion", "start", "rest"):
         fa.input_shaper("zv", 20.0).shape(fa.Motion([0, 1], [0, 1], [1, 1], [0, 0]))
 
 
@@ -150,25 +151,25 @@ def test_zvd_forgives_a_wrong_frequency_that_zv_does_not(error: float) -> None:
 # -- bad input -----------------------------------------------------------------------------------------------------
 
 BAD = [
-    (lambda: fa.input_shaper("zvv", 20.0), r"kind = 'zvv': must be one of zv, zvd, zvdd; did you mean"),
-    (lambda: fa.input_shaper("zv", 0.0), r"frequency = 0.0: must be positive"),
-    (lambda: fa.input_shaper("zv", [20.0, 30.0]), r"frequency = \[20.0, 30.0\]: must be a number"),
-    (lambda: fa.input_shaper("zv", 20.0, 1.0), r"damping_ratio = 1.0: must be from 0 to below 1"),
-    (lambda: fa.Shaper((0, 1), (0.5, 0.6)), r"amplitudes = \(0.5, 0.6\): sum to 1.1, must sum to 1"),
-    (lambda: fa.Shaper((0.1, 1), (0.5, 0.5)), r"times = \(0.1, 1\): must increase from 0"),
-    (lambda: fa.Shaper((0, 1), (1.0,)), r"amplitudes has shape \(1,\): must be 2 numbers"),
-    (lambda: fa.input_shaper("zv", 20.0).residual(-1.0), r"frequency = -1.0: must be positive"),
-    (lambda: fa.input_shaper("zv", 20.0).shape(3.0), r"command = 3.0: must be a Motion or a Torque"),
-    (lambda: fa.input_shaper("zv", 20.0).shape(QUINTIC, before=1.0), r"before = 1.0: is for a Torque"),
+    (lambda: fa.input_shaper("zvv", 20.0), "kind = 'zvv'"),
+    (lambda: fa.input_shaper("zv", 0.0), "frequency = 0.0"),
+    (lambda: fa.input_shaper("zv", [20.0, 30.0]), "frequency = [20.0, 30.0]"),
+    (lambda: fa.input_shaper("zv", 20.0, 1.0), "damping_ratio = 1.0"),
+    (lambda: fa.Shaper((0, 1), (0.5, 0.6)), ("amplitudes = (0.5, 0.6)", "1.1")),
+    (lambda: fa.Shaper((0.1, 1), (0.5, 0.5)), "times = (0.1, 1)"),
+    (lambda: fa.Shaper((0, 1), (1.0,)), ("amplitudes has shape (1,)", "2", "numbers")),
+    (lambda: fa.input_shaper("zv", 20.0).residual(-1.0), "frequency = -1.0"),
+    (lambda: fa.input_shaper("zv", 20.0).shape(3.0), ("command = 3.0", "Motion", "Torque")),
+    (lambda: fa.input_shaper("zv", 20.0).shape(QUINTIC, before=1.0), ("before = 1.0", "Torque")),
     (
         lambda: fa.input_shaper("zv", 20.0)([0, 1], [0, 1, 2]),
-        r"y has shape \(3,\): must have one row for each of the 2",
+        ("y has shape (3,)", "2"),
     ),
-    (lambda: fa.input_shaper("zv", 20.0)([0, 0], [0, 1]), r"t\[1\] = 0.0: t must increase"),
+    (lambda: fa.input_shaper("zv", 20.0)([0, 0], [0, 1]), "t[1] = 0.0"),
 ]
 
 
 @pytest.mark.parametrize(("make", "message"), BAD)
 def test_bad_input(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()

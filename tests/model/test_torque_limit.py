@@ -7,6 +7,7 @@ from dataclasses import replace
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -180,12 +181,12 @@ def test_each_output_of_a_law_has_a_limit_of_its_own(law: fa.Controller, tmp_pat
 
 def test_a_list_of_limits_is_checked() -> None:
     for limit in ([1.0], [1.0, 0.0]):
-        with pytest.raises(ValueError, match=r"limit = .*: must be one positive number, or 2, one for each output"):
+        with refuses("limit =", "2", "positive", "number"):
             fa.StateFeedback(GAINS, [0, 1], limit=limit)
     for limit in (0.0, -1.0, np.nan):
-        with pytest.raises(ValueError, match="torque_limit"):
+        with refuses("torque_limit"):
             fa.Revolute("z", torque_limit=limit)
-    with pytest.raises(ValueError, match=r"torque_limit.*a ball has no motor"):
+    with refuses("torque_limit", "a ball", "motor"):
         fa.Spherical(torque_limit=1.0)
 
 
@@ -264,7 +265,7 @@ def test_derivatives_of_steps_and_rollouts_know_the_limit(integrator: str) -> No
     mine = fa.rollout_gradient(arm, rows.q[0], rows.v[0], tau, by, **options)
     other = fa.rollout_gradient(free, rows.q[0], rows.v[0], clipped, by, **options)
     assert mine.tau == pytest.approx(np.where(over, 0.0, other.tau), abs=1e-18)
-    with pytest.raises(ValueError, match="no derivative by a limit"):
+    with refuses("derivative", "limit"):
         fa.rollout_gradient(arm, rows.q[0], rows.v[0], tau, by, parameters=["link.0.joint.torque_limit"], **options)
 
 

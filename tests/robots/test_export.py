@@ -13,6 +13,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.robots.segments import segmented
+from messages import refuses, warns
 from scipy.linalg import eigh
 
 mujoco = pytest.importorskip("mujoco")
@@ -139,7 +140,7 @@ def test_the_tip_in_mujoco() -> None:
 
 def test_a_rigid_arm_comes_back(tmp_path: Path) -> None:
     arm = rigid()
-    with pytest.warns(fa.errors.RobotWarning, match="gravity: URDF has none"):
+    with warns(fa.errors.RobotWarning, "gravity", "URDF", "none"):
         arm.to_urdf(tmp_path / "arm.urdf")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -210,9 +211,9 @@ def test_beams_without_rotary_inertia_and_without_mass() -> None:
     assert compiled(thin).nv == 11
     massless = fa.Material(0.0, 2.1e11, 0.3)
     assert arm(massless, {}).to_mjcf()  # a rigid rod
-    with pytest.raises(ValueError, match=r"density = 0: .*without mass"):
+    with refuses("density = 0"):
         arm(massless, {"bending_y": 2}, True).to_mjcf()
-    with pytest.raises(ValueError, match=r"rotary_inertia = False: .*torsion"):
+    with refuses("rotary_inertia = False"):
         arm(steel, {"torsion": 1}).to_mjcf()
 
 
@@ -232,7 +233,7 @@ def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute(), solid, name=name) for name in ("world", "tip", 'a<&"b--')])
     assert compiled(arm).nv == 3
-    with pytest.warns(fa.errors.RobotWarning, match="the name 'world' of a link"):
+    with warns(fa.errors.RobotWarning, "'world'", "link"):
         arm.to_mjcf()
     named = [fa.Link(fa.Revolute(), solid, name="a"), fa.Link(fa.Revolute(name="a joint"), solid, name="b")]
     assert compiled(fa.Arm(named)).nv == 2
@@ -244,15 +245,15 @@ def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
 
 def test_bad_input(tmp_path: Path) -> None:
     for segments in (1, 0, 2.5, 300, "few"):
-        with pytest.raises(ValueError, match="segments = "):
+        with refuses("segments ="):
             plane().to_mjcf(segments=segments)  # type: ignore[arg-type]
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="wrist")])
-    with pytest.raises(ValueError, match="wrist: its joint 'spherical' has a ball"):
+    with refuses("wrist", "joint 'spherical'", "a ball"):
         ball.to_mjcf()
     bent = fa.Beam(0.5, fa.Tube(0.01, 0.001), ALLOY, modes={"bending_y": 2}, order="exact", curvature=(0, 0, 1))
-    with pytest.raises(ValueError, match="curvature"):
+    with refuses("link 0", "curvature"):
         fa.Arm([fa.Link(fa.Revolute(), None, bent)]).to_urdf()
-    with pytest.raises(ValueError, match=r"must end in \.xml"):
+    with refuses("path =", ".xml"):
         plane().to_mjcf(tmp_path / "arm.txt")
 
 
@@ -262,9 +263,9 @@ def test_one_sided_stops(tmp_path: Path) -> None:
     joints = [fa.Revolute(upper=0.5, limit_stiffness=10.0), fa.Revolute(lower=-0.25, limit_stiffness=10.0),
               fa.Prismatic(lower=0.1, limit_stiffness=10.0), fa.Revolute(), fa.Prismatic()]  # fmt: skip
     arm = fa.Arm([fa.Link(replace(joint, name=f"j{k}"), solid, name=f"l{k}") for k, joint in enumerate(joints)])
-    with pytest.warns(fa.errors.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+    with warns(fa.errors.RobotWarning, "soft stops", "j0, j1, j2"):
         text = arm.to_urdf(tmp_path / "arm.urdf")
-    with pytest.warns(fa.errors.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+    with warns(fa.errors.RobotWarning, "soft stops", "j0, j1, j2"):
         arm.to_mjcf(tmp_path / "arm.xml")
     types = re.findall(r'<joint name="j\d" type="(\w+)"', text)
     assert types == ["revolute", "revolute", "prismatic", "continuous", "prismatic"]

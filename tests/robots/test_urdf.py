@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from flexarm.robots.chain import Conversion, _note_omissions
 from flexarm.robots.tree import Mass, Tree, TreeJoint
+from messages import refuses, warns
 
 pytest.importorskip("urdf_parser_py")
 DATA = Path(__file__).parents[1] / "data"
@@ -76,7 +77,7 @@ def test_the_report() -> None:
         "limits of position (`stops` makes soft stops of them): lift, left_shoulder, left_elbow",
     ):
         assert words in text
-    with pytest.warns(fa.errors.RobotWarning, match="limits of effort and velocity: pan"):
+    with warns(fa.errors.RobotWarning, "effort", "velocity", "pan"):
         arm = fa.from_urdf(DATA / "robots" / "six.urdf")
     assert [look.shape for look in arm["turret"].looks] == ["box"]
 
@@ -197,41 +198,41 @@ def test_its_mass_replaces_or_is_added(tmp_path: Path) -> None:
     # what is bolted on rides with the nearer end: the motor, 0.3 m up of 0.42
     arm = made(tmp_path, SIX, flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
     assert arm["upper_arm"].tip.mass == 1.1 and arm["upper_arm"].hub is None
-    with pytest.warns(fa.errors.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg replaces them"):
+    with warns(fa.errors.RobotWarning, "8.4 kg", "'upper_arm'", "1.134 kg"):
         fa.from_urdf(DATA / "robots" / "six.urdf", flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
 
 
 # -- bad input --------------------------------------------------------------------------------------------------------
 
 LOOP = '<joint name="l" type="fixed"><parent link="tool"/><child link="turret"/></joint></robot>'
-BAD: dict[str, tuple[str, dict[str, Any], str]] = {
-    "line of broken XML": (SIX.replace('<link name="pedestal"/>', '<link name="pedestal">'), {}, r"line 44, column 3"),
+BAD: dict[str, tuple[str, dict[str, Any], Any]] = {
+    "line of broken XML": (SIX.replace('<link name="pedestal"/>', '<link name="pedestal">'), {}, "line 44"),
     "empty": ("", {}, "line 1"),
-    "another format": ("<mujoco/>", {}, "must be <robot> .is this MJCF"),
-    "macros": ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro name="a"/></robot>', {}, "xacro FILE"),
+    "another format": ("<mujoco/>", {}, "MJCF"),
+    "macros": ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro name="a"/></robot>', {}, "xacro"),
     "no links": ("<robot/>", {}, "no links"),
-    "floating": (SIX.replace('"pan" type="revolute"', '"pan" type="floating"'), {}, "'pan': type 'floating'"),
-    "planar": (SIX.replace('"pan" type="revolute"', '"pan" type="planar"'), {}, "'pan': type 'planar'"),
-    "mimic": (TREE, {"tip": "finger_b"}, "'grip_b': type 'mimic of 'grip_a''"),
-    "branches": (TREE, {}, "'neck' is not on the way.*finger_a, finger_b"),
-    "tip": (TREE, {"tip": "left_plam"}, "did you mean 'left_palm'"),
-    "loop": (SIX.replace("</robot>", LOOP), {}, "'turret': is the child of 'pan' and 'l'"),
-    "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, "wrist_c.*must be positive"),
-    "negative mass": (SIX.replace('"2.3"', '"-2.3"'), {}, "'forearm': mass = -2.3"),
-    "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, "'forearm': inertia"),
-    "nan": (SIX.replace('"2.3"', '"nan"'), {}, "'forearm': mass = nan"),
-    "a word": (SIX.replace('"2.3"', '"two"'), {}, "'forearm': <mass value=\"two\">"),
-    "no mass": (SIX.replace('"2.3"', '""'), {}, "'forearm': <mass value=\"\">: must be one number"),
-    "two masses": (SIX.replace('"2.3"', '"2.3 1"'), {}, "'forearm': <mass value=\"2.3 1\">: must be one number"),
-    "a short axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 1"'), {}, "'shoulder': <axis xyz=\"0 1\">: must be 3 numbers"),
-    "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, "'shoulder': axis"),
-    "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, "its parent 'x'"),
-    "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, "did you mean 'forearm'"),
-    "fixed flexible": (SIX, {"flexible": {"motor": beam(0.3)}}, "'motor' is fixed to 'upper_arm'"),
-    "no beam": (SIX, {"flexible": {"forearm": 0.3}}, "must be a Beam"),
-    "length": (SIX, {"flexible": {"forearm": beam(0.3)}}, "must be 0.31685959 m"),
+    "floating": (SIX.replace('"pan" type="revolute"', '"pan" type="floating"'), {}, ("'pan'", "'floating'")),
+    "planar": (SIX.replace('"pan" type="revolute"', '"pan" type="planar"'), {}, ("'pan'", "'planar'")),
+    "mimic": (TREE, {"tip": "finger_b"}, ("'grip_b'", "'grip_a'")),
+    "branches": (TREE, {}, ("'neck'", "finger_a", "finger_b")),
+    "tip": (TREE, {"tip": "left_plam"}, "'left_palm'"),
+    "loop": (SIX.replace("</robot>", LOOP), {}, ("'turret'", "'pan'", "'l'")),
+    "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, ("wrist_c", "positive")),
+    "negative mass": (SIX.replace('"2.3"', '"-2.3"'), {}, ("'forearm'", "mass = -2.3")),
+    "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, ("'forearm'", "inertia")),
+    "nan": (SIX.replace('"2.3"', '"nan"'), {}, ("'forearm'", "mass = nan")),
+    "a word": (SIX.replace('"2.3"', '"two"'), {}, ("'forearm'", "value=", '"two"', "mass")),
+    "no mass": (SIX.replace('"2.3"', '""'), {}, ("'forearm'", "value=", '""', "mass", "number")),
+    "two masses": (SIX.replace('"2.3"', '"2.3 1"'), {}, ("'forearm'", "value=", '"2.3 1"', "mass", "number")),
+    "a short axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 1"'), {}, ("'shoulder'", "xyz=", '"0 1"', "3", "numbers")),
+    "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, ("'shoulder'", "axis")),
+    "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, ("joint 'pan'", "'x'")),
+    "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, ("flexible", "key 'forarm'", "'forearm'")),
+    "fixed flexible": (SIX, {"flexible": {"motor": beam(0.3)}}, ("'motor'", "'upper_arm'")),
+    "no beam": (SIX, {"flexible": {"forearm": 0.3}}, ("flexible['forearm'] = 0.3", "Beam")),
+    "length": (SIX, {"flexible": {"forearm": beam(0.3)}}, "0.31685959 m"),
     "no end": (SIX, {"flexible": {"wrist_3": beam(0.3)}}, "no joint follows"),
-    "stops": (SIX, {"stops": (1, 2, 3)}, "must be a stiffness, or"),
+    "stops": (SIX, {"stops": (1, 2, 3)}, "stops = (1, 2, 3)"),
 }  # fmt: skip
 
 
@@ -243,16 +244,16 @@ def test_the_length_of_an_axis_says_nothing(axis: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name: str, tmp_path: Path) -> None:
     text, options, says = BAD[name]
-    with pytest.raises(ValueError, match=says) as error:
+    with refuses(says) as error:
         made(tmp_path, text, **options)
     assert str(error.value).startswith("robot.urdf: ")
 
 
 def test_no_file_and_no_parser(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ValueError, match="No such file"):
+    with refuses("No such file"):
         fa.from_urdf("/nowhere.urdf")
     monkeypatch.setitem(__import__("sys").modules, "urdf_parser_py", None)
-    with pytest.raises(ImportError, match=r"flexarm\[urdf\]"):
+    with refuses("flexarm[urdf]", error=ImportError):
         fa.from_urdf(DATA / "robots" / "six.urdf")
 
 
@@ -273,15 +274,15 @@ def test_numbers_of_joints() -> None:
     rotors = np.diag([j.reflected_inertia for j in joints.values()])
     q = np.linspace(-1, 1, 6)
     np.testing.assert_allclose(arm.mass_matrix(q), plain.mass_matrix(q) + rotors, rtol=0, atol=1e-13)
-    bad: dict[str, tuple[dict[str, Any], str]] = {
-        "unknown": ({"damping": {"elbo": 1.0}}, "damping: unknown key 'elbo'; did you mean 'elbow'"),
-        "negative": ({"coulomb": {"elbow": -1.0}}, "joint 'elbow': coulomb.* = -1"),
-        "word": ({"reflected_inertia": {"elbow": "x"}}, r"reflected_inertia\['elbow'\] = 'x': must be a number"),
-        "twice": ({"damping": {"elbow": 1.0, "forearm": 2.0}}, "damping: 'forearm' and 'elbow' are one joint"),
-        "list": ({"damping": [1.0, 2.0]}, "damping = .*: must be a number"),
+    bad: dict[str, tuple[dict[str, Any], Any]] = {
+        "unknown": ({"damping": {"elbo": 1.0}}, ("damping", "key 'elbo'", "'elbow'")),
+        "negative": ({"coulomb": {"elbow": -1.0}}, ("joint 'elbow'", "coulomb[0] = -1")),
+        "word": ({"reflected_inertia": {"elbow": "x"}}, "reflected_inertia['elbow'] = 'x'"),
+        "twice": ({"damping": {"elbow": 1.0, "forearm": 2.0}}, ("damping", "'forearm'", "'elbow'")),
+        "list": ({"damping": [1.0, 2.0]}, ("damping =", "number")),
     }
     for options, says in bad.values():
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             quiet(six, **options)
 
 

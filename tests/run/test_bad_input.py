@@ -7,6 +7,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, random_arm, reference
+from messages import refuses
 
 steel = fa.Material(7850, 209e9, 0.3)
 strip = fa.Rectangle(0.001, 0.02)
@@ -21,109 +22,109 @@ def hinged(*bodies: fa.RigidBody) -> fa.Arm:
 
 
 PARTS = [
-    (lambda: beam(length=-0.5), r"length = -0.5: must be positive"),
-    (lambda: fa.Scene(paper_link(), np.linspace(0, 1, 3)), r"drive = array.*: must be a dictionary"),
-    (lambda: beam(length=0), r"length = 0: must be positive"),
-    (lambda: beam(length=float("nan")), r"length = nan"),
-    (lambda: beam(length="long"), r"length = 'long': must be a number"),
-    (lambda: beam(modes={"bending": 2}), r"unknown key 'bending'; did you mean 'bending_y' or 'bending_z'\?"),
-    (lambda: beam(modes={"bending_yy": 2}), r"modes: unknown key 'bending_yy'; did you mean 'bending_y'\?"),
-    (lambda: beam(modes={"bending_y": -1}), r"modes.bending_y = -1"),
-    (lambda: beam(modes={"bending_y": 1.5}), r"modes.bending_y = 1.5: must be a whole number"),
-    (lambda: beam(order=4), r"order = 4: must be 0, 1, 2, 3 or \"exact\""),
-    (lambda: beam(order="exakt"), r"order = 'exakt'"),
-    (lambda: beam(basis="legendr"), r"basis = 'legendr': must be one of .* did you mean 'legendre'"),
-    (lambda: beam(damping_ratio=-0.1), r"damping_ratio = -0.1"),
-    (lambda: beam(damping_ratio=2), r"damping_ratio = 2: 2 % is 0.02; is it in per cent\?"),
-    (lambda: beam(damping=1.0), r"damping has shape \(\): must be a matrix"),
-    (lambda: beam(damping=[1.0, 2.0]), r"damping has shape \(2,\): must be a matrix"),
-    (lambda: beam(curvature=(0, 0, 1e9), order="exact"), r"curvature = .* folds the beam"),
-    (lambda: beam(curvature=(1e6, 0, 0), order="exact"), r"curvature = .* turns the beam's sections by 500000 rad"),
-    (lambda: beam(gauss_points=0), r"gauss_points = 0"),
-    (lambda: beam(section=0.001), r"section = 0.001: must be a Section or a Taper"),
-    (lambda: beam(material=fa.Material(7850, 209e9), modes={"torsion": 1}), r"shear_modulus = not given"),
-    (lambda: fa.Rectangle(0.001, -0.02), r"z = -0.02: must be positive"),
-    (lambda: fa.Circle(0.01, 0.02), r"inner_radius = 0.02: must be smaller than the radius"),
-    (lambda: fa.sections.GeneralSection(1.0, 1.0, 0.0, 1.0), r"second_moment_z = 0"),
-    (lambda: fa.Material(-1.0, 209e9), r"density = -1"),
-    (lambda: fa.Material(7850, 0.0), r"youngs_modulus = 0"),
-    (lambda: fa.Material(7850, 209e9, 0.6), r"poisson_ratio = 0.6"),
-    (lambda: fa.Material(7850, 209e9, 0.3, 80e9), r"shear_modulus = 8e\+10: give either"),
-    (lambda: fa.RigidBody(-1.0), r"mass = -1"),
-    (lambda: fa.RigidBody(1.0, (0, 0)), r"com has shape \(2,\): must be 3 numbers"),
-    (lambda: fa.RigidBody(1.0, (0, 0, np.inf)), r"com = .*must be finite"),
-    (lambda: fa.RigidBody(1.0, inertia=(1, 1, -1)), r"inertia = .*must not have a negative principal moment"),
-    (lambda: fa.RigidBody(1.0, inertia=np.arange(9).reshape(3, 3)), r"inertia = .*must be symmetric"),
-    (lambda: fa.RigidBody(1.0, inertia=(1, 1, 1, 9, 0, 0)), r"inertia = .*negative principal moment"),
-    (lambda: fa.RigidBody(0.01, inertia=(1, 1, 5)), r"inertia = .*no body has the principal moments 1 1 5 kg m\^2"),
-    (lambda: fa.RigidBody(0.01, inertia=(2, 2, 2, 0, 0, 1.5)), r"inertia = .*are they about the centre of mass\?"),
-    (lambda: fa.RigidBody(1.0, inertia=(1, 2)), r"inertia has shape \(2,\)"),
-    (lambda: fa.Revolute("w"), r"axis = 'w'"),
-    (lambda: fa.Revolute((0, 0, 0)), r"axis = 0 0 0: must not be zero"),
-    (lambda: fa.Link("revolute"), r"joint = 'revolute'"),
-    (lambda: fa.Link(fa.Fixed(), beam=fa.RigidBody(1.0)), r"beam = RigidBody.*must be a Beam or None"),
-    (lambda: fa.Arm([]), r"links = \[\]"),
-    (lambda: fa.Arm([fa.Fixed()]), r"links\[0\] = Fixed\(\): must be a Link"),
-    (lambda: hinged(fa.RigidBody()), r"inertia of coordinate 'link 0 revolute' = 0: must be positive"),
-    (lambda: hinged(fa.RigidBody(1.0)), r"inertia of coordinate 'link 0 revolute' = 0"),
-    (lambda: hinged(fa.RigidBody(), fa.RigidBody(1.0, inertia=(1, 1, 1))), r"inertia of coordinate 'link 0 revolute'"),
+    (lambda: beam(length=-0.5), "length = -0.5"),
+    (lambda: fa.Scene(paper_link(), np.linspace(0, 1, 3)), "drive = array"),
+    (lambda: beam(length=0), "length = 0"),
+    (lambda: beam(length=float("nan")), "length = nan"),
+    (lambda: beam(length="long"), "length = 'long'"),
+    (lambda: beam(modes={"bending": 2}), ("key 'bending'", "'bending_y'", "'bending_z'")),
+    (lambda: beam(modes={"bending_yy": 2}), ("modes", "key 'bending_yy'", "'bending_y'")),
+    (lambda: beam(modes={"bending_y": -1}), "modes.bending_y = -1"),
+    (lambda: beam(modes={"bending_y": 1.5}), "modes.bending_y = 1.5"),
+    (lambda: beam(order=4), ("order = 4", '"exact"')),
+    (lambda: beam(order="exakt"), "order = 'exakt'"),
+    (lambda: beam(basis="legendr"), ("basis = 'legendr'", "'legendre'")),
+    (lambda: beam(damping_ratio=-0.1), "damping_ratio = -0.1"),
+    (lambda: beam(damping_ratio=2), ("damping_ratio = 2", "0.02")),
+    (lambda: beam(damping=1.0), ("damping has shape ()", "matrix")),
+    (lambda: beam(damping=[1.0, 2.0]), ("damping has shape (2,)", "matrix")),
+    (lambda: beam(curvature=(0, 0, 1e9), order="exact"), ("curvature =", "folds", "beam")),
+    (lambda: beam(curvature=(1e6, 0, 0), order="exact"), ("curvature =", "500000 rad", "turns", "beam", "sections")),
+    (lambda: beam(gauss_points=0), "gauss_points = 0"),
+    (lambda: beam(section=0.001), ("section = 0.001", "Section", "Taper")),
+    (lambda: beam(material=fa.Material(7850, 209e9), modes={"torsion": 1}), "shear_modulus"),
+    (lambda: fa.Rectangle(0.001, -0.02), "z = -0.02"),
+    (lambda: fa.Circle(0.01, 0.02), "inner_radius = 0.02"),
+    (lambda: fa.sections.GeneralSection(1.0, 1.0, 0.0, 1.0), "second_moment_z = 0"),
+    (lambda: fa.Material(-1.0, 209e9), "density = -1"),
+    (lambda: fa.Material(7850, 0.0), "youngs_modulus = 0"),
+    (lambda: fa.Material(7850, 209e9, 0.6), "poisson_ratio = 0.6"),
+    (lambda: fa.Material(7850, 209e9, 0.3, 80e9), "shear_modulus = 8e+10"),
+    (lambda: fa.RigidBody(-1.0), "mass = -1"),
+    (lambda: fa.RigidBody(1.0, (0, 0)), ("com has shape (2,)", "3", "numbers")),
+    (lambda: fa.RigidBody(1.0, (0, 0, np.inf)), ("com =", "finite")),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 1, -1)), ("inertia =", "negative")),
+    (lambda: fa.RigidBody(1.0, inertia=np.arange(9).reshape(3, 3)), ("inertia =", "symmetric")),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 1, 1, 9, 0, 0)), ("inertia =", "negative")),
+    (lambda: fa.RigidBody(0.01, inertia=(1, 1, 5)), ("inertia =", "1 1 5 kg m^2")),
+    (lambda: fa.RigidBody(0.01, inertia=(2, 2, 2, 0, 0, 1.5)), ("inertia =", "mass")),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 2)), "inertia has shape (2,)"),
+    (lambda: fa.Revolute("w"), "axis = 'w'"),
+    (lambda: fa.Revolute((0, 0, 0)), "axis = 0 0 0"),
+    (lambda: fa.Link("revolute"), "joint = 'revolute'"),
+    (lambda: fa.Link(fa.Fixed(), beam=fa.RigidBody(1.0)), ("beam = RigidBody", "Beam", "None")),
+    (lambda: fa.Arm([]), "links = []"),
+    (lambda: fa.Arm([fa.Fixed()]), ("links[0] = Fixed", "Link")),
+    (lambda: hinged(fa.RigidBody()), ("coordinate 'link 0 revolute' = 0", "inertia")),
+    (lambda: hinged(fa.RigidBody(1.0)), ("coordinate 'link 0 revolute' = 0", "inertia")),
+    (lambda: hinged(fa.RigidBody(), fa.RigidBody(1.0, inertia=(1, 1, 1))), ("coordinate 'link 0 revolute'", "inertia")),
     (
         lambda: fa.Arm([fa.Link(fa.Fixed(), beam=beam(modes={"torsion": 1}, rotary_inertia=False))]),
-        r"inertia of coordinate 'link 0 torsion 1' = 0",
+        ("coordinate 'link 0 torsion 1' = 0", "inertia"),
     ),
-    (lambda: fa.Arm([fa.Link(fa.Fixed(), fa.RigidBody(1.0))], gravity=(0, 0)), r"gravity has shape \(2,\)"),
+    (lambda: fa.Arm([fa.Link(fa.Fixed(), fa.RigidBody(1.0))], gravity=(0, 0)), "gravity has shape (2,)"),
 ]
 
 
 @pytest.mark.parametrize(("make", "message"), PARTS)
 def test_parts(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
 CALLS = [
-    (lambda a: a.forward_dynamics([0, 0, 0], np.zeros(4)), r"q has shape \(3,\): the last axis must be 4 long"),
-    (lambda a: a.forward_dynamics(np.zeros(4), [0, np.nan, 0, 0]), r"v = .*must be finite"),
-    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), method="abc"), r"method = 'abc': must be one of ab, ci"),
-    (lambda a: a.forward_dynamics(np.zeros((2, 4)), np.zeros((3, 4))), r"leading axes do not fit"),
-    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), prescribed={1: 0.0}), r"prescribed: link = 1"),
-    (lambda a: a.mass_matrix("abcd"), r"q = 'abcd': must be numbers"),
-    (lambda a: a.frame(np.zeros(4), link=1), r"link = 1: must be from -1 to 0"),
-    (lambda a: a.frame(np.zeros(4), x=0.6), r"x = 0.6: must be on the beam"),
-    (lambda a: a.strain(np.zeros(4), x=-0.1), r"x = -0.1"),
-    (lambda a: a.modes(speed={0: np.inf}), r"speed = inf"),
-    (lambda a: a.modes(lock=[3]), r"lock: link = 3: must be from -1 to 0"),
-    (lambda a: fa.simulate(a, [0, 1, 1]), r"t\[2\] = 1: t must increase"),
-    (lambda a: fa.simulate(a, [0.0]), r"t has shape \(1,\): must be one list of at least two"),
-    (lambda a: fa.simulate(a, [0, np.nan]), r"t = .*must be finite"),
-    (lambda a: fa.simulate(a, [0, 1], [0, 0]), r"q0 has shape \(2,\): must be 4 numbers"),
-    (lambda a: fa.simulate(a, [0, 1], rtol=0), r"rtol = 0: must be positive"),
-    (lambda a: fa.simulate(a, [0, 1], atol=-1e-9), r"atol = -1e-09: must be positive"),
-    (lambda a: fa.simulate(a, [0, 1], max_order=6), r"max_order = 6: must be from 1 to 5"),
-    (lambda a: fa.simulate(a, [0, 1], integrator="euler"), r"integrator = 'euler': must be one of ida"),
+    (lambda a: a.forward_dynamics([0, 0, 0], np.zeros(4)), ("q has shape (3,)", "4")),
+    (lambda a: a.forward_dynamics(np.zeros(4), [0, np.nan, 0, 0]), ("v =", "finite")),
+    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), method="abc"), "method = 'abc'"),
+    (lambda a: a.forward_dynamics(np.zeros((2, 4)), np.zeros((3, 4))), ("q (2, 4)", "v (3, 4)")),
+    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), prescribed={1: 0.0}), ("prescribed", "link = 1")),
+    (lambda a: a.mass_matrix("abcd"), "q = 'abcd'"),
+    (lambda a: a.frame(np.zeros(4), link=1), ("link = 1", "-1 to 0")),
+    (lambda a: a.frame(np.zeros(4), x=0.6), ("x = 0.6", "beam")),
+    (lambda a: a.strain(np.zeros(4), x=-0.1), "x = -0.1"),
+    (lambda a: a.modes(speed={0: np.inf}), "speed = inf"),
+    (lambda a: a.modes(lock=[3]), ("lock", "link = 3", "-1 to 0")),
+    (lambda a: fa.simulate(a, [0, 1, 1]), "t[2] = 1"),
+    (lambda a: fa.simulate(a, [0.0]), ("t has shape (1,)", "list")),
+    (lambda a: fa.simulate(a, [0, np.nan]), ("t =", "finite")),
+    (lambda a: fa.simulate(a, [0, 1], [0, 0]), ("q0 has shape (2,)", "4", "numbers")),
+    (lambda a: fa.simulate(a, [0, 1], rtol=0), "rtol = 0"),
+    (lambda a: fa.simulate(a, [0, 1], atol=-1e-9), "atol = -1e-09"),
+    (lambda a: fa.simulate(a, [0, 1], max_order=6), ("max_order = 6", "1 to 5")),
+    (lambda a: fa.simulate(a, [0, 1], integrator="euler"), "integrator = 'euler'"),
     (
         lambda a: fa.simulate(a, [0, 1], drive={0: 1.0}),
-        r"drive of .link 0 revolute. = 1.0: must be a Motion or a Torque",
+        ("'link 0 revolute' = 1.0", "Motion", "Torque"),
     ),
-    (lambda a: fa.simulate(a, [0, 1], drive={2: fa.Torque(1.0)}), r"drive: link = 2"),
+    (lambda a: fa.simulate(a, [0, 1], drive={2: fa.Torque(1.0)}), ("drive", "link = 2")),
     (
         lambda a: fa.simulate(a, [0, 1], drive={0: fa.Torque([0, 0.5], [0, 1])}),
-        r"drive of .link 0 revolute.: samples cover t = 0",
+        ("'link 0 revolute'", "samples", "t = 0"),
     ),
     (
         lambda a: fa.simulate(a, [0, 1], [1, 0, 0, 0], drive={0: fa.Motion.spin_up(1, 1)}),
-        r"q0\[0\] = 1.0: drive of .link 0 revolute. prescribes 0.0",
+        ("q0[0] = 1.0", "'link 0 revolute'", "0.0"),
     ),
-    (lambda a: fa.Motion([0, 1, 1], [0, 0, 0]), r"t\[2\] = 1.0: t must increase"),
-    (lambda a: fa.Motion([0, 1], [0, 0, 0]), r"q has shape \(3,\): must be 2 numbers"),
-    (lambda a: fa.Motion([0, 1], [0, 0], v=[0, 0]), r"a = None: give both v and a"),
-    (lambda a: fa.Torque([0, 1], [0, np.nan]), r"tau = .*must be finite"),
+    (lambda a: fa.Motion([0, 1, 1], [0, 0, 0]), "t[2] = 1.0"),
+    (lambda a: fa.Motion([0, 1], [0, 0, 0]), ("q has shape (3,)", "2", "numbers")),
+    (lambda a: fa.Motion([0, 1], [0, 0], v=[0, 0]), "a = None"),
+    (lambda a: fa.Torque([0, 1], [0, np.nan]), ("tau =", "finite")),
 ]
 
 
 @pytest.mark.parametrize(("call", "message"), CALLS)
 def test_calls(call, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         call(paper_link())
 
 
@@ -132,24 +133,24 @@ def scene() -> dict:
 
 
 SCENES = [
-    (lambda d: d.update(gravty=1), r"scene: unknown key 'gravty'; did you mean 'gravity'\?"),
-    (lambda d: d.pop("link"), r"link = None: must be a list"),
-    (lambda d: d["link"][1].update(bean={}), r"link\[1\]: unknown key 'bean'; did you mean 'beam'\?"),
-    (lambda d: d["link"][1]["beam"].update(lenght=1), r"link\[1\].beam: unknown key 'lenght'; did you mean 'length'\?"),
-    (lambda d: d["link"][0]["beam"].update(length=-1), r"link\[0\].beam.length = -1: must be positive"),
-    (lambda d: d["link"][0]["beam"].pop("length"), r"link\[0\].beam: missing length"),
-    (lambda d: d["link"][0]["beam"]["section"].update(type="rectangel"), r"section.type = .*did you mean 'rectangle'"),
+    (lambda d: d.update(gravty=1), ("scene", "key 'gravty'", "'gravity'")),
+    (lambda d: d.pop("link"), "link = None"),
+    (lambda d: d["link"][1].update(bean={}), ("link[1]", "key 'bean'", "'beam'")),
+    (lambda d: d["link"][1]["beam"].update(lenght=1), ("link[1].beam", "key 'lenght'", "'length'")),
+    (lambda d: d["link"][0]["beam"].update(length=-1), "link[0].beam.length = -1"),
+    (lambda d: d["link"][0]["beam"].pop("length"), ("link[0].beam", "missing", "length")),
+    (lambda d: d["link"][0]["beam"]["section"].update(type="rectangel"), ("section.type =", "'rectangle'")),
     (
         lambda d: d["link"][0]["beam"]["material"].update(densty=1),
-        r"material: unknown key 'densty'; did you mean 'dens",
+        ("material", "'densty'"),
     ),
-    (lambda d: d["link"][0]["hub"].update(mass=-2), r"link\[0\].hub.mass = -2"),
-    (lambda d: d["link"][0]["hub"].update(inertia=[1, 1, 5]), r"link\[0\].hub.inertia = .*principal moments 1 1 5"),
-    (lambda d: d["link"][1]["beam"].update(damping_ratio=2), r"link\[1\].beam.damping_ratio = 2: .*in per cent\?"),
-    (lambda d: d["link"][0]["joint"].update(type="revolution"), r"link\[0\].joint.type = .*did you mean 'revolute'"),
-    (lambda d: d["link"][0]["joint"].update(axis="q"), r"link\[0\].joint.axis = 'q'"),
-    (lambda d: d["link"][0].pop("joint"), r"link\[0\]: missing joint"),
-    (lambda d: d["link"].__setitem__(0, 7), r"link\[0\] = 7: must be a table"),
+    (lambda d: d["link"][0]["hub"].update(mass=-2), "link[0].hub.mass = -2"),
+    (lambda d: d["link"][0]["hub"].update(inertia=[1, 1, 5]), ("link[0].hub.inertia =", "1 1 5")),
+    (lambda d: d["link"][1]["beam"].update(damping_ratio=2), "link[1].beam.damping_ratio = 2"),
+    (lambda d: d["link"][0]["joint"].update(type="revolution"), ("link[0].joint.type =", "'revolute'")),
+    (lambda d: d["link"][0]["joint"].update(axis="q"), "link[0].joint.axis = 'q'"),
+    (lambda d: d["link"][0].pop("joint"), ("link[0]", "missing")),
+    (lambda d: d["link"].__setitem__(0, 7), "link[0] = 7"),
 ]
 
 
@@ -157,16 +158,16 @@ SCENES = [
 def test_scenes(spoil, message: str) -> None:
     d = scene()
     spoil(d)
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         fa.Arm.from_dict(d)
 
 
 def test_scene_files(tmp_path) -> None:
     path = tmp_path / "arm.toml"
-    with pytest.raises(ValueError, match=r"No such file.*shipped scenes are ist"):
+    with refuses("No such file"):
         fa.load(tmp_path / "none.toml")
     path.write_text("gravity = [0, 0")
-    with pytest.raises(ValueError, match=r"arm.toml.*[Uu]nclosed array"):
+    with refuses("arm.toml", "array"):
         fa.load(path)
     text = """
         [[link]]
@@ -180,19 +181,19 @@ def test_scene_files(tmp_path) -> None:
         link = 0
         """
     path.write_text(text + 'torque = { file = "torque.csv" }')
-    with pytest.raises(ValueError, match=r"drive\[0\].torque.file = .*No such file"):
+    with refuses("drive[0].torque.file =", "No such file"):
         fa.load(path)
     (tmp_path / "torque.csv").write_text("t,tau\n0,0\n1,2\n")
     run = fa.load(path).run()
     np.testing.assert_allclose(run.q[:, 0], run.t**3 / 3, atol=1e-7)
     path.write_text(text + "spin_up = { speed = 2.0, tim = 1.0 }")
-    with pytest.raises(ValueError, match=r"drive\[0\].spin_up: unknown key 'tim'; did you mean 'time'"):
+    with refuses("drive[0].spin_up", "key 'tim'", "'time'"):
         fa.load(path)
     path.write_text(text + "torque = 1.0\n[[drive]]\nlink = 0\ntorque = 2.0")
-    with pytest.raises(ValueError, match=r"drive\[1\].link = 0: is driven twice"):
+    with refuses("drive[1].link = 0", "twice"):
         fa.load(path)
     path.write_text(text.replace("0.01", "0.3") + "torque = 1.0")
-    with pytest.raises(ValueError, match=r"simulation.interval = 0.3: must divide the duration"):
+    with refuses("simulation.interval = 0.3"):
         fa.load(path)
 
 
@@ -222,51 +223,51 @@ for _ in range(100_000):
     NESTED = [NESTED]
 
 WRONG_KINDS = [
-    (lambda: fa.Material(7850, None), r"youngs_modulus = None: must be a number"),
-    (lambda: beam(basis=np.zeros(3)), r"basis = \(0.0, 0.0, 0.0\): must be one of"),
-    (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": np.zeros(3)}}]}), r"joint.type = .*must be one of"),
-    (lambda: fa.Axes(axes=5), r"axes = 5: must be a list of motions"),
-    (lambda: fa.Axes(axes=None), r"axes = None: must be a list of motions"),
-    (lambda: fa.Universal(stiffness=[[1, 2], [3]]), r"stiffness = .*must be numbers"),
-    (lambda: fa.Universal(stiffness=np.zeros((2, 2))), r"stiffness has shape \(2, 2\)"),
-    (lambda: fa.sensors.Encoder(noise=[[1, 2], [3]]), r"noise = .*must be numbers"),
-    (lambda: fa.RigidBody(HUGE), r"mass = 1000.*is too large"),
-    (lambda: fa.Load(force={}), r"force = {}: must be numbers"),
-    (lambda: fa.Load(force="abc"), r"force = 'abc': must be numbers"),
-    (lambda: fa.Load(force=[[1, 2], [3]]), r"force = \[\[1, 2\], \[3\]\]: must be numbers"),
-    (lambda: fa.Load(moment=[HUGE, 0, 0]), r"moment = .*must be numbers"),
-    (lambda: fa.PD(1, 1, reference=[[1, 2], [3]]), r"reference: r has shape \(1,\): must be 2"),
-    (lambda: run(control=fa.PD(1, 1, reference=lambda t: "a")), r"reference at t = 0.*must be numbers"),
-    (lambda: run(control=fa.LinearController.pid(1, 1, 1, rate=10, reference=lambda t: "a")), r"reference at t = 0"),
-    (lambda: run(control=fa.Sampled(lambda t, y: None, 100)), r"the law gave None; must be one finite number"),
-    (lambda: run(drive={0: fa.Motion(lambda t: None)}), r"at t = .* = None: must be 3 numbers; does its func"),
-    (lambda: run(loads=[fa.Load(force=lambda t: None)]), r"force at t = .* = None: must be 3 numbers; does"),
-    (lambda: run(control=fa.PD(1, 1, reference=lambda t: None)), r"reference at t = .* = None: must be "),
-    (lambda: fa.Data([0, 1], {"t": [1, 2]}), r"'t' is the name of the times, the first argument; rename"),
-    (lambda: run(control=fa.Sampled(lambda t, y: "a", 100)), r"the law gave 'a'; must be one finite number"),
-    (lambda: run(control=fa.Sampled(lambda t, y: [[1], [2, 3]], 100)), r"the law gave \[\[1\], \[2, 3\]\]"),
-    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=5), r"drive = 5: must be a dictionary"),
-    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=[fa.Torque(1)]), r"drive = .*must be a dictionary"),
-    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive={0: 5}), r"drive\[0\] = 5: must be a Motion"),
-    (lambda: fa.simulate_batch(wheel(), [0, 0.1], loads=5), r"loads = 5: must be a list"),
-    (lambda: fa.simulate_batch(wheel(), [0, 0.1], control=5), r"control = 5: must be a list"),
-    (lambda: ball().modes(q=np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
-    (lambda: ball().linearize(np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
-    (lambda: ball().equilibrium(np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
-    (lambda: ball().forward_derivatives(np.zeros(4), np.zeros(3)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
-    (lambda: paper_link().modes(speed={0: 1e200}), r"speed, q: are too large"),
-    (lambda: paper_link().modes(q=[1e300] * 4), r"speed, q: are too large"),
-    (lambda: wheel().modes(lock="all"), r"lock = 'all': must be a list of link numbers"),
-    (lambda: wheel().equilibrium(lock="0"), r"lock = '0': must be a list of link numbers"),
-    (lambda: wheel().linearize([0], lock="all"), r"lock = 'all': must be a list of link numbers"),
-    (lambda: fa.Arm.from_dict({"link": NESTED}), r"nested too deeply"),
-    (lambda: fa.load("a" * 5000), r"File name too long"),
+    (lambda: fa.Material(7850, None), "youngs_modulus = None"),
+    (lambda: beam(basis=np.zeros(3)), "basis = (0.0, 0.0, 0.0)"),
+    (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": np.zeros(3)}}]}), "joint.type ="),
+    (lambda: fa.Axes(axes=5), "axes = 5"),
+    (lambda: fa.Axes(axes=None), "axes = None"),
+    (lambda: fa.Universal(stiffness=[[1, 2], [3]]), ("stiffness =", "numbers")),
+    (lambda: fa.Universal(stiffness=np.zeros((2, 2))), "stiffness has shape (2, 2)"),
+    (lambda: fa.sensors.Encoder(noise=[[1, 2], [3]]), ("noise =", "numbers")),
+    (lambda: fa.RigidBody(HUGE), ("mass =", "too large")),
+    (lambda: fa.Load(force={}), "force = {}"),
+    (lambda: fa.Load(force="abc"), "force = 'abc'"),
+    (lambda: fa.Load(force=[[1, 2], [3]]), "force = [[1, 2], [3]]"),
+    (lambda: fa.Load(moment=[HUGE, 0, 0]), ("moment =", "numbers")),
+    (lambda: fa.PD(1, 1, reference=[[1, 2], [3]]), ("reference", "r has shape (1,)", "2")),
+    (lambda: run(control=fa.PD(1, 1, reference=lambda t: "a")), ("t = 0", "reference", "numbers")),
+    (lambda: run(control=fa.LinearController.pid(1, 1, 1, rate=10, reference=lambda t: "a")), ("t = 0", "reference")),
+    (lambda: run(control=fa.Sampled(lambda t, y: None, 100)), ("law", "None")),
+    (lambda: run(drive={0: fa.Motion(lambda t: None)}), ("at t =", "None", "3 numbers")),
+    (lambda: run(loads=[fa.Load(force=lambda t: None)]), ("force at t =", "None", "3 numbers")),
+    (lambda: run(control=fa.PD(1, 1, reference=lambda t: None)), ("reference at t =", "None")),
+    (lambda: fa.Data([0, 1], {"t": [1, 2]}), ("'t'", "times")),
+    (lambda: run(control=fa.Sampled(lambda t, y: "a", 100)), ("law", "'a'")),
+    (lambda: run(control=fa.Sampled(lambda t, y: [[1], [2, 3]], 100)), ("law", "[[1], [2, 3]]")),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=5), "drive = 5"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=[fa.Torque(1)]), "drive ="),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive={0: 5}), ("drive[0] = 5", "Motion")),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], loads=5), "loads = 5"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], control=5), "control = 5"),
+    (lambda: ball().modes(q=np.zeros(4)), ("q[0:4] = 0 0 0 0", "quaternion", "link 0")),
+    (lambda: ball().linearize(np.zeros(4)), ("q[0:4] = 0 0 0 0", "quaternion", "link 0")),
+    (lambda: ball().equilibrium(np.zeros(4)), ("q[0:4] = 0 0 0 0", "quaternion", "link 0")),
+    (lambda: ball().forward_derivatives(np.zeros(4), np.zeros(3)), ("q[0:4] = 0 0 0 0", "quaternion", "link 0")),
+    (lambda: paper_link().modes(speed={0: 1e200}), ("speed, q", "too large")),
+    (lambda: paper_link().modes(q=[1e300] * 4), ("speed, q", "too large")),
+    (lambda: wheel().modes(lock="all"), "lock = 'all'"),
+    (lambda: wheel().equilibrium(lock="0"), "lock = '0'"),
+    (lambda: wheel().linearize([0], lock="all"), "lock = 'all'"),
+    (lambda: fa.Arm.from_dict({"link": NESTED}), "deeply"),
+    (lambda: fa.load("a" * 5000), "File name too long"),
 ]
 
 
 @pytest.mark.parametrize(("call", "message"), WRONG_KINDS)
 def test_wrong_kinds_are_named(call, message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
+    with refuses(message) as caught:
         call()
     assert type(caught.value) is ValueError  # no LinAlgError, whose words are LAPACK's
 
@@ -289,7 +290,7 @@ def test_a_spin_up_of_any_length_is_smooth() -> None:
 
 def test_deep_sweep_files_are_refused(tmp_path) -> None:
     (tmp_path / "sweep.toml").write_text("title = " + "[" * 5000 + "]" * 5000)
-    with pytest.raises(ValueError, match="sweep: is nested too deeply"):
+    with refuses("sweep", "deeply"):
         fa.SweepPlan.load(tmp_path / "sweep.toml")
-    with pytest.raises(ValueError, match="File name too long"):
+    with refuses("File name too long"):
         fa.SweepPlan.load("a" * 5000)

@@ -11,6 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
+from messages import refuses
 
 
 def test_the_file_holds_the_resolved_numbers_of_the_scene(tmp_path: Path) -> None:
@@ -44,19 +45,19 @@ def test_the_command_writes_it(tmp_path: Path, capsys: Any, monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("part", "named"),
     [
-        ({"drive": {0: fa.Torque(lambda t: t)}}, r"^drive 0 = Torque.*: is a Python function; .* give samples"),
-        ({"drive": {0: fa.Motion.spin_up(1.0, 1.0)}}, r"^drive 0 = Motion\(SpinUp.*: is a Python function"),
-        ({"drive": {}, "loads": (fa.Load(force=lambda t: (t, 0, 0)),)}, r"^loads\[0\] = Load.*: is a Python function"),
+        ({"drive": {0: fa.Torque(lambda t: t)}}, ("drive 0", "Torque", "Python", "function", "samples")),
+        ({"drive": {0: fa.Motion.spin_up(1.0, 1.0)}}, ("drive 0", "Motion", "SpinUp", "Python", "function")),
+        ({"drive": {}, "loads": (fa.Load(force=lambda t: (t, 0, 0)),)}, ("loads[0] = Load", "Python")),
         (
             {"drive": {}, "control": (fa.PD(1, 1), fa.PD(1, 1, reference=lambda t: t))},
-            r"^control\[1\] = PD\(.*function",
+            "control[1] = PD",
         ),
-        ({"drive": {}, "control": (fa.Sampled(lambda t, y: [0.0], rate=100),)}, r"^control\[0\] = .*LinearController"),
-        ({"events": lambda t, q, v: q[0]}, "^events: are Python code"),
+        ({"drive": {}, "control": (fa.Sampled(lambda t, y: [0.0], rate=100),)}, ("control[0] =", "LinearController")),
+        ({"events": lambda t, q, v: q[0]}, ("events", "Python", "code")),
     ],
     ids=["torque", "spin_up", "load", "reference", "sampled", "events"],
 )
 def test_python_code_is_named(tmp_path: Path, part: dict[str, Any], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
+    with refuses(named):
         replace(fa.load("ist"), **part).compile(tmp_path / "arm.json")
     assert not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@ import warnings
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses, warns
 
 STEEL = fa.Material(7850.0, 210e9, 0.3)
 
@@ -19,14 +20,14 @@ def test_rk4_above_its_limit_is_told_where_nothing_runs_away() -> None:
     tau[0] = 1.0
     z = 1j * h * arm.modes().frequencies[-1]
     growth = abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
-    said = r"step = 0.00028: .* 1.03e\+04 rad/s of link . bending_y 4: below 0.000274 s"
-    with pytest.warns(fa.errors.StepWarning, match=said) as w:
+    said = ("step = 0.00028", "1.03e+04 rad/s", "bending_y", "0.000274 s")
+    with warns(fa.errors.StepWarning, said) as w:
         fa.simulate(arm, t, tau=tau, integrator="rk4", step=h)
     assert w[0].message.growth == pytest.approx(growth, rel=1e-6) and w[0].filename == __file__
     assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
-    with pytest.warns(fa.errors.StepWarning, match=said):
+    with warns(fa.errors.StepWarning, said):
         fa.simulate_batch(arm, t, tau=np.tile(tau, (2, 1, 1)), integrator="rk4", step=h)
-    with pytest.warns(fa.errors.StepWarning, match=said):
+    with warns(fa.errors.StepWarning, said):
         fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=3000, integrator="rk4")
     fa.simulate(arm, t, tau=tau, integrator="rk4", step=2.7e-4)
     fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=20, integrator="rk4")  # nothing felt yet
@@ -40,20 +41,20 @@ def two_masses(**friction: float) -> fa.Arm:
 
 FREE = np.sqrt(1e4 * (1 / 0.01 + 1 / 1.0))  # rad/s, where both masses move; 100 where the first is held
 LIMIT = np.sqrt(8) / FREE
-TOLD = rf"here {FREE:.3g} rad/s of top: below {LIMIT:.3g} s".replace("+", r"\+")
+TOLD = f"{FREE:.3g} rad/s", "top", f"{LIMIT:.3g} s"
 START = {"integrator": "rk4", "q0": [0.0, 1e-12]}
 
 
 def test_the_limit_is_that_of_free_joints() -> None:
     """The limit of locked joints had been told, or none: here that is ten times longer."""
-    with pytest.warns(fa.errors.StepWarning, match=TOLD):
+    with warns(fa.errors.StepWarning, TOLD):
         r = fa.simulate(two_masses(), [0, 1], step=1.01 * LIMIT, **START)
     assert abs(r.q[-1, 1]) > 1e8 * 1e-12
-    with pytest.raises(fa.SimulationError, match=TOLD):
+    with refuses(TOLD, error=fa.SimulationError):
         fa.simulate(two_masses(), [0, 1], step=2 * LIMIT, **START)
-    with pytest.warns(fa.errors.StepWarning, match=TOLD):
+    with warns(fa.errors.StepWarning, TOLD):
         fa.simulate_batch(two_masses(), [0, 1], step=1.01 * LIMIT, **START)
-    with pytest.warns(fa.errors.StepWarning, match=TOLD):
+    with warns(fa.errors.StepWarning, TOLD):
         fa.rollout(two_masses(), step=1.01 * LIMIT, nstep=400, **START)
 
 
@@ -71,9 +72,9 @@ def test_below_the_limit_and_with_held_joints_nothing_is_told() -> None:
 
 def test_with_friction_the_limit_is_told_where_the_joint_slides() -> None:
     slides = {"step": 1.01 * LIMIT, "v0": [1.0, 0.0], **START}
-    with pytest.warns(fa.errors.StepWarning, match=TOLD):
+    with warns(fa.errors.StepWarning, TOLD):
         fa.simulate(two_masses(coulomb=1.0), [0, 1], **slides)
-    with pytest.warns(fa.errors.StepWarning, match=TOLD):
+    with warns(fa.errors.StepWarning, TOLD):
         fa.simulate_batch(two_masses(coulomb=1.0), [0, 1], **slides)
 
 
@@ -82,7 +83,7 @@ def test_a_damper_has_a_limit_too() -> None:
     arm = fa.Arm([fa.Link(fa.Prismatic("x", damping=100.0), fa.RigidBody(1.0))])
     limit = 2.785293563405282 / 100.0
     run = {"t": [0, 12], "v0": [1e-12], "integrator": "rk4"}
-    with pytest.warns(fa.errors.StepWarning, match=r"here 100 rad/s of link 0 prismatic: below 0.0279 s"):
+    with warns(fa.errors.StepWarning, "100 rad/s", "link 0 prismatic", "0.0279 s"):
         fa.simulate(arm, step=1.02 * limit, **run)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -98,13 +99,13 @@ def test_an_arm_that_turns_has_a_lower_limit() -> None:
     arm, t = fa.Arm([fa.Link(fa.Revolute("z"), hub, beam)]), np.linspace(0, 1, 11)
     w = arm.modes(speed={0: 300.0}).frequencies.max()
     limit = np.sqrt(8) / w
-    said = rf"at t = .* s, where the joints move at up to 300 .* here {w:.3g} rad/s of .*: below {limit:.3g} s"
+    said = "300 rad/s", f"{w:.3g} rad/s", f"{limit:.3g} s"
     start = {"v0": [300.0, 1e-6, 0.0], "integrator": "rk4"}
-    with pytest.warns(fa.errors.StepWarning, match=said):
+    with warns(fa.errors.StepWarning, said):
         fa.simulate(arm, t, step=3.8e-3, **start)
-    with pytest.warns(fa.errors.StepWarning, match="where the joints move at up to"):
+    with warns(fa.errors.StepWarning, "rad/s", "link 0 bending_y 1"):
         fa.rollout(arm, arm.zero, start["v0"], step=3.8e-3, nstep=250, every=25, integrator="rk4")
-    with pytest.warns(fa.errors.StepWarning, match="where the joints move at up to"):
+    with warns(fa.errors.StepWarning, "rad/s", "link 0 bending_y 1"):
         fa.simulate_batch(arm, t, v0=np.tile(start["v0"], (2, 1)), step=3.8e-3, integrator="rk4")
     fa.simulate(arm, t, step=0.98 * limit, **start)
 

@@ -9,6 +9,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
+from messages import refuses, warns
 
 INTEGRATORS = (
     {"rtol": 1e-9, "atol": 1e-12},
@@ -134,7 +135,7 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
 def test_switches_within_a_few_steps_are_told(step: float) -> None:
     """A controller of 4243 rad/s: at rest soon, but in smaller steps it swings on for more than 1 s."""
     control = fa.PD(1.8e7, 0.0, link=0)
-    with pytest.warns(fa.errors.StepWarning, match="dry friction.*within three steps.*take a smaller step"):
+    with warns(fa.errors.StepWarning, "friction", "steps", "smaller step"):
         fa.simulate(block(), [0, 1], [0.1], control=control, integrator="rk4", step=step)
 
 
@@ -144,7 +145,7 @@ def test_rk4_tells_the_limit_of_joints_that_slide(damping_ratio: float) -> None:
     arm, given = strip(3, damping_ratio), {"drive": {0: pulses(1)}, "integrator": "rk4"}
     frequency = arm.modes().frequencies[-1]
     assert frequency > 3.9 * arm.modes(lock=[0]).frequencies[-1]
-    with pytest.warns(fa.errors.StepWarning, match=rf"{frequency:.3g} rad/s of link 0 shear_y 1".replace("+", r"\+")):
+    with warns(fa.errors.StepWarning, f"{frequency:.3g} rad/s", "link 0 shear_y 1"):
         fa.simulate(arm, [0, 0.2], step=1.5e-4, **given)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -219,16 +220,16 @@ def test_reflected_inertia_is_inertia_at_the_joint_alone() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fa.Revolute("z", coulomb=-1.0), r"coulomb\[0\] = -1"),
-        (lambda: fa.Revolute("z", coulomb=2.0, stiction=1.0), r"stiction\[0\] = 1.*at least coulomb"),
+        (lambda: fa.Revolute("z", coulomb=-1.0), "coulomb[0] = -1"),
+        (lambda: fa.Revolute("z", coulomb=2.0, stiction=1.0), "stiction[0] = 1"),
         (lambda: fa.Revolute("z", stiction=np.inf), "stiction"),
-        (lambda: fa.Revolute("z", reflected_inertia=-1e-3), r"reflected_inertia\[0\]"),
-        (lambda: fa.Spherical(coulomb=1.0), "a ball has no dry friction"),
+        (lambda: fa.Revolute("z", reflected_inertia=-1e-3), "reflected_inertia[0]"),
+        (lambda: fa.Spherical(coulomb=1.0), ("a ball", "friction")),
         (lambda: fa.Planar(coulomb=[1.0, 2.0]), "coulomb"),
     ],
 )
 def test_bad_friction(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
@@ -342,7 +343,7 @@ def test_running_away_with_friction(step: float) -> None:
     arm = fa.Arm([link, link])
     tau = np.zeros(arm.nv)
     tau[0] = 1.0
-    with pytest.raises(fa.SimulationError, match=r"ran away|runs away") as caught:
+    with refuses("stopped at t =", "away", error=fa.SimulationError) as caught:
         fa.simulate(arm, np.linspace(0, 1, 11), tau=tau, integrator="rk4", step=step)
     assert caught.value.result.stats["steps"] < 2000
 

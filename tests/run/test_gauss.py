@@ -4,6 +4,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, random_state, reference
+from messages import refuses, warns
 from run.test_steps import floating_case, paper_case, slider, spatial_arm, spatial_case
 
 
@@ -134,9 +135,9 @@ def test_energy_of_a_free_arm_does_not_drift() -> None:
 
 def test_failures_are_reported() -> None:
     arm = paper_link()
-    with pytest.raises(ValueError, match="stages = 5: must be from 1 to 4"):
+    with refuses("stages = 5", "1 to 4"):
         run(arm, np.array([0.0, 1.0]), 0.1, 5)
-    with pytest.raises(ValueError, match='step: integrator="gauss" needs it'):
+    with refuses("step", "integrator=", '"gauss"'):
         fa.simulate(arm, [0, 1], integrator="gauss")
     runaway = fa.Torque(lambda t: 1e-5 / max(1e-60, 0.5 - t) ** 4)
     with pytest.raises(fa.SimulationError) as caught:
@@ -228,7 +229,7 @@ def test_a_solution_far_off_is_none(step: float) -> None:
     )
     start = np.zeros(10)
     start[[0, 1, 2, 5, 6, 7]] = 2.675e-2, -8.75e-4, -2.87e-4, -0.1556, -1.67e-3, -1.48e-4
-    with pytest.warns(fa.errors.StepWarning, match="had to be halved"):
+    with warns(fa.errors.StepWarning, "step = 0.0", "halved"):
         r = fa.simulate(arm, np.linspace(0, 0.2, 11), start, integrator="gauss", step=step)
     total = sum(r.energy()[:2])
     assert r.stats["failed_steps"] > 0
@@ -257,9 +258,7 @@ def test_many_halved_steps_are_told() -> None:
     arm, t = fa.Arm([fa.Link(fa.Revolute("y"), rod)] * 3), np.linspace(0, 0.5, 21)
     v = [100.0, -100.0, 150.0]
     truth = fa.simulate(arm, t, v0=v, rtol=1e-11, atol=1e-13)
-    with pytest.warns(
-        fa.errors.StepWarning, match=r"step = 0.02: .* halved \d+ times, in \d+ steps.*smaller step"
-    ) as w:
+    with warns(fa.errors.StepWarning, "step = 0.02") as w:
         coarse = run(arm, t, 0.02, v0=v)
     assert f"{coarse.stats['failed_steps']} times" in str(w[0].message) and w[0].filename == __file__
     assert np.abs(coarse.q[-1] - truth.q[-1]).max() > 0.1

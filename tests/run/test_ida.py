@@ -1,11 +1,11 @@
 """IDA's linear solvers against each other, and events in every integrator."""
 
-import time
 
 import flexarm as fa
 import numpy as np
 import pytest
 from arms import BODY, STEEL, G, pendulum, random_arm, random_state, unit_balls
+from messages import refuses
 from scipy.special import ellipk
 
 INTEGRATORS = [{"rtol": 1e-9, "atol": 1e-11}, {"integrator": "implicit", "step": 1e-3}]
@@ -78,16 +78,15 @@ def test_sixty_flexible_links() -> None:
     arm = hanging_chain(60, beam=beam)
     v0 = np.zeros(arm.nv)
     v0[0] = 0.3
-    began = time.monotonic()
     r = fa.simulate(arm, np.linspace(0, 0.2, 3), v0=v0)
-    assert time.monotonic() - began < 5
+    assert r.stats["steps"] < 1000 and r.stats["linear_iterations"] < 2 * r.stats["newton_iterations"]
     T, U = r.energy()
     assert np.ptp(T + U) < 1e-3 * T[0]
     assert np.abs(r.q[-1]).max() > 1e-3
 
 
 def test_linear_solver_is_checked() -> None:
-    with pytest.raises(ValueError, match=r"linear_solver = 'chian'.*did you mean 'chain'\?"):
+    with refuses("linear_solver = 'chian'", "'chain'"):
         fa.simulate(pendulum(), [0, 1], linear_solver="chian")
 
 
@@ -215,19 +214,19 @@ def test_bad_events(options: dict) -> None:
         return 1.0
 
     for events, message in (
-        (3, r"events = 3: must be a callable"),
-        ([good, 3], r"events\[1\] = 3: must be a callable"),
-        (event(lambda t, q, v: 1.0, direction=2), r"events\[0\].direction = 2: must be -1, 0 or 1"),
-        (event(lambda t, q, v: 1.0, terminal=-1), r"events\[0\].terminal = -1: must be True, False or a number"),
-        (event(lambda t, q, v: 1.0, terminal="yes"), r"events\[0\].terminal = 'yes': must be a whole number"),
-        ([good, lambda t, q, v: float("nan")], r"events\[1\] at t = 0\.0+ = nan: must be finite"),
-        (lambda t, q, v: "high", r"events\[0\] at t = 0\.0+ = 'high': must give one number"),
+        (3, "events = 3"),
+        ([good, 3], "events[1] = 3"),
+        (event(lambda t, q, v: 1.0, direction=2), ("events[0].direction = 2", "-1")),
+        (event(lambda t, q, v: 1.0, terminal=-1), ("events[0].terminal = -1", "True", "False")),
+        (event(lambda t, q, v: 1.0, terminal="yes"), "events[0].terminal = 'yes'"),
+        ([good, lambda t, q, v: float("nan")], ("events[1] at t = 0", "nan")),
+        (lambda t, q, v: "high", ("events[0] at t = 0", "'high'")),
     ):
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             fa.simulate(arm, [0, 1], events=events, **options)
 
     def broken(t, q, v):
         raise KeyError("no such event")
 
-    with pytest.raises(KeyError, match="no such event"):
+    with refuses("no such event", error=KeyError):
         fa.simulate(arm, [0, 1], events=broken, **options)

@@ -12,6 +12,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import close, floating_arm, paper_link
+from messages import refuses, warns
 from scipy.linalg import expm
 
 CUT = 5.0  # Hz
@@ -409,7 +410,7 @@ def test_a_loop_that_its_filter_makes_unstable_is_named() -> None:
             warnings.simplefilter("error")
             fa.simulate(hinge(), t, [0.01], control=law(fa.sensors.Tachometer(0)), integrator="implicit", step=h)
         slow = law(fa.sensors.Tachometer(0, filter=low_pass))
-        with pytest.warns(fa.errors.LoopWarning, match="the loop of .* of 'link 0 revolute'.* is unstable") as w:
+        with warns(fa.errors.LoopWarning, "'link 0 revolute'", "unstable") as w:
             fa.simulate(hinge(), t, [0.01], control=slow, integrator="implicit", step=h)
         assert w[0].message.finding.value == pytest.approx(growth, rel=1e-5)
 
@@ -454,17 +455,17 @@ def test_scenes_have_filters(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("filter = 40", "filter = 0", r"sensor\[0\].filter = 0: must be positive and finite \(Hz\)"),
-        ("filter = 40", 'filter = "fast"', r"sensor\[0\].filter = 'fast': must be a cut-off in Hz, or a LowPass"),
-        ("filter = 40", "filter = [40]", r"sensor\[0\].filter = \[40\]: must be a cut-off in Hz, or a LowPass"),
-        ("filter = 40", "filter = { order = 2 }", r"sensor\[0\].filter: missing frequency"),
-        ("order = 2", "order = 3", r"sensor\[1\].filter.order = 3: must be 1 or 2"),
-        ("damping_ratio", "damping", r"sensor\[1\].filter: unknown key 'damping'; did you mean 'damping_ratio'"),
+        ("filter = 40", "filter = 0", ("sensor[0].filter = 0", "Hz")),
+        ("filter = 40", 'filter = "fast"', ("sensor[0].filter = 'fast'", "Hz", "LowPass")),
+        ("filter = 40", "filter = [40]", ("sensor[0].filter = [40]", "Hz", "LowPass")),
+        ("filter = 40", "filter = { order = 2 }", ("sensor[0].filter", "missing")),
+        ("order = 2", "order = 3", ("sensor[1].filter.order = 3", "1 or 2")),
+        ("damping_ratio", "damping", ("sensor[1].filter", "key 'damping'", "'damping_ratio'")),
     ],
 )
 def test_bad_scenes(old: str, new: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENE.replace(old, new))
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         fa.load(tmp_path / "s.toml")
 
 
@@ -493,12 +494,12 @@ def test_batches_are_filtered_one_by_one_or_at_once() -> None:
 def test_a_filter_above_half_the_rate_of_the_states_is_warned_of() -> None:
     t = np.linspace(0, 1, 101)
     run = moved(t, t, np.ones_like(t), 0 * t)
-    words = r"filter: 60 Hz is above half the rate .* this tachometer sees, every 0.01 s.*one every 0.00833 s"
-    with pytest.warns(fa.errors.ModelWarning, match=words):
+    words = ("filter", "60 Hz", "0.01 s", "0.00833 s", "rate")
+    with warns(fa.errors.ModelWarning, words):
         fa.sensors.Tachometer(filter=60.0).read(run)
     sampler = fa.sensors.Tachometer(filter=60.0).sampler(run.arm)
     sampler.sample(0.0, [0.0], [1.0])
-    with pytest.warns(fa.errors.ModelWarning, match=words):
+    with warns(fa.errors.ModelWarning, words):
         sampler.sample(0.01, [0.0], [1.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -508,30 +509,30 @@ def test_a_filter_above_half_the_rate_of_the_states_is_warned_of() -> None:
 
 
 BAD = [
-    (lambda: fa.sensors.Encoder(filter=0), r"filter = 0: must be positive and finite \(Hz\)"),
-    (lambda: fa.sensors.Encoder(filter=-5.0), r"filter = -5.0: must be positive"),
-    (lambda: fa.sensors.Encoder(filter=np.nan), r"filter = nan: must be positive"),
-    (lambda: fa.sensors.Encoder(filter=np.inf), r"filter = inf: must be positive"),
-    (lambda: fa.sensors.Encoder(filter=True), r"filter = True: must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.sensors.Encoder(filter="slow"), r"filter = 'slow': must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.sensors.Encoder(filter=(5.0, 2)), r"filter = \(5.0, 2\): must be a cut-off in Hz, or a LowPass"),
-    (lambda: fa.sensors.LowPass(0.0), r"frequency = 0.0: must be positive and finite \(Hz\)"),
-    (lambda: fa.sensors.LowPass("5"), r"frequency = '5': must be a number"),
-    (lambda: fa.sensors.LowPass(5.0, 0), r"order = 0: must be 1 or 2"),
-    (lambda: fa.sensors.LowPass(5.0, 3), r"order = 3: must be 1 or 2"),
-    (lambda: fa.sensors.LowPass(5.0, 1.5), r"order = 1.5: must be a whole number"),
-    (lambda: fa.sensors.LowPass(5.0, 1, 0.7), r"damping_ratio = 0.7: is of order 2; order = 1 has none"),
-    (lambda: fa.sensors.LowPass(5.0, 2, 0.0), r"damping_ratio = 0.0: must be positive and finite"),
-    (lambda: fa.sensors.LowPass(5.0, 2, "soft"), r"damping_ratio = 'soft': must be a number"),
-    (lambda: fa.sensors.LowPass(5.0).apply([0, 1, 1], [0, 0, 0]), r"t: must be times that increase"),
-    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 0, 0]), r"y has shape \(3,\): must have 2 entries"),
-    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 1], axis=1), r"y has shape \(2,\): must have 2 entries"),
-    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, np.nan]), r"y = \[0.0, nan\]: must be finite"),
-    (lambda: fa.sensors.LowPass(5.0).response("x"), r"frequency = 'x': must be numbers"),
+    (lambda: fa.sensors.Encoder(filter=0), ("filter = 0", "Hz")),
+    (lambda: fa.sensors.Encoder(filter=-5.0), "filter = -5.0"),
+    (lambda: fa.sensors.Encoder(filter=np.nan), "filter = nan"),
+    (lambda: fa.sensors.Encoder(filter=np.inf), "filter = inf"),
+    (lambda: fa.sensors.Encoder(filter=True), ("filter = True", "Hz", "LowPass")),
+    (lambda: fa.sensors.Encoder(filter="slow"), ("filter = 'slow'", "Hz", "LowPass")),
+    (lambda: fa.sensors.Encoder(filter=(5.0, 2)), ("filter = (5.0, 2)", "Hz", "LowPass")),
+    (lambda: fa.sensors.LowPass(0.0), ("frequency = 0.0", "Hz")),
+    (lambda: fa.sensors.LowPass("5"), "frequency = '5'"),
+    (lambda: fa.sensors.LowPass(5.0, 0), ("order = 0", "1 or 2")),
+    (lambda: fa.sensors.LowPass(5.0, 3), ("order = 3", "1 or 2")),
+    (lambda: fa.sensors.LowPass(5.0, 1.5), "order = 1.5"),
+    (lambda: fa.sensors.LowPass(5.0, 1, 0.7), ("damping_ratio = 0.7", "order 2", "order = 1")),
+    (lambda: fa.sensors.LowPass(5.0, 2, 0.0), "damping_ratio = 0.0"),
+    (lambda: fa.sensors.LowPass(5.0, 2, "soft"), "damping_ratio = 'soft'"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1, 1], [0, 0, 0]), ("t", "times", "increase")),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 0, 0]), ("y has shape (3,)", "2")),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, 1], axis=1), "y has shape (2,)"),
+    (lambda: fa.sensors.LowPass(5.0).apply([0, 1], [0, np.nan]), "y = [0.0, nan]"),
+    (lambda: fa.sensors.LowPass(5.0).response("x"), "frequency = 'x'"),
 ]
 
 
 @pytest.mark.parametrize(("make", "message"), BAD)
 def test_bad_input(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()

@@ -9,9 +9,10 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from arms import toml
 from flexarm.model.parts.arguments import Argument, arguments, kinds
 from flexarm.run.scene.grammar import SAMPLES, SIMULATION, SceneFile
-from flexarm.run.scene.scene import scene_from_dict
+from messages import refuses
 
 HOME = Path(__file__).parents[2]
 PAGE = HOME / "docs" / "scene-reference.md"
@@ -88,11 +89,11 @@ def test_a_new_controller_is_read_and_saved_by_what_it_takes(tmp_path: Path) -> 
         "link": [{"joint": {"type": "revolute"}, "tip": body}],
         "control": [{"type": "bang", "level": 2.0, "reference": {"t": [0, 1], "r": [0, 1]}}],
     }
-    scene = scene_from_dict(d)
+    scene = fa.load(toml(tmp_path, d))
     scene.save(tmp_path / "scene.toml")
     law = fa.load(tmp_path / "scene.toml").control[0]
     assert type(law) is Bang and law.level == 2.0
     np.testing.assert_allclose(law.reference(0.5), 0.5)
     d["control"][0]["levl"] = 1.0
-    with pytest.raises(ValueError, match=r"control\[0\]: unknown key 'levl'; did you mean 'level'\?"):
-        scene_from_dict(d)
+    with refuses("control[0]", "key 'levl'", "'level'"):
+        fa.load(toml(tmp_path, d))

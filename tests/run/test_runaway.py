@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 import sys
+from dataclasses import replace
 
 import flexarm as fa
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from arms import STEEL, paper_link
 from flexarm.env import FlexarmVectorEnv
 from flexarm.tasks import TipTracking
+from messages import refuses, warns
 
 FIXED = {"implicit": 1e-3, "gauss": 1e-2, "rk4": 1e-3}
 EVERY = ["ida", *FIXED]
@@ -27,7 +29,7 @@ def steps(integrator: str) -> dict:
 @pytest.mark.parametrize("integrator", EVERY)
 def test_order_one_above_its_critical_speed_is_given_up(integrator: str) -> None:
     """A spin-up to 25 rad/s, above 20.95: the tip was 26 km away, and status 0."""
-    with pytest.raises(fa.SimulationError, match=r"link 0: at order 1 a beam softens .* take order = 2") as e:
+    with refuses("link 0", "order 1", "order = 2", error=fa.SimulationError) as e:
         fa.simulate(
             paper_link(1), np.linspace(0, 4, 401), drive={0: fa.Motion.spin_up(25.0, 1.0)}, **steps(integrator)
         )
@@ -101,13 +103,13 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
     """kd h / I = 2: the rate is multiplied by 1 - kd h / I from sample to sample."""
     t, v0 = np.linspace(0, 2, 101), [0.1]
     fa.simulate(rigid(), t, v0=v0, control=damper(1.95, compiled=compiled), **steps(integrator))  # warnings are errors
-    said = r"of 'link 0 revolute', sampled every 0.01 s, .* z = -1.1; .* below 0.95 of .*, or sampled every 0.005 s"
-    with pytest.warns(fa.errors.LoopWarning, match=said) as w:
+    said = ("'link 0 revolute'", "0.01 s", "z = -1.1", "0.95", "0.005 s")
+    with warns(fa.errors.LoopWarning, said) as w:
         fa.simulate(rigid(), t, v0=v0, control=damper(2.1, compiled=compiled), **steps(integrator))
     assert w[0].message.control == 0 and w[0].message.finding.value == pytest.approx(np.log(1.1) / 0.01)
     assert w[0].filename == __file__
     assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
-    with pytest.raises(fa.SimulationError, match=r"z = -3; it is stable with its gains below 0.5 .*ran away"):
+    with refuses("z = -3", "gains", "0.5", "ran away", error=fa.SimulationError):
         fa.simulate(rigid(), t, v0=v0, control=damper(4.0, compiled=compiled), **steps(integrator))
 
 
@@ -117,8 +119,8 @@ def test_a_loop_that_less_gain_does_not_cure_is_told_what_does() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, fa.Beam(0.5, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 3}))])
     kd = 230.0 * arm.mass_matrix(arm.zero)[0, 0]
     law = fa.Sampled(lambda t, y: -kd * y[0], 100, [("rate", 0)])
-    said = r"sampled every 0.000\d+ s it is stable, while no share of its gains down to 0.001 makes it stable \("
-    with pytest.raises(fa.SimulationError, match=said):
+    said = ("sampled", "stable", "0.001")
+    with refuses(said, error=fa.SimulationError):
         fa.simulate(arm, np.linspace(0, 5, 51), v0=[0.1, 0, 0, 0], control=law)
 
 
@@ -129,21 +131,21 @@ def test_the_delay_of_a_loop_counts(compiled: bool) -> None:
     t, v0 = np.linspace(0, 3, 51), [0.1]
     for delay, limit in ((0.01, 1.0), (0.005, 2.0), (0.02, 0.618)):
         fa.simulate(rigid(), t, v0=v0, control=damper(0.97 * limit, delay=delay, compiled=compiled))
-        with pytest.warns(fa.errors.LoopWarning, match=f"with a delay of {delay:g} s, is unstable"):
+        with warns(fa.errors.LoopWarning, f"delay of {delay:g} s", "unstable"):
             fa.simulate(rigid(), t, v0=v0, control=damper(1.06 * limit, delay=delay, compiled=compiled))
 
 
 def test_a_loop_with_a_reference_that_steps_is_named() -> None:
     kd = 2.3 * INERTIA / 0.01
     law = fa.Sampled(lambda t, y: 5.0 * ((t > 0.1) - y[0]) - kd * y[1], 100, [("joint", 0), ("rate", 0)])
-    with pytest.warns(fa.errors.LoopWarning, match=r"z = -1\.3"):
+    with warns(fa.errors.LoopWarning, "z = -1.3"):
         fa.simulate(rigid(), np.linspace(0, 1, 101), control=law)
 
 
 def test_two_loops_that_are_stable_alone_are_named_together() -> None:
     t = np.linspace(0, 2, 101)
-    told = r"loop of Sampled .*\(control\[0\]\) and Sampled .*\(control\[1\]\)"
-    with pytest.warns(fa.errors.LoopWarning, match=told):
+    told = ("control[0]", "control[1]")
+    with warns(fa.errors.LoopWarning, told):
         fa.simulate(rigid(), t, v0=[0.1], control=[damper(1.2), damper(0.95)])
 
 
@@ -173,7 +175,7 @@ def test_python_laws_with_memory_are_named(integrator: str) -> None:
     so that |z|^2 = k/2."""
     t, I = np.linspace(0, 2, 41), INERTIA
     fa.simulate(rigid(), t, control=fa.Sampled(Pid(20 * I, 10 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator))
-    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, .* z = 1\.01 \+- 0\.0694i"):
+    with warns(fa.errors.LoopWarning, "sampled", "0.01 s", "z = 1.01 +- 0.0694i"):
         fa.simulate(
             rigid(), t, control=fa.Sampled(Pid(20 * I, 400 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator)
         )
@@ -199,34 +201,34 @@ def test_laws_that_read_sensors_are_named(compiled: bool) -> None:
     noisy, late = fa.sensors.Tachometer(0, noise=1e-4, resolution=1e-5), fa.sensors.Tachometer(0, delay=0.01)
     fa.simulate(rigid(), t, v0=[0.1], control=law(1.8, noisy))
     fa.simulate(rigid(), t, v0=[0.1], control=law(0.9, late))
-    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, .* z = -1\.1;"):
+    with warns(fa.errors.LoopWarning, "0.01 s", "z = -1.1"):
         fa.simulate(rigid(), t, v0=[0.1], control=law(2.1, noisy))
-    with pytest.warns(fa.errors.LoopWarning, match="with a delay of 0.01 s, is unstable"):
+    with warns(fa.errors.LoopWarning, "0.01 s", "delay", "unstable"):
         fa.simulate(rigid(), t, v0=[0.1], control=law(1.1, late))
 
 
 def test_what_is_called_stable_is_stable_for_the_whole_run() -> None:
     """A run that fails at once leaves no time to grow in: a ninth of these gains still grows at 300 1/s."""
     law = fa.StateFeedback([[-1.0, 0, 0, 0, -0.5, 0, 0, 0]])
-    with pytest.raises(fa.SimulationError, match="with the other sign of its gains it is stable") as e:
+    with refuses("other sign", "stable", error=fa.SimulationError) as e:
         fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
     assert e.value.time < 0.1
 
 
 def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loop() -> None:
     law = fa.Sampled(lambda t, y: 1e4 * np.sign(y[0]), 100, [("joint", 0)])
-    with pytest.raises(fa.SimulationError, match="see whether the loop of control is stable"):
+    with refuses("loop of control", "stable", error=fa.SimulationError):
         fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
 
 
 def test_batches_name_a_loop_that_grows_without_failing() -> None:
     """In lanes as by `simulate`: they were silent but for scenarios that failed."""
     t, law, v0 = np.linspace(0, 2, 51), fa.PD(5.0, -1.0, reference=0.1), [[0.1], [0.2]]
-    said = r"scenario 0: control\[0\]: the loop of PD of 'link 0 revolute' feeds energy in: .* 1.43 \+- 3.5i 1/s"
-    with pytest.warns(fa.errors.LoopWarning, match=said):
+    said = ("scenario 0", "control[0]", "PD", "'link 0 revolute'", "1.43", "3.5i 1/s", "energy")
+    with warns(fa.errors.LoopWarning, said):
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
     assert r.stats["lanes"] > 0 and not r.failures
-    with pytest.warns(fa.errors.LoopWarning, match=said):
+    with warns(fa.errors.LoopWarning, said):
         fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=law)
     fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=fa.PD(5.0, 1.0, reference=0.1))
     fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), step=1e-3)
@@ -236,26 +238,23 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
 def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
     """The tip was 1.3 km away, and status 0."""
     law = fa.StrainFeedback(2.0, 0.05, 2.0, x=0.0, reference=0.3)
-    with pytest.raises(fa.SimulationError, match=r"of 'link 0 revolute' feeds energy in.*pole is .* 1/s; .*bent by"):
+    with refuses("'link 0 revolute'", "1", "energy", "bent", error=fa.SimulationError):
         fa.simulate(paper_link(1), np.linspace(0, 20, 201), control=law, **steps(integrator))
 
 
 def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
     """At 100 Hz the demo's loop is lost beyond Ks = -0.01332, docs/strain-feedback.md; without dry friction."""
-    from dataclasses import replace
-
-    from flexarm.cli.paper.control import DRIVE_GAIN, KP, KV
-
-    link, t = fa.load("ist_control").arm.links[0], np.linspace(0, 8, 401)
+    scene, t = fa.load("ist_control"), np.linspace(0, 8, 401)
+    link, pd = scene.arm.links[0], scene.control[0]
     free = fa.Arm([replace(link, joint=replace(link.joint, coulomb=0.0))])
     measured = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]
 
     def run(ks: float) -> fa.Result:
-        law = fa.Sampled(lambda _, y: -(np.array([KP, KV, ks]) @ y), 100, measured, motor=fa.Motor(DRIVE_GAIN))
+        law = fa.Sampled(lambda _, y: -(np.array([pd.kp, pd.kv, ks]) @ y), 100, measured, motor=pd.motor)
         return fa.simulate(free, t, [0.0, 1e-4, 1e-5, 0.0], control=law, integrator="gauss", step=5e-3)
 
     run(0.95 * -0.01332)
-    with pytest.warns(fa.errors.LoopWarning, match=r"sampled every 0.01 s, is unstable: .*below 0\.[67]"):
+    with warns(fa.errors.LoopWarning, "0.01 s", "0.6", "sampled", "unstable"):
         run(1.5 * -0.01332)
 
 
@@ -266,8 +265,8 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
         return fa.StrainFeedback(2.0, 0.05, k, x=0.0, reference=0.1)
 
     t = np.linspace(0, 3, 4)
-    told = r"scenario 1: .*loop of StrainFeedback of 'link 0 .* feeds energy in"
-    with pytest.warns(fa.errors.LoopWarning, match=told):
+    told = ("scenario 1", "StrainFeedback", "link 0", "energy")
+    with warns(fa.errors.LoopWarning, told):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
     rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
@@ -276,7 +275,7 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
 
 
 def test_a_position_loop_with_the_wrong_sign() -> None:
-    with pytest.warns(fa.errors.LoopWarning, match=r"pole is 5 1/s; with the other sign of its gains it is stable"):
+    with warns(fa.errors.LoopWarning, "5 1/s", "sign", "stable"):
         fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=fa.PD(-25 * INERTIA, 0.0))
 
 
@@ -309,7 +308,7 @@ def test_a_pulse_between_steps_is_told(integrator: str) -> None:
     """A torque of 5 N m for 2 ms, between two output times and two steps."""
     options = steps(integrator) | ({"step": 0.05 if integrator == "gauss" else 8e-3} if integrator in FIXED else {})
     pulse = fa.Torque(lambda t: 5.0 if 0.5005 < t < 0.5025 else 0.0)
-    with pytest.warns(fa.errors.StepWarning, match=r"drive of 'link 0 revolute': is 5 at t = 0.50.* give samples") as w:
+    with warns(fa.errors.StepWarning, "'link 0 revolute'", "t = 0.50", "drive", "samples") as w:
         r = fa.simulate(rigid(), np.linspace(0, 1.6, 5), drive={0: pulse}, **options)
     assert not r.v.any() and w[0].message.finding.value == 5.0 and w[0].filename == __file__
     assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
@@ -318,9 +317,9 @@ def test_a_pulse_between_steps_is_told(integrator: str) -> None:
 def test_pulses_of_loads_and_references_are_told() -> None:
     t = np.linspace(0, 1, 3)
     push = fa.Load(0, force=lambda t: (0.0, 5.0 if 0.7 < t < 0.71 else 0.0, 0.0))
-    with pytest.warns(fa.errors.StepWarning, match=r"loads\[0\]: is 5 at t = 0.70"):
+    with warns(fa.errors.StepWarning, "loads[0]", "5", "t = 0.70"):
         fa.simulate(rigid(), t, loads=[push])
-    with pytest.warns(fa.errors.StepWarning, match="reference of control: is"):
+    with warns(fa.errors.StepWarning, "reference of control", "1", "t = 0.70"):
         fa.simulate(rigid(), t, control=fa.PD(1.0, 1.0, reference=lambda t: 1.0 if 0.7 < t < 0.71 else 0.0))
 
 
@@ -342,7 +341,7 @@ def test_batches_tell_of_pulses_between_half_steps(integrator: str) -> None:
     def run(law) -> None:
         fa.simulate_batch(rigid(), t, np.zeros((2, 1)), drive={0: fa.Torque(law)}, integrator=integrator, step=0.02)
 
-    with pytest.warns(fa.errors.StepWarning, match="drive .* is 5 at t = 0.50"):
+    with warns(fa.errors.StepWarning, "t = 0.50", "drive"):
         run(lambda t: 5.0 if 0.501 < t < 0.509 else 0.0)
     run(lambda t: np.sin(20 * t))
     run(lambda t: 5.0 if 0.45 < t < 0.7 else 0.0)
@@ -358,8 +357,8 @@ def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
         if now > 20.0:
             raise Enough
 
-    said = r"of 1e\+04 s, .* steps are to come, .* (minutes|hours) .*vibration of the beams.* 368 rad/s.*\"gauss\""
-    with pytest.warns(fa.errors.SlowWarning, match=said), pytest.raises(Enough):
+    said = ("1e+04 s", "vibration", "368 rad/s", '"gauss"')
+    with warns(fa.errors.SlowWarning, said), pytest.raises(Enough):
         fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop)
 
 
@@ -401,6 +400,6 @@ def test_a_run_away_asks_whether_angles_are_in_degrees() -> None:
 @pytest.mark.parametrize("integrator", EVERY)
 def test_a_run_that_fails_before_its_first_row_is_an_error_of_its_own(integrator: str) -> None:
     """Of a beam of order 1, whose speed of turning was asked for in the last row."""
-    with pytest.raises(fa.SimulationError, match="stopped at t = 0 s") as e:
+    with refuses("t = 0", error=fa.SimulationError) as e:
         fa.simulate(paper_link(1), [0, 0.1], v0=[1e200, 0, 0, 0], **steps(integrator))
     assert len(e.value.result.t) == 0

@@ -10,6 +10,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import run_derivatives
+from messages import refuses
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
 STEP, PERIOD, LATE = 0.01, 2, 3  # of the pendulum: a step (s); in steps, between samples, and to their force
@@ -169,8 +170,8 @@ class Adds:
 def test_what_a_run_has_no_derivatives_through(options: dict[str, Any]) -> None:
     steps = fa.LinearController([], D=[[6.0]], measure=[fa.sensors.Encoder(0)], rate=250.0)
     adds = fa.Sampled(Adds(), 250.0, [("joint", 0)])
-    for law, says in ((steps, "measure.0.*reads in steps"), (adds, "remembers")):
+    for law, says in ((steps, ("measure[0]", "steps")), (adds, "remembers")):
         run = fa.simulate(flexible(0.1), np.linspace(0, 0.1, 26), [0.1, 0, 0], control=law, **options)
         for way in (run.sensitivities, lambda p, run=run: run.gradient({"q": np.ones(run.q.shape)}, p)):
-            with pytest.raises(ValueError, match=says):
+            with refuses(says):
                 way(["link.0.tip.mass"])

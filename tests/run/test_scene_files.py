@@ -9,6 +9,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.run.scene.scene import scene_from_dict
+from messages import refuses, warns
 
 ARM = """
 [[link]]
@@ -51,14 +52,14 @@ def test_no_other_file_is_read(folder: Path, law: str) -> None:
     (folder / "out").symlink_to("..")
     absolute = (str(folder.parent / "torque.csv"), "/etc/passwd", "/dev/zero")
     for name in (*absolute, "../torque.csv", "link.csv", "out/torque.csv", "../nope", "below/../../secret"):
-        with pytest.raises(ValueError, match=r"file = .*: must be in the scene's folder.*, or below; load"):
+        with refuses("file =", "folder"):
             fa.load(scene(folder, name, law))
 
 
 def test_the_caller_may_allow_another_folder(folder: Path) -> None:
     for name in ("../torque.csv", str(folder.parent / "torque.csv")):
         assert fa.load(scene(folder, name), files=folder.parent).drive[0](0.1) == 2.0
-    with pytest.raises(ValueError, match="must be in the scene's folder"):
+    with refuses("file = 'torque.csv'", "folder"):
         fa.load(scene(folder, "torque.csv"), files=folder / "below")
 
 
@@ -69,7 +70,7 @@ def test_errors_tell_nothing_of_what_is_in_a_file(folder: Path, law: str) -> Non
     texts = [SECRET * 2, "hunter2", f"{columns},hunter2\n0,0,0\n", "", *(f"{columns}\n{row}" for row in rows)]
     for text in [*(t.encode() for t in texts), b"hunter2\xff\xfe,\n", b"hunter2\0", b'"hunter2' + b"x" * 200_000]:
         (folder / "table.csv").write_bytes(text)
-        with pytest.raises(ValueError, match=rf"{law}") as caught:
+        with refuses(f"{law}.file = 'table.csv'") as caught:
             fa.load(scene(folder, "table.csv", law)).run()
         assert "hunter" not in str(caught.value)
 
@@ -77,9 +78,9 @@ def test_errors_tell_nothing_of_what_is_in_a_file(folder: Path, law: str) -> Non
 def test_what_is_no_file_is_named(folder: Path) -> None:
     os.mkfifo(folder / "pipe")
     for name in ("pipe", "below", ".", "none.csv", "a\\u0000b", "x" * 5000):
-        with pytest.raises(ValueError, match=r"drive\[0\]\.torque\.file = "):
+        with refuses("drive[0].torque.file ="):
             fa.load(scene(folder, name))
-    with pytest.raises(ValueError, match="file = 5: must be the name of a file"):
+    with refuses("file = 5"):
         scene_from_dict({"link": [], "drive": []} | _dictionary(5))
 
 
@@ -91,7 +92,7 @@ def _dictionary(name: object) -> dict:
 def test_dictionaries_read_below_where_they_are_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     np.testing.assert_equal(scene_from_dict(_dictionary("torque.csv")).drive[0](0.1), 2.0)
-    with pytest.raises(ValueError, match="must be in the scene's folder"):
+    with refuses("drive[0].torque.file = '../torque.csv'", "folder"):
         scene_from_dict(_dictionary("../torque.csv"))
 
 
@@ -109,7 +110,7 @@ def test_warnings_of_a_scene_point_at_the_line_that_asked() -> None:
     found = run.check(fa.Watch({("rotation", 0): 1e-6}))
     assert found[0] == said[0].message.finding and {x.unit for x in found} == {"rad", "Pa"}
     assert {w.filename for w in said} == {__file__}
-    with pytest.warns(fa.errors.ModelWarning, match="filter: 1000 Hz") as said:
+    with warns(fa.errors.ModelWarning, "filter", "1000 Hz") as said:
         scene.readings(run)
     assert {w.filename for w in said} == {__file__}
 
@@ -129,10 +130,10 @@ def test_samples_of_a_motion_are_written_without_rounding(tmp_path: Path) -> Non
 def test_what_is_no_scene_file_is_said(tmp_path: Path) -> None:
     for name, content in (("run.csv", b"t,q\n0,1\n"), ("run.npz", b"PK\x03\x04\xff")):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(ValueError, match=rf"{name}': is not a scene file \(.toml\); a saved run \(.npz, .h5\)"):
+        with refuses(name, ".toml"):
             fa.load(tmp_path / name)
     table = "kp = 1.0\n[control.reference]\nt = [0, 1]\nq = [0, 1]\n"
-    for first, says in (("[[controls]]", "unknown key .controls.; did you mean .control."), ("control = 1", "line")):
+    for first, says in (("[[controls]]", ("controls", "control")), ("control = 1", "line")):
         (tmp_path / "typo.toml").write_text(f"{first}\n{table}[[control]]\n{table}")
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             fa.load(tmp_path / "typo.toml")

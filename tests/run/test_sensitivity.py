@@ -10,6 +10,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import derivative, run_derivatives
+from messages import refuses
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
 
@@ -287,11 +288,11 @@ def one_joint(joint: fa.Joint) -> fa.Arm:
 @pytest.mark.parametrize(
     ("change", "parameters", "says"),
     [
-        ({}, [], "parameters = "),
-        ({}, "link.0.tip.mass", "must be a list"),
-        ({}, ["link.0.hub.mas"], "did you mean 'link.0.hub.mass'"),
+        ({}, [], "parameters ="),
+        ({}, "link.0.tip.mass", "parameters = 'link.0.tip.mass'"),
+        ({}, ["link.0.hub.mas"], "'link.0.hub.mass'"),
         ({}, ["link.0.hub.mass", "link.0.hub.mass"], "different"),
-        ({}, ["drive.7.samples"], "drive.*7"),
+        ({}, ["drive.7.samples"], ("7", "drive")),
         ({"arm": one_joint(fa.Spherical()), "tau": [0.1, 0, 0]}, ["tau.7"], "tau.7"),
         ({"arm": fa.Arm([one_joint(fa.Spherical()).links[0], one_joint(fa.Revolute("z", coulomb=0.1)).links[0]]),
           "integrator": "rk4"}, ["link.0.hub.mass"], "friction"),
@@ -304,14 +305,14 @@ def test_what_has_no_derivative_says_so(change: dict[str, Any], parameters: Any,
         warnings.simplefilter("ignore")
         run = fa.simulate(t=np.linspace(0, 0.1, 11), **given)
     for way in (lambda: run.sensitivities(parameters), lambda: run.gradient({"q": np.ones(run.q.shape)}, parameters)):
-        with pytest.raises(ValueError, match=says):
+        with refuses(says):
             way()
 
 
 @pytest.mark.parametrize(
     ("loss", "says"),
     [
-        ({"q": np.ones(3)}, "loss"),
+        ({"q": np.ones(3)}, "loss['q'] has shape (3,)"),
         ({"x": np.ones((11, 1))}, "'x'"),
         ({}, "loss"),
         (lambda r: 1.0, "must give"),
@@ -320,13 +321,13 @@ def test_what_has_no_derivative_says_so(change: dict[str, Any], parameters: Any,
 )
 def test_a_loss_of_wrong_shape(loss: Any, says: str) -> None:
     run = fa.simulate(one_joint(fa.Revolute("z")), np.linspace(0, 0.1, 11), integrator="implicit", step=1e-3)
-    with pytest.raises(ValueError, match=says):
+    with refuses(says):
         run.gradient(loss, ["link.0.hub.mass"])
 
 
 def test_a_result_from_a_file_has_none() -> None:
     run = fa.simulate(one_joint(fa.Revolute("z")), np.linspace(0, 0.1, 11), integrator="implicit", step=1e-3)
-    with pytest.raises(ValueError, match="simulate"):
+    with refuses("simulate"):
         pickle.loads(pickle.dumps(run)).sensitivities(["link.0.hub.mass"])
 
 

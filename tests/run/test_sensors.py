@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from arms import STEEL, G, close, floating_arm, paper_link, pendulum
 from flexarm.cli import main
+from messages import refuses
 
 LENGTH, WIDTH, HEIGHT = 0.5, 0.01, 0.02
 
@@ -57,7 +58,7 @@ def test_gauges_know_the_faces_of_circles_and_tapers() -> None:
     assert strain(wedge) == pytest.approx(-2 * 0.0015)
     general = fa.sections.GeneralSection(1e-5, 1e-10, 1e-10, 1e-10)
     assert strain(general, distance=0.002) == pytest.approx(-2 * 0.002)
-    with pytest.raises(ValueError, match=r"distance = None: this section does not tell"):
+    with refuses("distance = None"):
         strain(general)
 
 
@@ -183,7 +184,7 @@ def test_samples_between_the_output_times_follow_the_motion() -> None:
     assert np.abs(rate.y[:, 0] - w * np.cos(w * rate.t)).max() < 1e-6
     along = fa.sensors.Accelerometer(rate=730, gravity=False).read(run)
     assert np.abs(along.y[:, 0] + 0.4 * w * w * np.sin(w * along.t)).max() < 1e-4
-    with pytest.raises(ValueError, match=r"rate = 2000: is above 1000 Hz.*output time every 0.005 s"):
+    with refuses("rate = 2000", "1000 Hz", "0.005 s"):
         fa.sensors.Tachometer(rate=2000).read(run)
 
 
@@ -223,7 +224,7 @@ def test_a_sampler_interpolates_a_delay_between_calls() -> None:
     sampler = fa.sensors.Encoder(pulses=None, delay=0.15).sampler(arm)
     heard = [sampler.sample(0.1 * k, [float(k * k)], [0.0])[0] for k in range(5)]
     np.testing.assert_allclose(heard, [0, 0, 0.5, 2.5, 6.5], atol=1e-9)  # halfway between 0, 0, 1, 4 and 9
-    with pytest.raises(ValueError, match=r"t = 0.4: must be later than the last call's, 0.4"):
+    with refuses("t = 0.4"):
         sampler.sample(0.4, [0.0], [0.0])
 
 
@@ -303,7 +304,7 @@ def test_a_file_without_its_loads_has_no_reactions(tmp_path: Path) -> None:
     run.save(tmp_path / "run.npz")
     again = fa.Result.load(tmp_path / "run.npz")
     close(fa.sensors.Encoder().read(again).y, fa.sensors.Encoder().read(run).y, 1e-15)
-    with pytest.raises(ValueError, match=r"loads = None"):
+    with refuses("loads = None"):
         fa.sensors.ForceTorque().read(again)
 
 
@@ -318,67 +319,67 @@ def test_readings_are_drawn(tmp_path: Path) -> None:
 
 LINK = paper_link()
 BAD = [
-    (lambda: fa.sensors.Encoder(pulses=0), r"pulses = 0: must be at least 1"),
-    (lambda: fa.sensors.Encoder(pulses=1.5), r"pulses = 1.5: must be a whole number"),
-    (lambda: fa.sensors.Encoder(resolution=0.1), r"resolution = 0.1: an encoder's follows from pulses"),
-    (lambda: fa.sensors.Encoder(gear_ratio=0), r"gear_ratio = 0.0: must be positive"),
-    (lambda: fa.sensors.Encoder(quadrature=4), r"quadrature = 4: must be true or false"),
-    (lambda: fa.sensors.Encoder(rate=0), r"rate = 0.0: must be positive"),
-    (lambda: fa.sensors.Encoder(rate="fast"), r"rate = 'fast': must be a number"),
-    (lambda: fa.sensors.Encoder(delay=-1e-3), r"delay = -0.001: must not be negative"),
-    (lambda: fa.sensors.Tachometer(noise=-1), r"noise = -1: must not be negative"),
-    (lambda: fa.sensors.Tachometer(noise=np.nan), r"noise = nan: must be finite"),
-    (lambda: fa.sensors.Tachometer(range=0), r"range = 0: must be positive"),
-    (lambda: fa.sensors.Tachometer(resolution=0.0), r"resolution = 0.0: must be positive"),
-    (lambda: fa.sensors.Tachometer(seed=-1), r"seed = -1: must not be negative"),
-    (lambda: fa.sensors.Tachometer(seed=0.5), r"seed = 0.5: must be a whole number"),
-    (lambda: fa.sensors.StrainGauge(face="y"), r"face = 'y': must be one of \+y, -y, \+z, -z"),
-    (lambda: fa.sensors.StrainGauge(gauge_factor=0), r"gauge_factor = 0.0: must be positive"),
-    (lambda: fa.sensors.Accelerometer(axis="w"), r"axis = 'w': must be one of x, y, z, xyz"),
-    (lambda: fa.sensors.Accelerometer(axis=(0, 0, 0)), r"axis = .*must not be zero"),
-    (lambda: fa.sensors.Accelerometer(gravity=9.81), r"gravity = 9.81: must be true or false"),
-    (lambda: fa.sensors.Camera(axes="hub"), r"axes = 'hub': must be one of world, link"),
-    (lambda: fa.sensors.ForceTorque(side="left"), r"side = 'left': must be one of outboard, inboard"),
-    (lambda: fa.sensors.Encoder(3).check(LINK), r"link = 3: must be from -1 to 0"),
-    (lambda: fa.sensors.Encoder(0, 1).check(LINK), r"link = \(0, 1\): its joint has freedoms 0 to 0"),
-    (lambda: fa.sensors.StrainGauge(0, 0.6).check(LINK), r"x = 0.6: must be on the beam"),
-    (lambda: fa.sensors.StrainGauge(0).check(pendulum()), r"link = 0: has no beam to bond"),
-    (lambda: fa.sensors.Camera(axes="link").check(pendulum()), r"beam"),
-    (lambda: fa.sensors.Camera(noise=(1, 2)).check(LINK), r"noise = \(1.0, 2.0\): must be one number, or 3"),
+    (lambda: fa.sensors.Encoder(pulses=0), ("pulses = 0", "1")),
+    (lambda: fa.sensors.Encoder(pulses=1.5), "pulses = 1.5"),
+    (lambda: fa.sensors.Encoder(resolution=0.1), "resolution = 0.1"),
+    (lambda: fa.sensors.Encoder(gear_ratio=0), "gear_ratio = 0.0"),
+    (lambda: fa.sensors.Encoder(quadrature=4), "quadrature = 4"),
+    (lambda: fa.sensors.Encoder(rate=0), "rate = 0.0"),
+    (lambda: fa.sensors.Encoder(rate="fast"), "rate = 'fast'"),
+    (lambda: fa.sensors.Encoder(delay=-1e-3), "delay = -0.001"),
+    (lambda: fa.sensors.Tachometer(noise=-1), "noise = -1"),
+    (lambda: fa.sensors.Tachometer(noise=np.nan), "noise = nan"),
+    (lambda: fa.sensors.Tachometer(range=0), "range = 0"),
+    (lambda: fa.sensors.Tachometer(resolution=0.0), "resolution = 0.0"),
+    (lambda: fa.sensors.Tachometer(seed=-1), "seed = -1"),
+    (lambda: fa.sensors.Tachometer(seed=0.5), "seed = 0.5"),
+    (lambda: fa.sensors.StrainGauge(face="y"), "face = 'y'"),
+    (lambda: fa.sensors.StrainGauge(gauge_factor=0), "gauge_factor = 0.0"),
+    (lambda: fa.sensors.Accelerometer(axis="w"), "axis = 'w'"),
+    (lambda: fa.sensors.Accelerometer(axis=(0, 0, 0)), "axis ="),
+    (lambda: fa.sensors.Accelerometer(gravity=9.81), "gravity = 9.81"),
+    (lambda: fa.sensors.Camera(axes="hub"), "axes = 'hub'"),
+    (lambda: fa.sensors.ForceTorque(side="left"), "side = 'left'"),
+    (lambda: fa.sensors.Encoder(3).check(LINK), ("link = 3", "-1 to 0")),
+    (lambda: fa.sensors.Encoder(0, 1).check(LINK), ("link = (0, 1)", "freedoms 0")),
+    (lambda: fa.sensors.StrainGauge(0, 0.6).check(LINK), ("x = 0.6", "beam")),
+    (lambda: fa.sensors.StrainGauge(0).check(pendulum()), "link = 0"),
+    (lambda: fa.sensors.Camera(axes="link").check(pendulum()), "beam"),
+    (lambda: fa.sensors.Camera(noise=(1, 2)).check(LINK), ("noise = (1.0, 2.0)", "3")),
     (
         lambda: fa.sensors.Encoder().check(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))])),
-        r"freedom = 0: is one",
+        "freedom = 0",
     ),
     (
         lambda: fa.sensors.Accelerometer().sampler(LINK).sample(0.0, LINK.zero, np.zeros(4)),
-        r"a = None: accelerometer y needs",
+        "a = None",
     ),
-    (lambda: fa.sensors.psd([0, 1], [0, 1]), r"t has shape \(2,\): must be at least eight"),
-    (lambda: fa.sensors.psd(np.arange(9.0) ** 2, np.zeros(9)), r"t: must increase in equal steps"),
-    (lambda: fa.sensors.psd(np.arange(9), np.zeros(8)), r"y has shape \(8,\): must be one signal, 9 numbers"),
-    (lambda: fa.sensors.psd(np.arange(9), np.zeros(9), segment=3), r"segment = 3: must be from 8 to 9 s"),
-    (lambda: fa.sensors.psd(np.arange(9), np.ones(9), window="flat"), r"window = 'flat'"),
+    (lambda: fa.sensors.psd([0, 1], [0, 1]), "t has shape (2,)"),
+    (lambda: fa.sensors.psd(np.arange(9.0) ** 2, np.zeros(9)), ("t", "increase", "equal", "steps")),
+    (lambda: fa.sensors.psd(np.arange(9), np.zeros(8)), ("y has shape (8,)", "9", "numbers")),
+    (lambda: fa.sensors.psd(np.arange(9), np.zeros(9), segment=3), ("segment = 3", "8 to 9")),
+    (lambda: fa.sensors.psd(np.arange(9), np.ones(9), window="flat"), "window = 'flat'"),
 ]
 
 
 @pytest.mark.parametrize(("make", "message"), BAD)
 def test_bad_input(make, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         make()
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('type = "encoder"', 'type = "encodr"', r"sensor\[0\].type = 'encodr'.*did you mean 'encoder'"),
-        ("pulses", "pulse", r"sensor\[0\]: unknown key 'pulse'; did you mean 'pulses'"),
-        ("rate = 500", "rate = 5e6", r"sensor\[1\]: rate = 5e\+06: is above 10000 Hz"),
-        ("pulses = 500", "pulses = 500\nfreedom = 2", r"sensor\[0\]: .*freedoms 0 to 0"),
+        ('type = "encoder"', 'type = "encodr"', ("sensor[0].type = 'encodr'", "'encoder'")),
+        ("pulses", "pulse", ("sensor[0]", "key 'pulse'", "'pulses'")),
+        ("rate = 500", "rate = 5e6", ("sensor[1]: rate = 5e+06", "10000 Hz")),
+        ("pulses = 500", "pulses = 500\nfreedom = 2", ("sensor[0]", "freedoms 0")),
     ],
 )
 def test_bad_scenes(old: str, new: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENE.replace(old, new))
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         fa.load(tmp_path / "s.toml")
 
 
@@ -411,7 +412,7 @@ def test_gain_and_offset_come_before_noise_and_steps() -> None:
     sampler, t = other.sampler(run.arm), 7
     rows = [sampler.sample(float(run.t[k]), run.q[k], run.v[k], run.a[k]) for k in range(t)]
     np.testing.assert_allclose(rows, other.read(run).y[:t], atol=1e-12)
-    with pytest.raises(ValueError, match="gain"):
+    with refuses("gain = (1.0, 2.0)"):
         fa.sensors.Camera(gain=(1, 2)).read(run)
-    with pytest.raises(ValueError, match="offset"):
+    with refuses("offset = 'x'"):
         fa.sensors.Encoder(offset="x")  # type: ignore[arg-type]

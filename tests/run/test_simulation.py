@@ -11,6 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link, reference
+from messages import refuses
 from scipy.integrate import solve_ivp
 
 
@@ -155,7 +156,7 @@ def test_failure_returns_what_there_is() -> None:
     """A torque that runs away: SimulationError with the time reached and the result up to there."""
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 1.0)))])
     runaway = fa.Torque(lambda t: 1.0 / max(1.0 - t, 1e-300) ** 3)
-    with pytest.raises(fa.SimulationError, match=r"stopped at t = ") as caught:
+    with refuses("t =", error=fa.SimulationError) as caught:
         fa.simulate(arm, np.linspace(0, 2, 201), drive={0: runaway})
     error = caught.value
     assert 0.9 < error.time <= 1.01
@@ -169,9 +170,9 @@ def test_errors_of_a_drive_come_through() -> None:
     def broken(t: float) -> float:
         raise KeyError("no such torque")
 
-    with pytest.raises(KeyError, match="no such torque"):
+    with refuses("no such torque", error=KeyError):
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(broken)})
-    with pytest.raises(ValueError, match="nan"):
+    with refuses("Torque at t = 0", "nan"):
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(lambda t: float("nan"))})
 
 
@@ -181,11 +182,9 @@ def test_ctrl_c_stops_a_long_run() -> None:
     q0 = [0, 0.1, 0, 0]
     killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     killer.start()
-    began = time.monotonic()
     with pytest.raises(KeyboardInterrupt) as caught:
         fa.simulate(arm, np.linspace(0, 1e4, 100_001), q0)
     killer.join()
-    assert time.monotonic() - began < 60
     kept = caught.value.result  # what was computed is not lost
     assert len(kept.t) > 1 and kept.t[-1] <= caught.value.time and np.isfinite(kept.q).all()
 
@@ -217,21 +216,22 @@ def test_ctrl_c_inside_a_callable_keeps_the_result(how: dict[str, Any], place: s
 
 
 def test_ida_looks_around_often_however_long_its_steps_take() -> None:
-    """A flexible arm of 200 links: about 20 ms a step."""
-    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.01), fa.Material(7850, 209e9, 0.3), {"bending_y": 2, "bending_z": 2})
-    link = [fa.Link(fa.Revolute(axis), fa.RigidBody(end=(0.075, 0, 0)), beam) for axis in "zy"]
-    arm = fa.Arm(link * 100, gravity=(0, 0, -9.81))
-    looks: list[float] = []
+    """By the clock, about every 0.1 s: a torque that takes 20 ms is asked for few times between two looks."""
+    asked, looks = [], []
+
+    def torque(t: float) -> float:
+        asked.append(t)
+        time.sleep(0.02)
+        return 0.001
 
     def look(now: float) -> None:
-        looks.append(time.monotonic())
+        looks.append(now)
         if len(looks) > 5:
             raise KeyboardInterrupt
 
-    began = time.monotonic()
     with pytest.raises(fa.errors.SimulationInterrupted):
-        fa.simulate(arm, [0, 10], progress=look)
-    assert np.diff([began, *looks])[1:].max() < 0.5  # 0.1 s on a quiet machine; 200 steps took seconds
+        fa.simulate(paper_link(), [0, 1000], drive={0: fa.Torque(torque)}, progress=look)
+    assert len(asked) < 200  # as many as steps between two looks once
 
 
 def test_result_saves_and_loads(tmp_path) -> None:
@@ -241,7 +241,7 @@ def test_result_saves_and_loads(tmp_path) -> None:
     assert s.arm == r.arm and s.stats == r.stats
     for k in ("t", "q", "v", "a", "tau"):
         np.testing.assert_array_equal(getattr(s, k), getattr(r, k))
-    with pytest.raises(ValueError, match=r"nothing\.npz"):
+    with refuses("nothing.npz"):
         fa.Result.load(tmp_path / "nothing.npz")
 
 
@@ -276,11 +276,11 @@ def test_motions_that_start_and_end_at_rest() -> None:
 
 
 def test_a_callable_motion_must_be_consistent() -> None:
-    with pytest.raises(ValueError, match="its v must be the derivative of its q"):
+    with refuses("derivative"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t, 0.0, 0.0))})
-    with pytest.raises(ValueError, match="its a must be the derivative of its v"):
+    with refuses("derivative"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t**2, 2 * t, 0.0))})
-    with pytest.raises(ValueError, match="must give one number"):
+    with refuses("Torque at t = 0", "[1.0, 2.0]"):
         fa.simulate(paper_link(), [0, 1], drive={0: fa.Torque(lambda t: [1.0, 2.0])})
 
 

@@ -1,11 +1,14 @@
 """Scenes that start in a pose, or in balance."""
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.run.scene.scene import scene_from_dict
+from arms import toml
+from messages import refuses, warns
 
 BEAM = {
     "length": 1.0,
@@ -15,10 +18,15 @@ BEAM = {
 }
 
 
+def loaded(table):
+    with TemporaryDirectory() as folder:
+        return fa.load(toml(Path(folder), table))
+
+
 def scene(q0, **more):
     links = [{"joint": {"type": "revolute", "axis": "z", "name": f"joint{k}"}, "beam": BEAM} for k in range(2)]
     simulation = {"duration": 0.5, "interval": 0.01, "q0": q0}
-    return scene_from_dict({"gravity": [0, -9.81, 0], "link": links, "simulation": simulation} | more)
+    return loaded({"gravity": [0, -9.81, 0], "link": links, "simulation": simulation} | more)
 
 
 def test_joints_by_name() -> None:
@@ -39,7 +47,7 @@ def test_at_equilibrium_it_stays() -> None:
     mass, arm_of = 2700 * 1e-4, 0.5  # the second link turns until m g L/2 cos(angle) is the torque
     angle = np.arctan2(*made.arm.frame(made.start(), 1, 0.0)[1][[1, 0], 0])
     assert np.cos(angle) * mass * 9.81 * arm_of == pytest.approx(0.5, rel=1e-2)
-    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
+    assert loaded(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
 
 
 def test_trim_holds_the_joints() -> None:
@@ -50,10 +58,10 @@ def test_trim_holds_the_joints() -> None:
 
 @pytest.mark.parametrize(
     ("q0", "message"),
-    [("equilibrum", "simulation.q0 = .*did you mean 'equilibrium'"), ({"joint7": 1}, "simulation.*'joint7'")],
+    [("equilibrum", ("simulation.q0 =", "'equilibrium'")), ({"joint7": 1}, "'joint7'")],
 )
 def test_wrong_starts(q0, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(message):
         scene(q0)
 
 
@@ -61,7 +69,7 @@ def test_a_scene_made_in_python_may_start_in_balance() -> None:
     arm = scene("trim").arm
     made = fa.Scene(arm, t=np.linspace(0, 0.2, 21), q0="trim", control=(fa.PD(1e3, 10, 0), fa.PD(1e3, 10, 1)))
     np.testing.assert_allclose(made.run().q[0], arm.trim().q, atol=1e-12)
-    with pytest.raises(ValueError, match=r"q0 = 'trimm'.*'trim'"):
+    with refuses("q0 = 'trimm'", "'trim'"):
         fa.Scene(arm, q0="trimm")
 
 
@@ -87,15 +95,15 @@ def test_a_fit_starts_in_the_balance_of_its_numbers() -> None:
     made = [fa.Scene(arm, loads=(push,), q0="trim", t=np.linspace(0, 0.2, 41), options=options) for arm in arms]
     measured = made[0].run().to_data()
     name = next(n for n in measured.names if n.startswith("end y"))
-    with pytest.warns(fa.errors.FitWarning, match="step"):  # without noise the integrator's error is all there is
+    with warns(fa.errors.FitWarning, "step = 0.005", "link.0.tip.mass"):  # its error alone: there is no noise
         found = fa.identify(made[1], measured, ["link.0.tip.mass"], outputs=[name])
     assert found.values["link.0.tip.mass"] == pytest.approx(0.03, rel=1e-5)
-    with pytest.raises(ValueError, match="q0"):
+    with refuses("'q0.0'", "q0 = 'trim'"):
         fa.identify(made[1], measured, ["link.0.tip.mass", "q0.0"], outputs=[name])
     held = replace(made[1], q0=made[1].start())  # the balance with one payload, for all that are tried
     with (
         pytest.warns(fa.errors.FitWarning),
-        pytest.warns(fa.errors.StateWarning, match='q0: is in balance.*q0 = "trim"'),
+        warns(fa.errors.StateWarning, 'q0 = "trim"'),
     ):
         fa.identify(held, measured, ["link.0.tip.mass"], outputs=[name])
 

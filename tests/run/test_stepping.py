@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 
 STEEL = fa.Material(7850.0, youngs_modulus=209e9, poisson_ratio=0.3)
 T = np.arange(101) * 1e-3
@@ -133,22 +134,22 @@ def test_a_scene_and_bad_arguments() -> None:
     assert "1 steps" in repr(sim)
     np.testing.assert_array_equal(sim.frame()[0], scene.arm.frame(sim.q)[0])
     for message, make in {
-        "must be Implicit, Gauss or RK4": lambda: fa.Simulation(scene, fa.Ida()),
-        "must be an Arm or a Scene": lambda: fa.Simulation("ist"),
-        "loads: is the scene's own": lambda: fa.Simulation(scene, loads=[]),
-        "must not be before": lambda: sim.step(until=0.0),
-        "no torque or voltage drives it": lambda: sim.set_drive(0, 1.0),
+        ("Implicit", "Gauss", "RK4"): lambda: fa.Simulation(scene, fa.Ida()),
+        ("Arm", "Scene"): lambda: fa.Simulation("ist"),
+        "loads": lambda: fa.Simulation(scene, loads=[]),
+        "until": lambda: sim.step(until=0.0),
+        "torque": lambda: sim.set_drive(0, 1.0),
         "load = 3": lambda: sim.set_load(3),
-        "must come from state": lambda: sim.restore(1),
+        "state": lambda: sim.restore(1),
         "this problem's has": lambda: sim.restore(fa.Simulation(arm()).state()),
     }.items():
-        with pytest.raises(ValueError, match=message):
+        with refuses(message):
             make()
 
 
 def test_a_step_that_fails_leaves_the_state_of_its_beginning() -> None:
     sim = fa.Simulation(arm(), fa.RK4(0.02), v0=[0, 0.1, 0, 0.5, 0, 0])
-    with pytest.raises(fa.SimulationError, match=r"rk4 is stable below 2\.83") as e:
+    with refuses("2.83", "stable", error=fa.SimulationError) as e:
         for _ in range(500):
             before = sim.t, sim.q
             sim.step()
@@ -194,7 +195,7 @@ def test_a_scene_has_events() -> None:
     sim = fa.Simulation(scene)
     sim.step(until=1.0)
     assert sim.terminated
-    with pytest.raises(ValueError, match=r"events\[0\].terminal = 1: a choice of models compares whole runs"):
+    with refuses("events[0].terminal = 1"):
         fa.economize(scene)
-    with pytest.raises(ValueError, match="events: are Python code, which a scene file cannot hold"):
+    with refuses("events", "Python", "code", "file"):
         scene.save("nowhere.toml")

@@ -7,8 +7,8 @@ import threading
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import paper_link, reference
-from flexarm.run.scene.scene import SCENES
+from arms import SCENES, paper_link, reference
+from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 
@@ -211,8 +211,8 @@ def test_stiff_shear_at_a_millisecond(rho: float) -> None:
     plain = spatial_arm(damping=0.0)
     truth = fa.simulate(plain, t, v0=v0[: plain.nv], rtol=1e-8, atol=1e-10)  # without shear, which hardly bends these
     assert np.abs(r.frame()[0] - truth.frame()[0]).max() < 5e-3
-    said = r"stopped at t = .*ran away in steps of 0\.001 s.* rad/s of link . shear_.*: below .*e-05 s"
-    with pytest.raises(fa.SimulationError, match=said) as caught:
+    said = ("t =", "0.001 s", "05 s", "ran away", "steps", "link")
+    with refuses(said, error=fa.SimulationError) as caught:
         fa.simulate(arm, t, v0=v0, integrator="rk4", step=1e-3)
     error = caught.value
     assert 0 <= error.time < 1
@@ -293,7 +293,7 @@ def test_a_torque_that_runs_away_is_reported() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 1.0)))])
     runaway = fa.Torque(lambda t: np.exp(min(1e3 * t, 709.0)) ** 2)
     for integrator in ("implicit", "rk4"):
-        with pytest.raises(fa.SimulationError, match="stopped at t = ") as caught:
+        with refuses("t =", error=fa.SimulationError) as caught:
             fa.simulate(arm, np.linspace(0, 2, 201), drive={0: runaway}, integrator=integrator, step=1e-3)
         assert 0 < caught.value.time < 2
         assert np.isfinite(caught.value.result.v).all() and len(caught.value.result.t) > 1
@@ -303,9 +303,7 @@ def test_large_steps_that_newton_cannot_solve_are_reported() -> None:
     arm = spatial_arm(shear=1, damping=0.0)
     v0 = np.zeros(arm.nv)
     v0[:3] = 60.0
-    with pytest.raises(
-        fa.SimulationError, match=r"a step of 0\.1 s could not be solved: take a smaller step"
-    ) as caught:
+    with refuses("0.1 s", "step", "smaller step", error=fa.SimulationError) as caught:
         fa.simulate(arm, np.linspace(0, 10, 101), v0=v0, integrator="implicit", step=0.1)
     assert np.isfinite(caught.value.result.q).all()
 
@@ -361,5 +359,5 @@ def test_scene_files_and_command_line(tmp_path) -> None:
     assert scene.options == {"integrator": "implicit", "step": 1e-3, "spectral_radius": 0.8}
     assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--json"]) == 0
     path.write_text(text[:at] + '\nintegrator = "implicit"' + text[at:])
-    with pytest.raises(ValueError, match='step: integrator="implicit" needs it'):
+    with refuses("step", "integrator=", '"implicit"'):
         fa.load(path).run()

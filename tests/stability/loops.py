@@ -9,13 +9,13 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
-from flexarm.cli.paper.control import DRIVE_GAIN, KP, KS, KV
 from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 
 MEASURED = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]
 NONE = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0))
 STEEL = fa.Material(7850, 209e9, 0.3)
+PD = fa.load("ist_control").control[0]  # the paper's gains, the identified drive
 
 
 def growth(arm: fa.Arm, control: Any, time: float, output: Callable[[fa.Result], np.ndarray], step: float) -> float:
@@ -47,7 +47,7 @@ def paper_arm() -> fa.Arm:
 def strain_feedback(rate: float, delay: float = 0.0) -> fa.Controller:
     """Eq. 97 at a rate (Hz)."""
     return fa.LinearController(
-        *NONE, [[KP, KV, KS]], rate=rate, measure=MEASURED, motor=fa.Motor(DRIVE_GAIN), delay=delay
+        *NONE, [[PD.kp, PD.kv, -0.015]], rate=rate, measure=MEASURED, motor=PD.motor, delay=delay
     )
 
 

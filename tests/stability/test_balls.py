@@ -3,6 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from stability import balls
 
 
@@ -31,7 +32,7 @@ def test_a_ball_passes_where_euler_angles_stop() -> None:
 
 def test_euler_joints_at_the_singularity_are_refused() -> None:
     arm = fa.Arm([fa.Link(fa.Axes(axes=balls.EULER), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
-    with pytest.raises(ValueError, match="is not positive definite"):
+    with refuses("positive", "definite"):
         arm.forward_dynamics([0.3, np.pi / 2, 0.2], [1.0, 1.0, 1.0])
 
 
@@ -54,6 +55,6 @@ def test_a_rigid_arm_that_lines_up_is_not_told_of_order_0() -> None:
     arm = fa.Arm([fa.Link(joint, fa.RigidBody(1.0, (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)))])
     q = [0.0, np.pi / 2, 0.0]
     for method in ("ab", "ci"):
-        with pytest.raises(ValueError, match=r"positive definite in double precision: .*line up") as said:
+        with refuses("positive definite", "line up") as said:
             arm.forward_dynamics(q, np.zeros(3), np.ones(3), method)
         assert "order 0" not in str(said.value)

@@ -3,6 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from stability import chain
 
 # Formulation stiffness (Ascher, Pai & Cloutier, Int. J. Robotics Research 16, 1997): relative error of CI and of AB in
@@ -39,7 +40,7 @@ def test_the_judge_agrees_on_a_chain_of_two() -> None:
 def test_a_link_without_mass_that_nothing_hangs_on_is_refused() -> None:
     for masses in ([1.0, 1.0, 0.0], [0.0], [1.0, 0.0, 0.0]):
         last = len(masses) - 1
-        with pytest.raises(ValueError, match=f"inertia of coordinate 'link {last} revolute' = 0: must be positive"):
+        with refuses("inertia", f"coordinate 'link {last} revolute' = 0"):
             chain.rods(masses)
 
 

@@ -40,7 +40,7 @@ def test_a_torque_that_runs_away_is_reported() -> None:
     """1/(1 - t)^3 drives an angle as 1/(2 (1 - t)): the time reached is 1 s, and what is kept is right."""
     found = integrators.collapse()
     assert "the step size fell below 1e-12" in found["message"]
-    assert found["time"] == pytest.approx(1.0, abs=1e-6) and found["wall"] < 10
+    assert found["time"] == pytest.approx(1.0, abs=1e-6)
     t, q = found["t"], found["q"][:, 0]
     assert t[-1] == pytest.approx(0.999)
     np.testing.assert_allclose(q, 0.5 / (1 - t) - 0.5 - 0.5 * t, rtol=1e-4, atol=1e-6)
@@ -56,7 +56,7 @@ def test_a_divergence_is_reported_with_its_cause() -> None:
     found = integrators.overflow()
     assert beyond_reach(100.0) < found["time"] < beyond_reach(100.0) + 0.011
     assert "link 0: at order 1" in found["message"] and "the motion ran away" in found["message"]
-    assert np.abs(found["q"][:, 1]).max() < 5.0 and found["wall"] < 2
+    assert np.abs(found["q"][:, 1]).max() < 5.0
 
 
 @pytest.mark.parametrize(("speed", "modes"), [(30.0, 3), (100.0, 3), (1000.0, 2)])
@@ -66,7 +66,7 @@ def test_ida_reports_a_divergence_of_several_modes_at_once(speed: float, modes: 
     found = integrators.overflow(speed, modes)
     assert "the motion ran away" in found["message"] and "link 0: at order 1" in found["message"]
     assert beyond_reach(speed) < found["time"] < beyond_reach(speed) + 0.011
-    assert found["wall"] < 2
+    assert found["steps"] < 1000
 
 
 @pytest.mark.parametrize("integrator", ["implicit", "gauss", "rk4"])
@@ -76,4 +76,4 @@ def test_fixed_steps_report_a_divergence_of_several_modes_at_once(integrator: st
     assert found["time"] == pytest.approx(beyond_reach(100.0), abs=2e-3)
     assert "the motion ran away in steps of 0.001 s" in found["message"] and "link 0: at order 1" in found["message"]
     assert "smaller step" not in found["message"]  # that is not the cause
-    assert found["wall"] < 2
+    assert found["steps"] < 1000

@@ -3,6 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import refuses
 from stability import integrators, steps
 
 
@@ -36,7 +37,7 @@ def test_a_loud_fast_mode_is_refused_not_followed_wrongly() -> None:
     a step of 1 ms can solve. The error says so."""
     fastest = steps.clamped_link(6).modes().frequencies.max()
     assert steps.fastest_mode(6, 1e-3 * fastest, 5, integrator="implicit") == pytest.approx(1.0, abs=1e-4)
-    with pytest.raises(fa.SimulationError, match="could not be solved: take a smaller step"):
+    with refuses("smaller step", error=fa.SimulationError):
         steps.fastest_mode(6, 1e-3 * fastest, 5, size=1e-7, integrator="implicit")
 
 
@@ -53,7 +54,7 @@ def test_large_steps_are_right_about_what_moves() -> None:
     bound = integrators.RK4_LIMIT / 367.593
     assert np.abs(steps.spin_up(0, integrator="rk4", step=0.8 * bound)[0] - truth).max() < 1e-3
     for shear in (0, 6):
-        with pytest.raises(fa.SimulationError, match="ran away"):
+        with refuses("ran away", error=fa.SimulationError):
             steps.spin_up(shear, samples=11, integrator="rk4", step=1.5 * bound)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
+from messages import warns
 
 CRANE = Path(__file__).parents[1] / "data" / "crane.toml"
 
@@ -21,7 +22,7 @@ def _crane(integrator: fa.Gauss | fa.Implicit) -> fa.Result:
 def test_a_crane_whose_springs_are_let_go(step: float, radius: float, error: float) -> None:
     """The joints' accelerations at the start carry them by a radian within a step of 1 ms."""
     exact = _crane(fa.Gauss(step=5e-3)).frame(link=-1)[0]
-    with pytest.warns(fa.errors.StepWarning, match="the equations of 1 of .* these steps were divided"):
+    with warns(fa.errors.StepWarning, "1 of", "divided"):
         r = _crane(fa.Implicit(step=step, spectral_radius=radius))
     assert np.abs(r.frame(link=-1)[0] - exact).max() < error and r.stats["failed_steps"] == 1  # m, of 2.2 m
 
@@ -34,9 +35,9 @@ def test_a_sudden_load_in_lanes_disturbs_no_other_arm() -> None:
     def batch(*q0: object) -> fa.BatchResult:
         return fa.simulate_batch(arm, t, q0=np.array(q0), drive=drive, integrator="implicit", step=1e-3)
 
-    with pytest.warns(fa.errors.StepWarning, match="divided"):
+    with warns(fa.errors.StepWarning, "divided"):
         alone = fa.simulate(arm, t, drive=drive, integrator=fa.Implicit(step=1e-3))
-    with pytest.warns(fa.errors.StepWarning, match="scenario 0: .* divided"):
+    with warns(fa.errors.StepWarning, "scenario 0", "divided"):
         both = batch(arm.zero, rest)
     assert both.stats["failed_steps"] == alone.stats["failed_steps"] == 1
     np.testing.assert_allclose(both[0].q, alone.q, rtol=0, atol=1e-6)
@@ -65,7 +66,7 @@ def test_rollouts_under_torques_that_leap_go_through_and_tell(radius: float, mos
     near to that of "gauss" as these steps allow."""
     arm = _explorer(radius)
     tau = _leaps(arm, most, 16, round(0.02 / step))
-    with pytest.warns(fa.errors.StepWarning, match="scenario .* steps were divided, .* changes the speed by up to"):
+    with warns(fa.errors.StepWarning, "scenario", "divided", "speed"):
         r = fa.rollout(arm, arm.zero, tau=tau, step=step, every=round(0.02 / step))
     assert not r.failures and r.stats["failed_steps"] > 0
     t, held = np.linspace(0, 0.2, 11), tau[:4, :: round(0.02 / step)]
@@ -85,7 +86,7 @@ def test_a_divided_step_has_derivatives() -> None:
 
     def end(x: np.ndarray) -> np.ndarray:
         q, v, tau = np.split(x, [arm.nq, 2 * arm.nq])
-        with pytest.warns(fa.errors.StepWarning, match="divided"):
+        with warns(fa.errors.StepWarning, "divided"):
             r = fa.rollout(arm, q, v, tau=tau[None], integrator="implicit", **options)
         return np.concatenate([r.q[0, -1], r.v[0, -1]])
 

@@ -14,7 +14,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.view import body, stage, still, track
-from flexarm.view.view import View
+from messages import refuses
 from scipy.spatial.transform import Rotation
 
 from tests.arms import STEEL, paper_link, random_arm
@@ -159,7 +159,7 @@ def test_faces_of_solids_point_outwards(inertia: tuple[float, ...]) -> None:
 
 def test_walls_of_boxes_have_no_seams() -> None:
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(0.02, 0.02, 0.008)))])
-    pixels = View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
+    pixels = fa.results.View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
     grey = pixels[(pixels.max(axis=1) < 170) & (np.ptp(pixels.astype(int), axis=1) < 40)]  # neither floor nor axis
     _, counts = np.unique(grey, axis=0, return_counts=True)
     assert np.sort(counts)[-3:].sum() > 0.91 * len(grey) > 9100  # of three walls, each in one colour
@@ -322,7 +322,7 @@ def test_a_mode_that_only_turns() -> None:
     quarter = int(made.t.searchsorted(made.t[-1] / 4))
     turns = Rotation.from_quat(made.quaternion[0]) * Rotation.from_quat(made.quaternion[quarter]).inv()
     assert made.title.startswith("mode 1:") and turns.magnitude().max() == pytest.approx(0.5, rel=1e-3)
-    with pytest.raises(ValueError, match="moves no point"):
+    with refuses("amplitude = 0.01"):
         modes.animate(0, amplitude=0.01)
 
 
@@ -362,7 +362,7 @@ def test_a_film_by_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         view.save(tmp_path / "arm.mp4", size=SIZE)
         assert (tmp_path / "arm.mp4").read_bytes()[4:8] == b"ftyp"
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(ValueError, match=r"arm\.mp4.*ffmpeg"):
+    with refuses("arm.mp4", "ffmpeg"):
         view.save(tmp_path / "arm.mp4")
 
 
@@ -375,7 +375,7 @@ def test_show_opens_a_browser(
     monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
     view = paper_link().show()
-    assert isinstance(view, View) and ".save(" in repr(view)
+    assert isinstance(view, fa.results.View) and ".save(" in repr(view)
     assert len(opened) == 1 and Path(opened[0].removeprefix("file://")).exists()
     assert "no browser was found" in capsys.readouterr().err
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME"):
@@ -387,36 +387,36 @@ def test_show_opens_a_browser(
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda a: a.show([1.0, 2.0], open=False), r"q has shape \(2,\): must be 4 numbers"),
-        (lambda a: a.show([np.nan] * 4, open=False), "q = .*must be finite"),
-        (lambda a: a.show(magnify=0, open=False), "magnify = 0: must be positive"),
+        (lambda a: a.show([1.0, 2.0], open=False), ("q has shape (2,)", "4", "numbers")),
+        (lambda a: a.show([np.nan] * 4, open=False), ("q =", "finite")),
+        (lambda a: a.show(magnify=0, open=False), "magnify = 0"),
         (lambda a: a.show(magnify=np.inf, open=False), "magnify = inf"),
-        (lambda a: a.show(loads=[3], open=False), r"loads\[0\] = 3: must be a Load"),
+        (lambda a: a.show(loads=[3], open=False), ("loads[0] = 3", "Load")),
         (lambda a: a.show(t="x", open=False), "t = 'x'"),
-        (lambda a: a.show(open=False).save("arm.pdf"), r"must end in \.html"),
-        (lambda a: a.show(open=False).save("/no/such/folder/arm.png", size=SIZE), "no such file or folder"),
-        (lambda a: a.show(open=False).save("arm.png", t=3.0), "t = 3.0: must be from 0 to 0"),
-        (lambda a: a.show(open=False).save("arm.png", size=(0.1, 2)), "size = .* inches"),
-        (lambda a: a.modes().animate(99), "mode = 99: must be from -4 to 3"),
+        (lambda a: a.show(open=False).save("arm.pdf"), ".html"),
+        (lambda a: a.show(open=False).save("/no/such/folder/arm.png", size=SIZE), ("no such file", "folder")),
+        (lambda a: a.show(open=False).save("arm.png", t=3.0), ("t = 3.0", "0 to 0")),
+        (lambda a: a.show(open=False).save("arm.png", size=(0.1, 2)), "size ="),
+        (lambda a: a.modes().animate(99), ("mode = 99", "-4 to 3")),
         (lambda a: a.modes().animate(0, -1.0), "amplitude = -1.0"),
-        (lambda a: swing(a, np.zeros(0)).animate(), "no rows"),
-        (lambda a: fa.Result(a, np.arange(3.0), *[np.full((3, 4), np.nan)] * 4).animate(), r"q\[0, 0\] = nan"),
-        (lambda a: fa.Result(a, np.arange(4.0), *[np.zeros((3, 4))] * 4).animate(), r"q be \(4, 4\)"),
-        (lambda a: fa.Result(a, np.arange(3.0)[::-1], *[np.zeros((3, 4))] * 4).animate(), "t must increase"),
-        (lambda a: swing(a, np.arange(3.0)).animate(3), r"others\[0\] = 3: must be a Result"),
+        (lambda a: swing(a, np.zeros(0)).animate(), "rows"),
+        (lambda a: fa.Result(a, np.arange(3.0), *[np.full((3, 4), np.nan)] * 4).animate(), "q[0, 0] = nan"),
+        (lambda a: fa.Result(a, np.arange(4.0), *[np.zeros((3, 4))] * 4).animate(), "(4, 4)"),
+        (lambda a: fa.Result(a, np.arange(3.0)[::-1], *[np.zeros((3, 4))] * 4).animate(), "increase"),
+        (lambda a: swing(a, np.arange(3.0)).animate(3), ("others[0] = 3", "Result")),
         (lambda a: swing(a, np.arange(3.0)).animate(speed=0), "speed = 0"),
-        (lambda a: swing(a, np.arange(3.0)).animate(titles=["a", "b"]), "a list of 1 strings"),
-        (lambda a: swing(a, np.arange(3.0)).animate().save("a.gif", fps=0), "fps = 0: must be from 1 to 50"),
+        (lambda a: swing(a, np.arange(3.0)).animate(titles=["a", "b"]), ("1", "list")),
+        (lambda a: swing(a, np.arange(3.0)).animate().save("a.gif", fps=0), ("fps = 0", "1 to 50")),
     ],
 )
 def test_bad_arguments_are_named(call, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+    with refuses(said):
         call(paper_link())
 
 
 def test_without_the_extra_pages_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jupyter_threejs_sage", None)
-    with pytest.raises(ImportError, match=r"flexarm\[view\]"):
+    with refuses("flexarm[view]", error=ImportError):
         paper_link().show()
 
 
