@@ -122,6 +122,7 @@ def test_a_run_keeps_its_word(
     q, v, tau = state(made, seed, size)
     name, options = how
     t = np.linspace(0.0, 0.02, 5)
+    left_range = False
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
@@ -130,12 +131,14 @@ def test_a_run_keeps_its_word(
         note("to the end")
     except fa.SimulationError as e:
         r = e.result
+        left_range = "at order" in str(e)  # an error tells it in its text
         assert np.isfinite(e.time) and str(pickle.loads(pickle.dumps(e))) == str(e)
     except ValueError:
         assume(False)
     for x in (r.q, r.v, r.a, r.tau):
         assert len(x) == len(r.t) and np.isfinite(x).all()
-    assert in_reach(r) or any(issubclass(w.category, fa.errors.RangeWarning) for w in said)
+    left_range = left_range or any(issubclass(w.category, fa.errors.RangeWarning) for w in said)
+    assert in_reach(r) or left_range
     if r.friction is not None:
         most, slides = np.zeros(made.nv), np.zeros(made.nv)
         for k, link in enumerate(made.links):
