@@ -131,10 +131,11 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
     if (o.status[b] != static_cast<int>(BatchStatus::not_done))
       out["events"][py::int_(b)] = event_rows(events[b], p.nq, p.nv);
   py::dict apart, counted;
+  const bool in_kernels = p.in_kernels();  // which looks at every problem
   for (std::size_t b = 0; b < counts.size(); ++b) {
     const SimulationStats& x = counts[b];
-    if (!p.in_kernels()) apart[py::int_(b)] = failure[b];
-    if (p.in_kernels() && x.failed_steps == 0) continue;
+    if (!in_kernels) apart[py::int_(b)] = failure[b];
+    if (in_kernels && x.failed_steps == 0) continue;
     counted[py::int_(b)] =
         py::dict(py::arg("steps") = x.steps, py::arg("failed_steps") = x.failed_steps, py::arg("doubt") = x.doubt,
                  py::arg("switches") = x.switches, py::arg("hasty") = x.hasty);
