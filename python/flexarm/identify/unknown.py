@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._check import Array, number
-from ..arm.variation import Setup, Variation, fields_of, known_paths, numbered
+from ..arm.variation import Setup, Variation, fields_of, numbered
 
 _FACTOR = 3.0  # range of random starts without bounds, as a factor
 
@@ -168,7 +168,7 @@ def _takes(setup: Setup, path: str, value: float) -> bool:
 
 def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None:
     """The value of a path in a setup; None if it is left out there. ValueError if it is no number."""
-    known = known_paths(setup)
+    known = setup.known
     path = numbered(setup, path)
     root, *inner = path.split(".")
     arm = setup.arm
