@@ -46,7 +46,7 @@ LONG = spatial(7, {"bending_y": 3, "bending_z": 3, "torsion": 1})
 def numbers(arm: fa.Arm, count: int) -> list[str]:
     """Paths of as many numbers of an arm, of all its links in turn."""
     each = ["hub.mass", "beam.material.density", "beam.material.youngs_modulus", "beam.length", "joint.damping",
-            "beam.damping_ratio"]  # fmt: skip
+            "beam.damping_ratio", "hub.com.0", "joint.stiffness"]  # fmt: skip
     if arm.links[0].beam is None:
         each = ["hub.mass", "hub.com.0", "joint.damping", "joint.stiffness"]
     return [f"link.{k}.{name}" for name in each for k in range(len(arm.links))
@@ -75,8 +75,8 @@ def scenes() -> dict[str, tuple[Run, Callable[[int], list[str]]]]:
     made: dict[str, Any] = {"the rig of `flexarm validate quanser`": rig()}
     for name, arm, integrator, step, count in (
         ("a boom of four beams in space", boom(), "gauss", 5e-3, 100),
-        ("two links in space, 12", spatial(2, {"bending_y": 2, "bending_z": 2, "torsion": 1}), "implicit", 1e-3, 500),
-        ("two links in space, 12", spatial(2, {"bending_y": 2, "bending_z": 2, "torsion": 1}), "rk4", 1e-5, 500),
+        ("two links in space", spatial(2, {"bending_y": 2, "bending_z": 2, "torsion": 1}), "implicit", 1e-3, 500),
+        ("two links in space", spatial(2, {"bending_y": 2, "bending_z": 2, "torsion": 1}), "rk4", 1e-5, 500),
         ("7 rigid links in space", spatial(7, None), "implicit", 1e-3, 500),
         ("7 links of 3 + 3 + 1 modes", LONG, "implicit", 5e-4, 200),
     ):

@@ -151,8 +151,9 @@ std::vector<Balance> balance_slopes(const std::vector<Parameter>& parameters, co
     const Index n = p.neighbours.front().problem.arm->nv();
     out.push_back({Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n)});
   }
+  const std::vector<Index> shared = shared_places(tape);
   for_neighbours(
-      parameters, tape, threads, [](Index) { return true; },
+      parameters, tape, threads, [&](Index e) { return shared[static_cast<std::size_t>(e)] == e; },
       [&](std::size_t p, double weight, Index e, const VectorXd& needed, const VectorXd& applied) {
         out[p].needed.row(e) += weight * needed.transpose();
         out[p].applied.row(e) += weight * applied.transpose();
@@ -163,15 +164,28 @@ std::vector<Balance> balance_slopes(const std::vector<Parameter>& parameters, co
     double weights = 0.0;
     for (const Neighbour& n : parameters[p].neighbours) weights += std::abs(n.weight);
     Rows* both[] = {&out[p].needed, &out[p].applied};
-    for (int k = 0; k < 2; ++k)
+    for (int k = 0; k < 2; ++k) {
+      for (Index e = 0; e < tape.points(); ++e)
+        if (const Index of = shared[static_cast<std::size_t>(e)]; of != e) both[k]->row(e) = both[k]->row(of);
       if (both[k]->size() > 0 && both[k]->lpNorm<Eigen::Infinity>() < kRounding * weights * most[p][k])
         both[k]->setZero();
+    }
   }
   return out;
 }
 
-VectorXd weigh(const std::vector<Parameter>& parameters, const Tape& tape, const Rows& needed, const Rows& applied,
-               int threads) {
+VectorXd weigh(const std::vector<Parameter>& parameters, const Tape& tape, const Rows& by_needed,
+               const Rows& by_applied, int threads) {
+  Rows needed = by_needed, applied = by_applied;
+  const std::vector<Index> shared = shared_places(tape);
+  for (Index e = 0; e < tape.points(); ++e) {
+    const Index of = shared[static_cast<std::size_t>(e)];
+    if (of == e) continue;
+    for (Rows* x : {&needed, &applied}) {
+      x->row(of) += x->row(e);
+      x->row(e).setZero();
+    }
+  }
   VectorXd out = VectorXd::Zero(static_cast<Index>(parameters.size()));
   for_neighbours(
       parameters, tape, threads, [&](Index e) { return !needed.row(e).isZero(0.0) || !applied.row(e).isZero(0.0); },
