@@ -51,7 +51,7 @@ def test_other_work_on_the_machine_does_not_count(monkeypatch: pytest.MonkeyPatc
     search = scenes.search(scenes.SCENES["slow"](), TOL)
     search.trials.states = search.scene.run()
     assert MEASURED(search.trials, search.models.given, "ab") < 1e-2
-    run = search.trials.run(search.models.given, most=10.0)
+    run = search.trials.run(search.models.given, {"integrator": "gauss", "step": 0.01}, most=10.0)
     assert run.status == "ok" and run.time < 10.0
 
 
