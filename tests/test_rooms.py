@@ -43,36 +43,9 @@ INTERNALS = {
     "_threads data.store data.store.fingerprint many.batch.executor many.batch.storage": "failures made on purpose",
     "analysis.modes analysis.validity many.sweeps.quantities": "one formula, with its closed form",
     "arm.variation run.perturbed": "an oracle: runs with one number moved",
-    "cli.paper cli __init__ __main__"
-).split()
-FILES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts): path
-    for path in [*sorted(ROOT.rglob("*.py")), ROOT / "_core.pyi"]
-}
-# Rooms of the C++ kernel, and the rooms that each may include.
-KERNEL = Path(__file__).parents[1] / "cpp" / "kernel"
-KERNEL_ROOMS = {
-    "door": "",
-    "wide": "",
-    "space": "wide door",
-    "beam": "space door",
-    "arm": "beam space wide door",
-    "step": "arm wide door",
-    "slopes": "arm door",
-    "setup": "door wide",
-}
-TESTS = Path(__file__).parent
-PUBLIC = set("flexarm cli env errors jax results sections sensors tasks torch".split())
-#: Modules below the public face that tests import, and why.
-INTERNALS = {
-    "_console data.units _face model.parts.arguments run.scene.grammar run.scene.scene": "tables of many uses",
-    "_threads data.store data.store.fingerprint many.batch.executor many.batch.storage": "failures made on purpose",
-    "analysis.modes analysis.validity many.sweeps.quantities": "one formula, with its closed form",
-    "arm.variation run.perturbed": "an oracle: runs with one number moved",
-    "choose.adapt choose.chart_search choose.decisions choose.descent choose.economize_search choose.evidence "
-    "choose.integrators choose.measures choose.models choose.symmetry choose.times choose.trials": "steps of a search",
-    "cli.paper identify.validate.recordings identify.validate.rig identify.validate.validate "
-    "identify.validate.validation": "a published experiment, and its measures",
+    "choose.economize choose.chart_search choose.decisions choose.descent choose.economize_search choose.indicators "
+    "choose.measures choose.models choose.trials": "steps of a search",
+    "cli.paper identify.validate.rig identify.validate.validate": "a published experiment, and its measures",
     "data.draw data.draw.loop data.draw.sweep data.draw.tradeoff loop.margins": "figures of made-up numbers",
     "robots.chain robots.looks robots.segments robots.tree view view.meshes": "geometry without a run",
 }
