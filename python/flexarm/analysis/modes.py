@@ -51,7 +51,7 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues)).all())
 
     def __str__(self) -> str:
-        return modes_table(self.frequencies, self.damping, self.eigenvalues, self.participation, self.arm.coordinates)
+        return modes_table(self)
 
     def plot(self, count: int = 4) -> Figure:
         """A figure of the lowest `count` modes along the arm: how far each slice moves along the world's axes, over the
