@@ -12,7 +12,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, number
 from .beam import Vector, as_floats
-from .part import Part, read_name
+from .part import Part, Place, read_name
 
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
@@ -50,16 +50,14 @@ class Placement(Part):
         rotation: a rotation vector (rad), or a 3 x 3 matrix.
     """
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     rotation: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
     _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
-        self._set("position", as_floats(self.position))
+    def _made(self) -> tuple[Array, Array]:
+        made = np.array(self.position), _rotation("rotation", self.rotation)
         self._set("rotation", as_floats(self.rotation))
-        self._set("_core", core)
+        return made
 
 
 @dataclass(frozen=True, repr=False)
@@ -131,8 +129,7 @@ class Joint(Part):
         self._set(name, tuple(array(name, value, (n,)).tolist()))
         return list(getattr(self, name))
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         read_name(self.name)
         if not isinstance(getattr(self, "axis", ""), str):
             self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
@@ -145,10 +142,10 @@ class Joint(Part):
             forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
         sides = [(place or Placement())._core for place in (self.inboard, self.outboard)]
         motions = [(rotates, axis) for _, rotates, axis in freedoms]
-        self._set("_core", _core.Joint(motions, self.ball, labels, forces, *sides))
         units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)
         self._set("labels", tuple(labels))
         self._set("units", tuple(units))
+        return _core.Joint(motions, self.ball, labels, forces, *sides)
 
     def to_dict(self) -> dict[str, Any]:
         """The same structure as in a scene file, without the arguments that have their defaults."""

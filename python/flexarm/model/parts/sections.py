@@ -34,8 +34,6 @@ def _both(value: float | Sequence[float]) -> tuple[float, float]:
 class Section(Part):
     """A section of a beam."""
 
-    _core: Any
-
     def at(self, place: float) -> Any:
         """The section at a place along the beam (m): itself, unless it is a Taper."""
         return self
@@ -69,15 +67,14 @@ class Shape(SymmetricSection):
     _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
     shear_correction: float | Sequence[float] | None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         maker, numbers, pairs = self._shape
         for f in (*pairs, "shear_correction"):
             if f in pairs or getattr(self, f) is not None:
                 self._set(f, _pair(f, getattr(self, f)))
         sizes = [*(getattr(self, f) for f in numbers), *(_both(getattr(self, f)) for f in pairs)]
         k = None if self.shear_correction is None else _both(self.shear_correction)
-        self._set("_core", getattr(_core.Section, maker)(*sizes, k))
+        return getattr(_core.Section, maker)(*sizes, k)
 
     @property
     def area(self) -> float:
@@ -244,12 +241,10 @@ class GeneralSection(SymmetricSection):
     shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "general"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         self._set("shear_correction", _pair("shear_correction", self.shear_correction))
-        k = _both(self.shear_correction)
         sizes = (self.area, self.second_moment_y, self.second_moment_z, self.torsion_constant)
-        self._set("_core", _core.Section(*sizes, k))
+        return _core.Section(*sizes, _both(self.shear_correction))
 
 
 _ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
@@ -280,12 +275,11 @@ class SectionMatrix(Section):
     type: ClassVar[str] = "matrix"
     _core: _core.SectionMatrix = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         matrices = [array(name, getattr(self, name), (6, 6)) for name in ("stiffness", "inertia")]
         for name, matrix in zip(("stiffness", "inertia"), matrices, strict=True):
             self._set(name, tuple(tuple(row) for row in matrix.tolist()))
-        self._set("_core", _core.SectionMatrix(*matrices))
+        return _core.SectionMatrix(*matrices)
 
     @classmethod
     def of(
