@@ -48,7 +48,7 @@ INTERNALS = {
     "cli.paper identify.validate.recordings identify.validate.rig identify.validate.validate "
     "identify.validate.validation": "a published experiment, and its measures",
     "data.draw data.draw.loop data.draw.sweep data.draw.tradeoff loop.margins": "figures of made-up numbers",
-    "robots.chain robots.looks robots.segments robots.tree view view.meshes": "geometry without a run",
+    "robots.chain robots.segments robots.urdf robots.tree view view.meshes": "geometry without a run",
 }
 
 
