@@ -57,11 +57,12 @@ def _own(hint: Any) -> tuple[type, ...]:
 def members(hint: Any, deep: bool = True) -> Iterator[Any]:
     """The types that a union allows, without their annotations; if deep, with those of the entries of its lists."""
     for kind in alternatives(hint):
-        plain = kind.__origin__ if get_origin(kind) is Annotated else kind
-        if deep and get_origin(plain) is Sequence:
-            yield from members(get_args(plain)[0])
+        if get_origin(kind) is Annotated:
+            yield from members(kind.__origin__, deep)
+        elif deep and get_origin(kind) is Sequence:
+            yield from members(get_args(kind)[0])
         else:
-            yield plain
+            yield kind
 
 
 def alternatives(hint: Any) -> tuple[Any, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -21,12 +21,15 @@ PerFreedom = float | Sequence[float]
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
 
-def _axis(value: Any) -> Vector:
-    if isinstance(value, str):
-        if value not in UNIT:
-            raise ValueError(f'axis = {value!r}: must be "x", "y", "z" or three numbers')
-        return UNIT[value]
-    return value  # type: ignore[no-any-return]
+def _axis(name: str, value: Any) -> str | tuple[float, ...]:
+    if not isinstance(value, str):
+        return tuple(array(name, value, (3,)).tolist())
+    if value not in UNIT:
+        raise ValueError(f'{name} = {value!r}: must be "x", "y", "z" or three numbers')
+    return value
+
+
+Axis = Annotated[str | Vector, _axis]
 
 
 def _rotation(field_name: str, value: Any) -> Array:
@@ -112,10 +115,15 @@ class Joint(Part):
     _core: _core.Joint = field(init=False, repr=False, compare=False)
 
     type: ClassVar[str] = ""
+    #: its elementary motions, in order, besides those of a ball: label, whether a rotation, and its axis; "axis" is the
+    #: argument
+    motions: ClassVar[tuple[tuple[str, bool, str], ...]] = ()
     ball: ClassVar[bool] = False
 
     def _freedoms(self) -> list[_Freedom]:
-        return []
+        own: Any = getattr(self, "axis", "z")
+        axes: dict[str, Vector] = {**UNIT, "axis": UNIT[own] if isinstance(own, str) else own}
+        return [(label, rotates, axes[axis]) for label, rotates, axis in self.motions]
 
     def _per_freedom(self, name: str, n: int) -> list[float]:
         value = getattr(self, name)
@@ -131,8 +139,6 @@ class Joint(Part):
 
     def _made(self) -> Any:
         read_name(self.name)
-        if not isinstance(getattr(self, "axis", ""), str):
-            self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()
         labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
         labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
@@ -186,11 +192,9 @@ class Revolute(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "z"
+    axis: Axis = "z"
     type: ClassVar[str] = "revolute"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("", True, _axis(self.axis))]
+    motions: ClassVar = (("", True, "axis"),)
 
 
 @dataclass(frozen=True, repr=False)
@@ -204,11 +208,9 @@ class Prismatic(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "x"
+    axis: Axis = "x"
     type: ClassVar[str] = "prismatic"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("", False, _axis(self.axis))]
+    motions: ClassVar = (("", False, "axis"),)
 
 
 @dataclass(frozen=True, repr=False)
@@ -219,11 +221,9 @@ class Cylindrical(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "z"
+    axis: Axis = "z"
     type: ClassVar[str] = "cylindrical"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("translation", False, _axis(self.axis)), ("rotation", True, _axis(self.axis))]
+    motions: ClassVar = (("translation", False, "axis"), ("rotation", True, "axis"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -231,9 +231,7 @@ class Universal(Joint):
     """Rotations (rad) about x, then about the moved y."""
 
     type: ClassVar[str] = "universal"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("x", True, UNIT["x"]), ("y", True, UNIT["y"])]
+    motions: ClassVar = (("x", True, "x"), ("y", True, "y"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -241,9 +239,7 @@ class Planar(Joint):
     """Translations (m) along x and y, then a rotation (rad) about z."""
 
     type: ClassVar[str] = "planar"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("x", False, UNIT["x"]), ("y", False, UNIT["y"]), ("rotation", True, UNIT["z"])]
+    motions: ClassVar = (("x", False, "x"), ("y", False, "y"), ("rotation", True, "z"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -261,10 +257,8 @@ class Free(Joint):
     q = (x, y, z, w, x, y, z); v = (rate of the position, angular velocity in the link's axes)."""
 
     type: ClassVar[str] = "free"
+    motions: ClassVar = (("x", False, "x"), ("y", False, "y"), ("z", False, "z"))
     ball: ClassVar[bool] = True
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [(a, False, UNIT[a]) for a in "xyz"]
 
 
 @dataclass(frozen=True, repr=False)

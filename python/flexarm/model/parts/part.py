@@ -117,7 +117,7 @@ def _check(kinds: Sequence[Any]) -> Check:
         if value is None and optional:
             return None
         if own is not None:
-            return own(name, value)
+            return own(name, plain(value))
         if parts and len(parts) == len(given) and not isinstance(value, parts):
             words = [f"a{'n' * (k.__name__[0] in 'AEIO')} {k.__name__}" for k in parts]
             raise ValueError(f"{name} = {value!r}: must be {' or '.join(words + ['None'] * optional)}")
