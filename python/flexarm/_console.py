@@ -31,7 +31,7 @@ def open_streams() -> None:
 
 
 def drop(stream: IO[str]) -> None:
-    """Forgets what cannot be written any more; Python would try again at its exit, and end with 120."""
+    """Drops output that cannot be written any more; Python would try again at its exit, and end with 120."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())

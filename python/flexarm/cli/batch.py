@@ -17,14 +17,14 @@ from . import options
 
 SUMMARY = "simulate a scene many times over, its parameters varied"
 TEXT = (
-    "Writes sweep.csv, a line for each scenario, sweep.png, and sweep.h5, which holds what is done and, where SWEEP "
-    "says so, trajectories. What was interrupted goes on when the same command is given again."
+    "Writes sweep.csv, a line for each scenario, sweep.png, and sweep.h5, which holds the finished scenarios and, "
+    "where SWEEP says so, trajectories. An interrupted sweep goes on when the same command is given again."
 )
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
     options.scene(p)
-    sweep = "TOML file of what to vary (docs/sweeps.md), or the name of a shipped one such as ist"
+    sweep = "TOML file of the parameters to vary (docs/sweeps.md), or the name of a shipped one such as ist"
     p.add_argument("sweep", metavar="SWEEP", help=sweep)
     options.output(p, "flexarm-batch")
     workers = "how many threads, or processes (default: one for each core)"

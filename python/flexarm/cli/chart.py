@@ -10,7 +10,7 @@ from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "speed against accuracy of models and integrators on a scene"
-TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps what was done."
+TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps the part that was done."
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     options.output(p, "flexarm-chart")
     budget = "wall time to spend (%(default)g s); runs that would exceed it are skipped and listed"
     p.add_argument("--budget", metavar="SECONDS", type=float, default=60.0, help=budget)
-    options.quantity(p, "what is compared")
+    options.quantity(p, "compared")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -21,7 +21,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     atol = "error allowed in the quantity's SI unit, in place of --tolerance: 1e-3 is a millimetre of the tip"
     p.add_argument("--atol", type=float, help=atol)
     options.quantity(p, "whose error counts")
-    budget = "time for deciding (default: as long as it takes); what is found until then is not certified"
+    budget = "time for deciding (default: as long as it takes); a plan found until then is not certified"
     p.add_argument("--budget", metavar="SECONDS", type=float, help=budget)
 
 

@@ -103,12 +103,12 @@ def run(args: argparse.Namespace) -> int:
     kept = [Data.load(path, units=units or None) for path in args.validate]
     names = runs[0]
     inputs: dict[Any, Any] = {}
-    for text, what in _pairs("--input", args.input).items():
-        kind, mark, column = what.partition(":")
+    for text, source in _pairs("--input", args.input).items():
+        kind, mark, column = source.partition(":")
         moves = mark and kind == "motion"
-        column = _column(column if moves else what, names)
-        inputs[_key(f"--input {text}={what}", text)] = (Motion, column) if moves else column
-    outputs = {_column(name, names): what for name, what in _pairs("--output", args.output).items()} or None
+        column = _column(column if moves else source, names)
+        inputs[_key(f"--input {text}={source}", text)] = (Motion, column) if moves else column
+    outputs = {_column(name, names): source for name, source in _pairs("--output", args.output).items()} or None
     noise = {_column(name, names): _number(f"--noise {name}", x) for name, x in _pairs("--noise", args.noise).items()}
     out = options.Output(args.folder)
     interrupted: FitInterrupted | None = None

@@ -78,7 +78,7 @@ class Output:
         figure.savefig(self.file(name), dpi=DPI)
 
     def described(self, about: dict[str, Any]) -> dict[str, Any]:
-        """What JSON tells of a command, with the folder and its files."""
+        """The JSON of a command, with the folder and its files."""
         return {**about, "folder": str(self.path), "files": self.files}
 
     def json(self, name: str, about: dict[str, Any]) -> dict[str, Any]:

@@ -76,5 +76,5 @@ def run(args: argparse.Namespace) -> int:
         options.told(args, {**about, "greatest_strain": greatest_strain(view.tracks)}, shown)
     for _, _, failure in read:
         if failure is not None:
-            return options.gave_up(failure, "shown is what there was before")
+            return options.gave_up(failure, "shown is the motion before that")
     return 0
