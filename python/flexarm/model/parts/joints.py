@@ -39,6 +39,8 @@ def _rotation(field_name: str, value: Any) -> Array:
         return a
     if a.shape != (3,):
         raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
+    if not a.any():  # as of most joints
+        return np.eye(3)
     from scipy.spatial.transform import Rotation  # slow to import
 
     return np.asarray(Rotation.from_rotvec(a).as_matrix())
@@ -61,6 +63,9 @@ class Placement(Part):
         made = np.array(self.position), _rotation("rotation", self.rotation)
         self._set("rotation", as_floats(self.rotation))
         return made
+
+
+_ORIGIN = Placement()
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,7 +151,7 @@ class Joint(Part):
         if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
             columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
             forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
-        sides = [(place or Placement())._core for place in (self.inboard, self.outboard)]
+        sides = [(place or _ORIGIN)._core for place in (self.inboard, self.outboard)]
         motions = [(rotates, axis) for _, rotates, axis in freedoms]
         units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)
         self._set("labels", tuple(labels))
