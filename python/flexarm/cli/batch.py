@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._console import aligned, complain
-from ..many.sweeps.result import SweepInterrupted
-from ..many.sweeps.sweep import sweep
+from ..many.sweeps.sweep import SweepInterrupted, sweep
 from ..many.sweeps.vary import SweepPlan
 from ..run.scene.scene import load
 from . import options

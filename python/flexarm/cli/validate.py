@@ -6,7 +6,7 @@ import argparse
 
 from .._console import complain
 from ..identify.fit import FitError
-from ..identify.validate.recordings import SHIPPED
+from ..identify.validate.rig import SHIPPED
 from ..identify.validate.validate import RIGS, validate
 from . import options
 
