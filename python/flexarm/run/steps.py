@@ -16,6 +16,10 @@ from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
 
 _MOST_SWITCHES = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_FOLLOWED_BY_GAUSS = 1.0  # step times frequency of a mode that the points of Radau keep
+_TURNS_BACK = 4.7  # phase at which a vibration that a leap of force starts turns the joint back most
+_SHARE_STRUCK = 10.0  # fast modes' acceleration in parts of the others': below it, drawn runs were right to 1e-4
+_TINY = 1e-300
 _FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be halved: a pulse or a start costs some
 _GREAT_GROWTH = 20.0  # logarithm of a growth that makes rounding errors felt
 FAST_JOINTS = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
@@ -115,6 +119,48 @@ def switches_too_often(integrator: str, step: float, switches: int, count: int) 
     )
     remedy = 'take a smaller step, or integrator="implicit"'
     return StepWarning(Finding(_where(integrator, step), what, count, _MOST_SWITCHES, "switches", remedy))
+
+
+def chatter_damped(
+    arm: Arm, integrator: str, step: float, switches: int, q: Array, held: Sequence[int]
+) -> StepWarning | None:
+    """Warns where switches of dry friction strike vibrations that steps of "gauss" damp at once, but the arm does not.
+
+    A switch is a leap of the force on its joint. In the acceleration that answers it, fast modes have a great share if
+    the joint itself is light: while they ring, the joint may turn back and stick, again and again.
+
+    Args:
+        q: a state of the run. held: the prescribed rates.
+    """
+    if integrator != "gauss" or not switches:
+        return None
+    from scipy.linalg import LinAlgError, eigh
+
+    rates = {i: name for n, (name, link) in enumerate(zip(arm.joint_names, arm.links, strict=True))
+             if np.any(link.joint.coulomb) or np.any(link.joint.stiction) for i in arm.joint_rates(n)}  # fmt: skip
+    free = np.setdiff1d(np.arange(arm.nv), held)
+    try:
+        about = motions_about(arm, q, np.zeros(arm.nv))
+        M, G, K = (X[np.ix_(free, free)] for X in (about.M, about.G, about.K))
+        squares, shapes = eigh((K + K.T) / 2.0, M)
+    except (ValueError, LinAlgError):
+        return None
+    w = np.sqrt(np.maximum(squares, 0.0))
+    kept = np.exp(-_TURNS_BACK * np.einsum("ik,ij,jk->k", shapes, G, shapes) / np.maximum(2.0 * w, _TINY))
+    fast = w * step > _FOLLOWED_BY_GAUSS
+    for k in np.flatnonzero([int(i) in rates for i in free]):
+        share = shapes[k] ** 2  # of the acceleration that answers a force
+        part = float((share * kept)[fast].sum() / max(share[~fast].sum(), _TINY))
+        if part > _SHARE_STRUCK:
+            struck = float(w[fast][(share * kept)[fast].argmax()])
+            what = (
+                f"dry friction of '{rates[int(free[k])]}' switched, which strikes vibrations of {struck:.3g} rad/s. The "
+                "arm hardly damps them, and these steps damp them at once; while they ring, the joint may turn back and "
+                "stick more often, and move differently"
+            )
+            remedy = f'take steps below {_FOLLOWED_BY_GAUSS / struck:.2g} s, or integrator="ida"; or damp the beam'
+            return StepWarning(Finding(_where(integrator, step), what, part, _SHARE_STRUCK, "", remedy))
+    return None
 
 
 def failed_steps(integrator: str, step: float, stats: Mapping[str, int], doubt: float) -> StepWarning | None:

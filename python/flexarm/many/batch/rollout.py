@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._check import Array, array, outside, whole
 from ..._console import progress_bar
-from ...analysis.findings import LoopWarning, RunWarning
+from ...analysis.findings import LoopWarning, RunWarning, StepWarning
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
 from ...arm.variation import Setup
@@ -25,7 +25,7 @@ from ...model.acting.following import smooth
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
 from ...run.problem import Problem
-from ...run.steps import FAST_JOINTS, beyond_explicit, failed_steps, switches_too_often
+from ...run.steps import FAST_JOINTS, beyond_explicit, chatter_damped, failed_steps, switches_too_often
 from .arguments import (
     check_balls,
     check_every,
@@ -170,12 +170,16 @@ def judge(
         wrong[pulse[0]] = [*(wrong[pulse[0]] or ()), pulse[1]]
     if integrator.explicit or any(p.controls for p in problems):
         _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
-    step = getattr(integrator, "step", 0.0)
+    step, struck = getattr(integrator, "step", 0.0), dict[int, StepWarning | None]()
     for k, counts in counted.items() if integrator.fixed else ():
         beyond = "out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()
         if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k] or (beyond and scenario(k)[3]):  # a loop
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
+        arm, q0, *_ = scenario(k)
+        if counts["switches"] and id(arm) not in struck:  # a pose changes little of it
+            struck[id(arm)] = chatter_damped(arm, integrator.name, step, 1, q0, problems[0].prescribed)
+        often = often or (struck[id(arm)] if counts["switches"] else None)
         often = often or failed_steps(integrator.name, step, counts, counts["doubt"])
         wrong[k] = [often] if often else None
 
