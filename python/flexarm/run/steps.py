@@ -154,9 +154,9 @@ def chatter_damped(
         if part > _SHARE_STRUCK:
             struck = float(w[fast][(share * kept)[fast].argmax()])
             what = (
-                f"dry friction of '{rates[int(free[k])]}' switched, which strikes vibrations of {struck:.3g} rad/s. The "
-                "arm hardly damps them, and these steps damp them at once; while they ring, the joint may turn back and "
-                "stick more often, and move differently"
+                f"dry friction of '{rates[int(free[k])]}' switched, which strikes vibrations of {struck:.3g} rad/s. "
+                "The arm hardly damps them, and these steps damp them at once; while they ring, the joint may turn "
+                "back and stick more often, and move differently"
             )
             remedy = f'take steps below {_FOLLOWED_BY_GAUSS / struck:.2g} s, or integrator="ida"; or damp the beam'
             return StepWarning(Finding(_where(integrator, step), what, part, _SHARE_STRUCK, "", remedy))
