@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     if file is None:
         file = str(view.open())
     else:
-        view.save(file, t=args.time)
+        view.save(file, t=args.time, progress=True)
     frames = max(len(track.t) for track in view.tracks)
     if args.json:
         told: dict[str, Any] = {"file": file, "frames": frames, "times": list(view.times)}

@@ -25,7 +25,7 @@ from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
-from .steps import beyond_explicit, chatter_damped, explicit_limit, failed_steps, switches_too_often
+from .steps import Struck, beyond_explicit, explicit_limit, failed_steps, switches_too_often
 from .watch import softened
 
 
@@ -98,9 +98,9 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
         switches = out["stats"].get("switches", 0)
-        chatters = switches_too_often(integrator.name, step, switches, out["hasty"]) or chatter_damped(
-            run.arm, integrator.name, step, switches, run.start["q0"], run.prescribed
-        )
+        chatters = switches_too_often(integrator.name, step, switches, out["hasty"])
+        if switches and not chatters and integrator.name == "gauss":
+            chatters = Struck.of(run.arm, step, run.start["q0"], run.prescribed).warning(step, switches)
         often = None
         if integrator.fixed and not loop:
             often = failed_steps(integrator.name, step, out["stats"], out["doubt"])

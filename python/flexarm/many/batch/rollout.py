@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._check import Array, array, outside, whole
 from ..._console import progress_bar
-from ...analysis.findings import LoopWarning, RunWarning, StepWarning
+from ...analysis.findings import LoopWarning, RunWarning
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
 from ...arm.variation import Setup
@@ -25,7 +25,7 @@ from ...model.acting.following import smooth
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
 from ...run.problem import Problem
-from ...run.steps import FAST_JOINTS, beyond_explicit, chatter_damped, failed_steps, switches_too_often
+from ...run.steps import FAST_JOINTS, Struck, beyond_explicit, failed_steps, switches_too_often
 from .arguments import (
     check_balls,
     check_every,
@@ -170,16 +170,17 @@ def judge(
         wrong[pulse[0]] = [*(wrong[pulse[0]] or ()), pulse[1]]
     if integrator.explicit or any(p.controls for p in problems):
         _judge_growth(blocks, scenario, problems[0].prescribed, times, every, integrator, bool(apart))
-    step, struck = getattr(integrator, "step", 0.0), dict[int, StepWarning | None]()
+    step, struck = getattr(integrator, "step", 0.0), dict[int, Struck]()
     for k, counts in counted.items() if integrator.fixed else ():
         beyond = "out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()
         if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k] or (beyond and scenario(k)[3]):  # a loop
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
-        arm, q0, *_ = scenario(k)
-        if counts["switches"] and id(arm) not in struck:  # a pose changes little of it
-            struck[id(arm)] = chatter_damped(arm, integrator.name, step, 1, q0, problems[0].prescribed)
-        often = often or (struck[id(arm)] if counts["switches"] else None)
+        if not often and counts["switches"] and integrator.name == "gauss":
+            arm, q0, *_ = scenario(k)
+            if id(arm) not in struck:  # a pose changes little of it
+                struck[id(arm)] = Struck.of(arm, step, q0, problems[0].prescribed)
+            often = struck[id(arm)].warning(step, counts["switches"])
         often = often or failed_steps(integrator.name, step, counts, counts["doubt"])
         wrong[k] = [often] if often else None
 
