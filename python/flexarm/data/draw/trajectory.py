@@ -92,7 +92,8 @@ def plot_recordings(recordings: Sequence[Curves]) -> Figure:
             if recording.since > recording.t[0]:
                 ax.axvline(recording.since, color=RED, linewidth=1.0, linestyle="--", label="judged from here on")
             score = f"NRMSE {error:.1f} %"
-            ax.set_title(f"{short(recording.title, int(10 * width) - 16)}: {score}" if i == 0 else score, fontsize=10, loc="left", parse_math=False)
+            title = f"{short(recording.title, int(10 * width) - 16)}: {score}" if i == 0 else score
+            ax.set_title(title, fontsize=10, loc="left", parse_math=False)
     axes = max(fig.axes, key=lambda ax: len(ax.get_lines()))
     fig.legend(*axes.get_legend_handles_labels(), loc="outside upper center", frameon=False, fontsize=9, ncols=3)
     fig.align_ylabels()
