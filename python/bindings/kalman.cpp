@@ -32,8 +32,8 @@ std::unique_ptr<KalmanFilter> make_kalman(const PyProblem& of, double step, cons
 
 Eigen::VectorXd deviations(const KalmanFilter& f) { return f.root().rowwise().norm(); }
 
-/// Over rows: readings at each time, forces from it to the next.
-py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links) {
+/// Over rows: readings at each time, forces from it to the next. `progress` is given the share of them that is done.
+py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links, const py::object& progress) {
   const Eigen::Index n = tau.rows(), nv = f.v().size(), m = f.parameters().size(), k = y.cols();
   Rows q(n, f.q().size()), v(n, nv), p(n, m), std(n, f.states()), innovations(n, k), expected(n, k), tip(n, 3),
       tip_std(n, 3);
@@ -42,13 +42,13 @@ py::dict run_filter(KalmanFilter& f, const Rows& tau, const Rows& y, int links) 
   Eigen::Index done = 0;
   Status status = Status::ok;
   {
-    Lookout look;
+    Lookout look(progress);
     const Unlocked free;
     const PlacedSlice end(f.arm(), static_cast<std::size_t>(links) - 1);
     Eigen::Vector3d place;
     Eigen::Matrix3d covariance;
     for (; done < n; ++done) {
-      look();
+      if (!look(static_cast<double>(done) / static_cast<double>(n))) throw flexarm::Interrupted();
       if (done > 0) status = f.predict(tau.row(done - 1));
       if (status == Status::ok) status = f.update(y.row(done));
       if (status != Status::ok) break;
@@ -95,7 +95,7 @@ void bind_kalman(py::module_& m) {
       .def(
           "update", [](KalmanFilter& f, const Eigen::VectorXd& y) { return static_cast<int>(f.update(y)); },
           py::arg("y"))
-      .def("run", &run_filter, py::arg("tau"), py::arg("y"), py::arg("links"))
+      .def("run", &run_filter, py::arg("tau"), py::arg("y"), py::arg("links"), py::arg("progress"))
       .def(
           "place",
           [](KalmanFilter& f, std::size_t link, std::optional<double> x) {

@@ -172,10 +172,43 @@ T made(const py::tuple& t, std::index_sequence<K...>) {
   return T{t[K].template cast<Of>()...};
 }
 
+/// The Python objects in a record: the garbage collector must see them, or a function that knows what holds the record
+/// would keep both alive.
+template <class T>
+struct Seen {
+  static inline std::vector<py::object T::*> fields;
+
+  template <class Of>
+  static void add(Of T::* field) {
+    if constexpr (std::is_same_v<Of, py::object>) fields.push_back(field);
+  }
+  static T* in(PyObject* self) {  // null before it is constructed
+    const auto value = reinterpret_cast<py::detail::instance*>(self)->get_value_and_holder();
+    return value.holder_constructed() ? value.template value_ptr<T>() : nullptr;
+  }
+  static int visit(PyObject* self, visitproc visit, void* arg) {
+    Py_VISIT(Py_TYPE(self));
+    if (T* record = in(self))
+      for (const auto field : fields) Py_VISIT((record->*field).ptr());
+    return 0;
+  }
+  static int clear(PyObject* self) {
+    if (T* record = in(self))
+      for (const auto field : fields) record->*field = py::none();
+    return 0;
+  }
+  static void set_up(PyHeapTypeObject* type) {
+    type->ht_type.tp_flags |= Py_TPFLAGS_HAVE_GC;
+    type->ht_type.tp_traverse = visit;
+    type->ht_type.tp_clear = clear;
+  }
+};
+
 /// A plain class: its constructor takes all fields, in their order; they can be read, and it pickles.
 template <class T, class... Of>
 py::class_<T> bind_record(py::module_& m, const char* name, const std::pair<const char*, Of T::*>&... fields) {
-  py::class_<T> out(m, name);
+  (Seen<T>::add(fields.second), ...);
+  py::class_<T> out(m, name, py::custom_type_setup(&Seen<T>::set_up));
   out.def(py::init([](const Of&... x) { return T{x...}; }), py::arg(fields.first)...);
   (out.def_readonly(fields.first, fields.second), ...);
   out.def(py::pickle(

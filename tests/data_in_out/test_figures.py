@@ -50,6 +50,21 @@ def test_curves_of_many_links() -> None:
     readable(trajectory.plot_panels(T, panels))
 
 
+@pytest.mark.parametrize("count", [7, 13, 25])
+def test_many_panels(count: int) -> None:
+    """Those of an estimate of friction and damping in twelve joints were 66 inches tall."""
+    band = [("estimate", T), ("two std above", 1 + T), ("and below", T - 1)]
+    panels = [(f"coulomb.{k}", band) for k in range(count)]
+    readable(trajectory.plot_panels(1e-2 * T, [*panels, ("tip (m)", [(f"tip {c}", T) for c in "xyz"])]))
+
+
+@pytest.mark.parametrize("recordings", [1, 2, 4])
+def test_recordings_of_long_names(recordings: int) -> None:
+    panels = {f"deflection of segment {k} (mm)": (T, 1 - T, 12.3) for k in range(4)}
+    title = "recording of the calibration stand, second afternoon.csv"
+    readable(trajectory.plot_recordings([trajectory.Curves(title, T, 0.5, panels)] * recordings))
+
+
 @pytest.mark.parametrize("count", [3, 12])
 def test_names_of_joints_over_modes(count: int) -> None:
     s = np.linspace(0, 3.6, 60)

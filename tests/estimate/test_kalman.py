@@ -398,3 +398,20 @@ def test_bad_readings_and_times_are_named() -> None:
     with refuses("t =", "filter", "ran away", "payload", error=RuntimeError):
         wild = fa.KalmanFilter(two_links(), SENSORS, STEP, **GOOD, estimate={"payload": (0.1, 0.1)})
         wild.run(t, zeros, np.full((5, 4), 1e300))
+
+
+def test_a_long_run_tells_how_far_it_is_and_can_be_stopped() -> None:
+    rows, told = 20_000, list[float]()
+    given = STEP * np.arange(rows), None, np.zeros((rows, 1))
+
+    def made() -> fa.KalmanFilter:
+        sensors = [fa.sensors.Encoder(0, noise=1e-3)]
+        return fa.KalmanFilter(two_links(), sensors, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
+
+    def stop(share: float) -> None:
+        raise ZeroDivisionError(share)
+
+    assert len(made().run(*given, progress=told.append).t) == rows
+    assert told == sorted(told) and 0 < told[0] and told[-1] < 1
+    with pytest.raises(ZeroDivisionError):
+        made().run(*given, progress=stop)

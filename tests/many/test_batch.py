@@ -115,10 +115,15 @@ def test_rollout_with_feedback_and_motion(integrator, dt):
     motion = fa.Motion(lambda t: (0.5 * t**2, t, 1.0))
     law = fa.StrainFeedback(0.5, 0.05, 0.01, 1, reference=lambda t: 10 * t, limit=0.2)
     one = fa.simulate(arm, t, drive={0: motion}, control=law, integrator=integrator, step=dt)
-    for given in (motion, fa.Motion(t, 0.5 * t**2, t, np.ones_like(t))):
-        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, drive={0: given}, integrator=integrator)
+    sampled = fa.Motion(t, 0.5 * t**2, t, np.ones_like(t))
+    for given in ({0: motion}, {0: sampled}, [{0: motion}, {0: sampled}]):
+        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, drive=given, integrator=integrator)
         for q in run.q:
             close(q, one.q, 1e-12)
+    drives = [{0: fa.Motion(t, w * t**2, 2 * w * t, np.full(n + 1, 2 * w))} for w in (0.5, 1.0, 2.0)]
+    run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, drive=drives, integrator=integrator)
+    for q, drive in zip(run.q, drives, strict=True):
+        close(q, fa.simulate(arm, t, drive=drive, control=law, integrator=integrator, step=dt).q, 1e-12)
     gains = [[fa.PD(kp, 0.05, 1)] for kp in (0.1, 2.0)]
     run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=gains, integrator=integrator)
     for q, law in zip(run.q, gains, strict=True):
@@ -176,6 +181,7 @@ def test_rollout_says_what_is_wrong():
         ((q0,), {**good, "spectral_radius": 1.5}, ("spectral_radius = 1.5", "0 to 1")),
         ((q0,), {**good, "workers": 0}, "workers = 0"),
         ((q0,), {**good, "drive": {0: np.zeros((3, 3))}}, ("drive[0]", "Motion")),
+        ((q0,), {**good, "drive": [{0: fa.Torque(1.0)}, {0: fa.Motion([0, 1], [0, 0])}]}, ("drive[1]", "Torque")),
         ((q0,), {**good, "integrator": fa.Implicit(1e-3)}, "step = 0.001"),
         ((q0,), {**good, "control": [fa.PD(1, 1), [fa.PD(1, 1)]]}, ("list", "scenario")),
         ((q0,), {**good, "drive": {0: fa.Motion([0, 1], [0, 0])}, "control": fa.PD(1, 1, 0)}, ("motion", "prescribed")),

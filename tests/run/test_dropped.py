@@ -62,6 +62,55 @@ def derived() -> list[Any]:
     return [run, run.arm]
 
 
+class Owner:
+    """Whose functions know it, and which has the object that they were given to."""
+
+    def torque(self, s: float) -> float:
+        return s
+
+    def force(self, s: float) -> tuple[float, float, float]:
+        return s, 0.0, 0.0
+
+    def law(self, s: float, y: np.ndarray) -> float:
+        return -float(y[0])
+
+    def event(self, s: float, q: np.ndarray, v: np.ndarray) -> float:
+        return 1.0 + s
+
+
+def owned_mpc() -> list[Any]:
+    owner: Any = Owner()
+    owner.mpc = fa.MPC(
+        arm(), reference=owner.torque, loads=[fa.Load(-1, force=owner.force)], strain_limit=[(0, 0.0, "K3", 0.5)],
+        horizon=0.1, stages=5, blocks=3,
+    )  # fmt: skip
+    owner.mpc.step(0.0, np.zeros(4), np.zeros(4))
+    return [owner, owner.mpc, owner.mpc._core]
+
+
+def owned_simulation() -> list[Any]:
+    owner: Any = Owner()
+    owner.simulation = fa.Simulation(
+        arm(), drive={0: fa.Torque(owner.torque)}, loads=[fa.Load(-1, force=owner.force)], events=owner.event,
+        control=[fa.Sampled(owner.law, 200, [("joint", 0)]), fa.PD(1.0, 0.1, reference=owner.torque)],
+    )  # fmt: skip
+    gc.collect()  # what it needs stays
+    owner.simulation.step(0.02)
+    return [owner, owner.simulation]
+
+
+def owned_filter() -> list[Any]:
+    owner: Any = Owner()
+    owner.filter = fa.KalmanFilter(
+        arm(), [fa.sensors.Encoder(0, noise=1e-3)], 2e-3, force_noise=0.1, q_std=0.1, v_std=0.1,
+        drive={0: fa.Torque(owner.torque)}, loads=[fa.Load(-1, force=owner.force)],
+        control=fa.PD(1.0, 0.1, reference=owner.torque),
+    )  # fmt: skip
+    gc.collect()
+    owner.filter.predict(np.zeros(4))
+    return [owner, owner.filter]
+
+
 KINDS: dict[str, Callable[[], list[Any]]] = {
     "MPC that has stepped": stepped_mpc,
     "MPC that could not be solved": failing_mpc,
@@ -75,6 +124,9 @@ KINDS: dict[str, Callable[[], list[Any]]] = {
         fa.LinearController.pid(1.0, 1.0, 0.1, filter_time=0.01),
         drive={0: fa.Torque(lambda s: s)}, events=lambda s, q, v: 1.0 + s,
     ),
+    "an MPC whose functions know it": owned_mpc,
+    "a Simulation whose functions know it": owned_simulation,
+    "a Kalman filter whose functions know it": owned_filter,
     "Kalman filter": filtered,
     "derivatives of a run": derived,
     "a batch": lambda: [fa.simulate_batch(arm(), t, np.zeros((3, 4)), integrator="implicit", step=1e-3)],

@@ -44,10 +44,10 @@ def test_order_one_above_its_critical_speed_is_given_up(integrator: str) -> None
 def test_batches_give_up_what_runs_away_alone(integrator: str, lanes: bool) -> None:
     """Two of three scenarios at order 1, spun below and above the critical speed."""
     n, dt = 2000, 1e-3
-    t = np.arange(2 * n + 1) * dt / 2
-    spins = np.array([[[w * x, w, 0.0] for x in t] for w in (15.0, 30.0, 10.0)])
+    t = np.arange(n + 1) * dt
+    spins = [{0: fa.Motion(t, w * t, np.full(n + 1, w), np.zeros(n + 1))} for w in (15.0, 30.0, 10.0)]
     q0 = np.array([0.0, 1e-6, 0.0, 0.0])
-    r = fa.rollout(paper_link(1), q0, step=dt, nstep=n, drive={0: spins}, integrator=integrator, lanes=lanes)
+    r = fa.rollout(paper_link(1), q0, step=dt, nstep=n, drive=spins, integrator=integrator, lanes=lanes)
     assert r.status.tolist() == [0, 3, 0] and [f.index for f in r.failures] == [1]
     assert "the beam of link 0 is bent by" in r.failures[0].reason
     rate = np.sqrt(30.0**2 - 20.9487**2)

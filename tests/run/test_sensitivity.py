@@ -9,7 +9,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import derivative, run_derivatives
+from arms import derivative, paper_link, run_derivatives
 from messages import refuses
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
@@ -462,3 +462,19 @@ def test_a_block_torn_loose_beside_the_end_of_a_step(late: float) -> None:
     for path, mine, theirs in zip(paths, found.q, expected, strict=True):
         assert np.abs(mine - theirs).max() < 1e-5 * np.abs(theirs).max(), path
         assert gradient[path] == pytest.approx(mine[-1, 0], rel=1e-6), path
+
+
+@pytest.mark.parametrize("integrator", [fa.Implicit(1e-4), fa.Gauss(5e-4), fa.Ida(rtol=1e-9)])
+def test_long_derivatives_tell_how_far_they_are(integrator: fa.Integrator) -> None:
+    told: list[tuple[float, str]] = []
+    paths = ["link.0.beam.length", "link.0.beam.material.youngs_modulus", "link.0.beam.material.density"]
+    run = fa.simulate(paper_link(), np.linspace(0, 2, 21), v0=[1.0, 0.3, 0.0, 0.0], integrator=integrator)
+    found = run.sensitivities(paths, progress=lambda *x: told.append(x))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares) and 0 < shares[0] and shares[-1] < 1
+    if integrator.fixed:
+        assert any(f"{k} of {len(paths)} parameters" in text for k in range(3) for _, text in told)
+        told.clear()
+        gradient = run.gradient({"q": np.ones_like(run.q)}, paths, progress=lambda *x: told.append(x))
+        assert [x for x in told if x[0] >= 1 / 3] == [(1 / 3, "backwards through the run"), (2 / 3, "by parameters")]
+        np.testing.assert_allclose(list(gradient.values()), found.q.sum(axis=(1, 2)), rtol=1e-6)

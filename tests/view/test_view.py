@@ -344,7 +344,9 @@ def test_pictures_and_films_are_written(tmp_path: Path) -> None:
     view.save(tmp_path / "arm.png", t=0.1, size=SIZE)
     picture = np.asarray(Image.open(tmp_path / "arm.png").convert("RGB"))
     assert picture.shape == (600, 800, 3) and 0.01 < (picture < 200).any(axis=-1).mean() < 0.5
-    view.save(tmp_path / "arm.gif", fps=20, size=SIZE)
+    told: list[float] = []
+    view.save(tmp_path / "arm.gif", fps=20, size=SIZE, progress=told.append)
+    assert told == [0.0, 0.2, 0.4, 0.6, 0.8]
     with Image.open(tmp_path / "arm.gif") as film:
         assert film.n_frames == 5 and film.info["duration"] == 50
         first = np.asarray(film.convert("RGB"), int)

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     if file is None:
         file = str(view.open())
     else:
-        view.save(file, t=args.time)
+        view.save(file, t=args.time, progress=True)
     frames = max(len(track.t) for track in view.tracks)
     about = {"file": file, "frames": frames, "times": list(view.times), "magnify": view.magnify, "speed": view.speed}
     if args.json or args.output is not None:

@@ -60,7 +60,7 @@ class Estimate:
         panels = []
         for name, x in self.parameters.items():
             band = 2 * self.parameter_std[name]
-            curves = [(name, x), ("two standard deviations above", x + band), ("and below", x - band)]
+            curves = [("estimate", x), ("two std above", x + band), ("and below", x - band)]
             panels.append((name, curves))
         panels.append(("tip (m)", [(f"tip {c}", self.tip[:, k]) for k, c in enumerate("xyz")]))
         return plot_panels(self.t, panels)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, instance, number, outside, positive
+from .._console import progress_bar
 from ..analysis.equilibrium import elastic_rates
 from ..arm.arm import Arm
 from ..model.acting.acts import acts_from, at_rest
@@ -156,7 +157,7 @@ class KalmanFilter:
             ), stacklevel=outside())  # fmt: skip
 
     def _make(self) -> _core.KalmanFilter:
-        return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True), *self._made)
+        return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True, weak=True), *self._made)
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies continue from the present state."""
@@ -201,7 +202,9 @@ class KalmanFilter:
         forces = np.zeros(self.arm.nv) if tau is None else array("tau", tau, (self.arm.nv,))
         self._check(self._core.predict(padded(forces, self._size[1])))
 
-    def run(self, t: ArrayLike, tau: ArrayLike | None, readings: ArrayLike | Sequence[Reading]) -> Estimate:
+    def run(
+        self, t: ArrayLike, tau: ArrayLike | None, readings: ArrayLike | Sequence[Reading], *, progress: Any = False
+    ) -> Estimate:
         """Runs the filter over recorded data from its present state: readings at t[0], a prediction to t[1], ...
 
         Args:
@@ -209,6 +212,8 @@ class KalmanFilter:
             tau: constant forces from each time to the next, beside known actions, (nt, nv); None: none.
             readings: at the times, (nt, k), nan without a reading; or a Reading of each sensor, which may be sampled
                 less often.
+            progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
+                of the rows that is done.
 
         Raises:
             ValueError: bad shapes or times. RuntimeError: a step has no solution.
@@ -231,7 +236,8 @@ class KalmanFilter:
         if len(y) != times.size:
             raise ValueError(f"readings has {len(y)} rows: must have {times.size}, one for each of t")
         first = self._core.deviations
-        found = self._core.run(np.pad(forces, ((0, 0), (0, extra))), y, len(self.arm.links))
+        with progress_bar(progress, "filtering") as look:
+            found = self._core.run(np.pad(forces, ((0, 0), (0, extra))), y, len(self.arm.links), look)
         done = len(found["q"])
         for nis, used in zip(found["nis"], found["used"], strict=True):
             self._test(nis, used)

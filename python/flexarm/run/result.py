@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, instance, named
+from .._console import progress_bar
 from ..analysis.findings import Findings
 from ..arm.arm import Arm
 from ..data.compare import Comparison
@@ -136,7 +137,7 @@ class Result(outputs.Rows):
         """
         return outputs.table(self)
 
-    def sensitivities(self, parameters: Sequence[str]) -> Any:
+    def sensitivities(self, parameters: Sequence[str], *, progress: Any = False) -> Any:
         """Derivatives of all rows by parameters, forward: at a cost that grows with their number. The run is made
         again, and derived step by step: these are derivatives of the integrator's own equations. Rows stand at their
         times; those of a run that a terminal event ended end before it. The times and states of events move with the
@@ -145,15 +146,17 @@ class Result(outputs.Rows):
         Args:
             parameters: dotted paths as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "drive.0.scale",
                 "q0.1"; "gravity" stands for its three components.
+            progress: shows progress on stderr: a bar, or lines where that is no terminal; or a callable (done, text).
 
         Raises:
             ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
                 go through: dry friction together with balls; laws in Python that remember;
                 sensors of controllers that read in steps; of a result that is not one of `simulate`.
         """
-        return self._made().sensitivities(parameters)
+        with progress_bar(progress, "deriving") as look:
+            return self._made().sensitivities(parameters, look=look)
 
-    def gradient(self, loss: Any, parameters: Sequence[str]) -> dict[str, Any]:
+    def gradient(self, loss: Any, parameters: Sequence[str], *, progress: Any = False) -> dict[str, Any]:
         """Derivatives of a number that depends on the rows, by the adjoint method: backwards through the run, at a cost
         that hardly grows with the number of parameters. (With "ida", and under controllers that sample sensors, or an
         MPC, it is made of `sensitivities`.)
@@ -164,6 +167,7 @@ class Result(outputs.Rows):
                 gives the number and these.
             parameters: paths as of `sensitivities`; "tau" is the constant forces, and "drive.0.samples" the samples of
                 a torque or voltage.
+            progress: as of `sensitivities`.
 
         Returns:
             By path a number, or an array where the path stands for several.
@@ -171,7 +175,8 @@ class Result(outputs.Rows):
         Raises:
             ValueError: as of `sensitivities`; a loss of wrong names or shapes.
         """
-        found: dict[str, Any] = self._made().gradient(loss, parameters)
+        with progress_bar(progress, "deriving") as look:
+            found: dict[str, Any] = self._made().gradient(loss, parameters, look=look)
         return found
 
     def _made(self) -> Any:

@@ -46,6 +46,10 @@ Output = Callable[[Result, Setup], ArrayLike]
 Loss = Mapping[str, Any] | Callable[[Result], tuple[float, Mapping[str, Any]]]
 
 
+#: Sees how long work goes on: (part done, what is being done) -> None; None where nobody looks.
+Look = Callable[[float, str], None] | None
+
+
 class RunStopped(ValueError):
     """A run that could not go on, and so has no derivatives. `.time` is the time reached (s)."""
 
@@ -120,7 +124,8 @@ class Source:
         events: as of `simulate`.
         of: the setup that `setup` was made of, and by which values (1, ...) of parameters.
 
-    `workers` of its functions: threads; None: one for each core.
+    `workers` of its functions: threads; None: one for each core. `look` is called now and then with the part that is
+    done, and with what is being done.
     """
 
     setup: Setup
@@ -143,24 +148,37 @@ class Source:
                 sampler.law.twice = True
         return run
 
-    def _taped(self) -> tuple[Problem, Result, Any, Any]:
+    def _seen(self, look: Look, share: float) -> dict[str, Any]:
+        """For `integrate`: tells how far the run is, which is this share of all."""
+        begin, end = float(self.t[0]), float(self.t[-1])
+
+        def tell(now: float) -> None:
+            if look:
+                look(share * (now - begin) / (end - begin), f"run at t = {now:.4g} of {end:.4g} s")
+
+        return {"alive": tell} if look else {}
+
+    def _taped(self, look: Look, share: float) -> tuple[Problem, Result, Any, Any]:
         """The run once more, and its tape."""
         run = self._problem()
         tape = _core.Tape()
-        out = self.integrate(run, tape=tape)
+        out = self.integrate(run, tape=tape, **self._seen(look, share))
         core = run.core
         tape.keep_sides(core)
         return run, run.result(_done(out)), tape, core
 
-    def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
+    def sensitivities(
+        self, parameters: Sequence[str], workers: int | None = None, look: Look = None
+    ) -> Sensitivities:  # fmt: skip
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
-        result, rows = self._with_ida(near) if not self.integrator.fixed else self._forward(near, workers or cores())
+        workers = workers or cores()
+        result, rows = self._forward(near, workers, look) if self.integrator.fixed else self._with_ida(near, look)
         return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near, _setup=self.setup)
 
-    def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
+    def _with_ida(self, near: list[Parameter], look: Look) -> tuple[Result, dict[str, Any]]:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
-        out = _done(self.integrate(run, parameters=near))
+        out = _done(self.integrate(run, parameters=near, **self._seen(look, 1.0)))
         arm, found, result = self.setup.arm, out["tangents"], run.result(out)
         nq, nv = arm.nq, arm.nv
         rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., : nq if k == "q" else nv]) for k in ROWS}
@@ -174,9 +192,11 @@ class Source:
                 occurred.append(Occurrence(run, k, t[n], *state, dq, a[:nv]).moved(by_q[:nq].T, by_v[:nv].T))
         return result, rows | by_event(occurred, result, len(near))
 
-    def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
+    def _forward(self, near: list[Parameter], workers: int, look: Look) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
-        run, result, tape, core = self._taped()
+        run, result, tape, core = self._taped(look, 1 / (len(near) + 2))
+        if look:
+            look(1 / (len(near) + 2), "by parameters")
         switches = [self._switches(tape, p, run) for p in near]
         found = tape.tangents(core, *self._numbers, switches, core_parameters(run, near), True, workers)
         mine, arm, nv = rows_of(tape), self.setup.arm, self.setup.arm.nv
@@ -196,10 +216,12 @@ class Source:
             occurred.append(cubic.moved(q, v))
         return result, rows | by_event(occurred, result, len(near))
 
-    def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
+    def gradient(
+        self, loss: Loss, parameters: Sequence[str], workers: int | None = None, look: Look = None
+    ) -> dict[str, Any]:  # fmt: skip
         paths = self._paths(parameters, self.integrator.fixed)
         if not self.integrator.fixed or not all(map(_slopes_known, self._problem().sampled)):
-            found = self.sensitivities(parameters, workers)
+            found = self.sensitivities(parameters, workers, look)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
                                for w, x in _pairs(given, getattr(found, name))))
@@ -207,7 +229,7 @@ class Source:
             return {path: by[path] if parts == [path] else np.array([by[p] for p in parts])
                     for path, parts in paths.items()}  # fmt: skip
         workers = workers or cores()
-        run, result, tape, core = self._taped()
+        run, result, tape, core = self._taped(look, 1 / 3)
         weights = _weights(loss, result)
         arm, nv, mine = self.setup.arm, self.setup.arm.nv, rows_of(tape)
         occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
@@ -218,8 +240,12 @@ class Source:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
+        if look:
+            look(1 / 3, "backwards through the run")
         q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
+        if look:
+            look(2 / 3, "by parameters")
         forces = dict(zip(near, tape.weigh(core_parameters(run, list(near.values())), needed, applied, workers),
                           strict=True))  # fmt: skip
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)

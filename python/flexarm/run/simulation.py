@@ -25,7 +25,7 @@ from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
-from .steps import beyond_explicit, explicit_limit, failed_steps, switches_too_often
+from .steps import Struck, beyond_explicit, explicit_limit, failed_steps, switches_too_often
 from .watch import softened
 
 
@@ -97,7 +97,10 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
         blown = integrator.explicit and beyond_explicit(
             run.arm, step, span, run.start["q0"], _held(run, result), rows
         )  # fmt: skip
-        chatters = switches_too_often(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
+        switches = out["stats"].get("switches", 0)
+        chatters = switches_too_often(integrator.name, step, switches, out["hasty"])
+        if switches and not chatters and integrator.name == "gauss":
+            chatters = Struck.of(run.arm, step, run.start["q0"], run.prescribed).warning(step, switches)
         often = None
         if integrator.fixed and not loop:
             often = failed_steps(integrator.name, step, out["stats"], out["doubt"])
@@ -187,8 +190,9 @@ def simulate(
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.
         StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
-            dry friction that switches many times within a step (three of "rk4"); many steps of "gauss" that had to be
-            halved; a callable with a pulse between two steps that no step has seen.
+            dry friction that switches many times within a step (three of "rk4"), or strikes vibrations that steps of
+            "gauss" damp and the arm does not; many steps of "gauss" that had to be halved; a callable with a pulse
+            between two steps that no step has seen.
         SlowWarning: "ida" takes more than 2e7 steps; it names the cause, if known, and the remedy, during the run.
     """
     return simulated(

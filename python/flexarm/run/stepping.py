@@ -96,10 +96,11 @@ class Simulation:
             raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
-        self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
+        run = self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
         self._patches = list(split_drives(drive)[1])
-        with self._problem.both.naming():
-            self._core = _core.Simulation(self._problem.core, self.integrator.core, float(times[0]))
+        with run.both.naming():
+            problem = run.core_problem(run.start, run.events, weak=True)
+            self._core = _core.Simulation(problem, self.integrator.core, float(times[0]))
         self._step = self._core.step
 
     def step(self, until: float | None = None) -> None:

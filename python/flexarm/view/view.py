@@ -7,7 +7,7 @@ import os
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array, array, named, positive, within
-from .._console import complain
+from .._console import complain, progress_bar
 from ..data.draw.style import Figure
 from ..data.store.files import write_whole
 from ..model.acting.load import Load
@@ -113,8 +113,9 @@ class View:
         within("t", t, *self.times, " s, the times of this view")
 
     def save(
-        self, path: str | Path, *, t: float | None = None, fps: float = 30.0, size: Sequence[float] = (9.0, 6.0)
-    ) -> None:
+        self, path: str | Path, *, t: float | None = None, fps: float = 30.0, size: Sequence[float] = (9.0, 6.0),
+        progress: Any = False,
+    ) -> None:  # fmt: skip
         """Writes a file, in the format of its suffix.
 
         Args:
@@ -122,6 +123,8 @@ class View:
             t: of a picture, its time (s); None: the first.
             fps: of a film, pictures in a second, from 1 to 100; of a .gif to 50, the most that browsers show.
             size: of a picture or a film (inches, 100 pixels each; a .png has 200).
+            progress: of a film, shows a bar on stderr, or lines where that is no terminal; or a callable, which is
+                given the share of the pictures that is drawn.
 
         Raises:
             ValueError: another suffix, a time outside the view, or a path that cannot be written; .mp4 without ffmpeg.
@@ -131,7 +134,8 @@ class View:
         kind = file.suffix.lower()
         self._check_time(t)
         if kind in (".gif", ".mp4"):
-            self._film(file, kind, fps, size)
+            with progress_bar(progress, "drawing the film") as look:
+                self._film(file, kind, fps, size, look)
             return
         if kind == ".png":
             figure = self.figure(t, size)
@@ -140,7 +144,7 @@ class View:
         content = self.html().encode()
         write_whole(file, lambda f: f.write(content), "path")
 
-    def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float]) -> None:
+    def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float], look: Any) -> None:
         rate = float(within("fps", fps, 1, 50 if kind == ".gif" else 100, f" of {kind}"))
         low, high = self.times
         count = max(round((high - low) / self.speed * rate), 1)
@@ -148,7 +152,14 @@ class View:
             raise ValueError(f"fps = {fps:g}: makes {count} pictures; up to 20000 fit: set the view's speed higher")
         times = low + (high - low) * np.arange(count + (not self.cycle)) / count
         still = self._drawn(size)
-        (_gif if kind == ".gif" else _mp4)(file, (_pixels(still.draw(float(s))) for s in times), rate)
+
+        def pictures() -> Iterator[NDArray[np.uint8]]:
+            for k, s in enumerate(times):
+                if look:
+                    look(k / len(times))
+                yield _pixels(still.draw(float(s)))
+
+        (_gif if kind == ".gif" else _mp4)(file, pictures(), rate)
 
 
 def _has_display() -> bool:

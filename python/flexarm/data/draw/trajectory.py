@@ -10,6 +10,7 @@ from .style import BLUE, INK, PALETTE, RED, Figure, label_axes, legend, new_figu
 
 _DASHES = ("-", "--", "-.", ":")
 _LETTERS = 32  # of a name along an axis
+_PANELS, _TALL = 8, 13.0  # in a column; inches of one that is full
 
 
 #: name of the axis, [(label, values (nt,)), ...]
@@ -30,11 +31,17 @@ def by_unit(curves: Iterable[tuple[str, str, Array]], named: Callable[[str, str]
 
 
 def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool = False) -> Figure:
-    """Curves over time (s), (nt,), one panel below the other; `held`: each value stands until the next."""
-    fig = new_figure(9.0, 0.8 + 2.6 * len(panels))
-    grid = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    """Curves over time (s), (nt,), one panel below the other, many in columns side by side; `held`: each value stands
+    until the next."""
+    across = 1 + (len(panels) > _PANELS) + (len(panels) > 2 * _PANELS)
+    down = -(-len(panels) // across)
+    fig = new_figure(9.0 if across == 1 else 15.0, 0.8 + min(2.6, max(1.4, _TALL / down)) * down)
+    grid = fig.subplots(down, across, sharex=True, squeeze=False).ravel()
     marker = "o" if len(t) == 1 else None
-    for ax, (ylabel, curves) in zip(grid, panels, strict=True):
+    listed: list[str] = []
+    for ax in grid[len(panels) :]:
+        ax.set_axis_off()
+    for ax, (ylabel, curves) in zip(grid, panels, strict=False):
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             look = {"marker": marker, "drawstyle": "steps-post" if held else "default"}
@@ -42,8 +49,15 @@ def plot_panels(t: Array, panels: Sequence[Panel], title: str = "", held: bool =
         name = short(ylabel, _LETTERS)
         label_axes(ax, name)
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-        legend(ax, 0 if len(curves) == 1 and name.startswith(curves[0][0]) else len(curves))
-    grid[-1].set_xlabel("Time (s)")
+        labels = [label for label, _ in curves]
+        known = (len(curves) == 1 and name.startswith(labels[0])) or (across > 1 and labels == listed)
+        legend(ax, 0 if known else len(curves))
+        listed = labels
+    for ax in grid[max(0, len(panels) - across) : len(panels)]:
+        ax.set_xlabel("Time (s)")
+        ax.tick_params(labelbottom=True)
+        if across > 1:
+            ax.locator_params(axis="x", nbins=4)
     if title:
         fig.suptitle(words(title), fontsize=12, wrap=True)
     return fig
@@ -62,13 +76,14 @@ class Curves(NamedTuple):
 def plot_recordings(recordings: Sequence[Curves]) -> Figure:
     """A column for each recording, a panel for each quantity."""
     names = list(dict.fromkeys(name for r in recordings for name in r.panels))
-    fig = new_figure(1.0 + 5.5 * len(recordings), 0.8 + 1.9 * len(names))
+    width = min(5.5, 15.0 / len(recordings))  # inches of a column
+    fig = new_figure(1.0 + width * len(recordings), 0.8 + 1.9 * len(names))
     grid = fig.subplots(len(names), len(recordings), sharex="col", sharey="row", squeeze=False)
     for k, recording in enumerate(recordings):
         for i, name in enumerate(names):
             ax = grid[i, k]
             last = i == len(names) - 1
-            label_axes(ax, name if k == 0 else "", "Time (s)" if last else "")
+            label_axes(ax, short(name, 24) if k == 0 else "", "Time (s)" if last else "")
             if name not in recording.panels:
                 continue
             measured, model, error = recording.panels[name]
@@ -77,7 +92,8 @@ def plot_recordings(recordings: Sequence[Curves]) -> Figure:
             if recording.since > recording.t[0]:
                 ax.axvline(recording.since, color=RED, linewidth=1.0, linestyle="--", label="judged from here on")
             score = f"NRMSE {error:.1f} %"
-            ax.set_title(f"{recording.title}: {score}" if i == 0 else score, fontsize=10, loc="left", parse_math=False)
+            title = f"{short(recording.title, int(10 * width) - 16)}: {score}" if i == 0 else score
+            ax.set_title(title, fontsize=10, loc="left", parse_math=False)
     axes = max(fig.axes, key=lambda ax: len(ax.get_lines()))
     fig.legend(*axes.get_legend_handles_labels(), loc="outside upper center", frameon=False, fontsize=9, ncols=3)
     fig.align_ylabels()

@@ -102,14 +102,26 @@ def check_balls(arm: Arm, q: Array) -> None:
             raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
 
 
-def checked_drive(drive: Any) -> dict[Any, Any]:
+def checked_drive(drive: Any, name: str = "drive") -> dict[Any, Any]:
     """The argument `drive` of a batch."""
     if drive is not None and not isinstance(drive, Mapping):
-        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+        raise ValueError(f"{name} = {drive!r}: must be a dictionary, by link number")
     for key, law in (drive or {}).items():
         if not isinstance(law, (Motion, Torque, Voltage)):
-            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+            raise ValueError(f"{name}[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
     return dict(drive or {})
+
+
+def checked_drives(drive: Any) -> list[dict[Any, Any]]:
+    """The argument `drive` of a rollout: one for all scenarios, or one for each, of the same joints and kinds."""
+    if not isinstance(drive, (list, tuple)) or not drive:
+        return [checked_drive(drive)]
+    drives = [checked_drive(own, f"drive[{k}]") for k, own in enumerate(drive)]
+    kinds = [{key: type(law).__name__ for key, law in own.items()} for own in drives]
+    for k, own in enumerate(kinds):
+        if own != kinds[0]:
+            raise ValueError(f"drive[{k}] = {own}: must drive what drive[0] does, {kinds[0]}")
+    return drives
 
 
 def stepping(integrator: str | Integrator, **options: Any) -> Integrator:

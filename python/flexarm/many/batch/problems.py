@@ -23,7 +23,7 @@ from ...model.acting.control import Controller
 from ...model.acting.drive import is_patch
 from ...run.integrators import Integrator
 from ...run.problem import Problem
-from ...run.steps import FAST_JOINTS, Pace, beyond_explicit, failed_steps, switches_too_often
+from ...run.steps import FAST_JOINTS, Pace, Struck, beyond_explicit, failed_steps, switches_too_often
 from .job import renamed
 
 _REASONS = {
@@ -204,12 +204,17 @@ def _judge(
         wrong[missed[0]] = [*(wrong[missed[0]] or ()), missed[1]]
     if integrator.explicit or any(p.controls for p in problems):
         _judge_growth(blocks, scenario, problems[0], every, integrator, bool(apart))
-    step = getattr(integrator, "step", 0.0)
+    step, struck = getattr(integrator, "step", 0.0), dict[int, Struck]()
     for k, counts in counted.items() if integrator.fixed else ():
         beyond = "out_of_range" in blocks and np.isfinite(blocks["out_of_range"][k]).any()
         if apart.get(k) or blocks["status"][k] not in (0, OVER) or wrong[k] or (beyond and scenario(k)[3]):  # a loop
             continue
         often = switches_too_often(integrator.name, step, counts["switches"], counts["hasty"])
+        if not often and counts["switches"] and integrator.name == "gauss":
+            arm, q0, *_ = scenario(k)
+            if id(arm) not in struck:  # a pose changes little of it
+                struck[id(arm)] = Struck.of(arm, step, q0, problems[0].prescribed)
+            often = struck[id(arm)].warning(step, counts["switches"])
         often = often or failed_steps(integrator.name, step, counts, counts["doubt"])
         wrong[k] = [often] if often else None
 

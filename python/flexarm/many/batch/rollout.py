@@ -24,7 +24,7 @@ from ...run.integrators import Integrator
 from .arguments import (
     check_balls,
     check_memory,
-    checked_drive,
+    checked_drives,
     default_workers,
     forces,
     prepared,
@@ -117,7 +117,7 @@ def rollout(
     nstep: int | None = None,
     integrator: str | Integrator = "implicit",
     every: int = 1,
-    drive: Mapping[Any, Motion | Torque | Voltage] | None = None,
+    drive: Mapping[Any, Motion | Torque | Voltage] | Sequence[Mapping[Any, Any]] | None = None,
     loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Any] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
@@ -142,7 +142,9 @@ def rollout(
         integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`. With "rk4", scenarios of
             joints with dry friction run one by one.
         every: steps between two rows of the result.
-        drive, loads, events: as of `simulate`, alike for all scenarios. Motions take the place of q0 and v0 there.
+        drive: as of `simulate`, alike for all scenarios, or a list of B such dictionaries, which drive the same joints
+            in the same way. Motions take the place of q0 and v0 there.
+        loads, events: as of `simulate`, alike for all scenarios.
         control: controllers, as of `simulate`, alike for all scenarios: one, or a list of them; or a list of B such
             lists. A Python function that several scenarios share must not remember one of them.
         workers: threads; None: one for each core.
@@ -196,16 +198,17 @@ def rolled(
     kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
-    drives, controls = checked_drive(drive), _listed("control", control, "a controller")
-    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
+    drives, controls = checked_drives(drive), _listed("control", control, "a controller")
+    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "drive": len(drives),
+             "control": len(controls)}  # fmt: skip
     count = scenario_count(sizes)
     check_balls(one, q)
-    made = max(len(arms) if drive or loads or control else 1, len(controls))
+    made = max(len(arms) if drive or loads or control else 1, len(drives), len(controls))
 
     def setup(k: int) -> Setup:
         law = controls[k % len(controls)]
         laws = (law,) if isinstance(law, Controller) else law or ()
-        return Setup(arms[k % len(arms)], drives, tuple(loads or ()), laws)
+        return Setup(arms[k % len(arms)], drives[k % len(drives)], tuple(loads or ()), laws)
 
     times = length * np.arange(steps + 1, dtype=float)
     setups = [setup(k) for k in range(made)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,17 @@ from .drive import Motion, Torque, patch_laws, split_drives, standing
 from .load import at_time
 
 _KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
+_OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_core, "Mpc") else []))
+
+
+def _weak(law: Any) -> Any:
+    """A Python function that something else holds, for an object of the core that its owner may hold: the garbage
+    collector does not see what the core holds, and would keep such a circle for ever."""
+    try:
+        held = None if isinstance(law, (*_KNOWN, *_OF_CORE)) else weakref.ref(law)
+    except TypeError:  # of a class without weak references
+        held = None
+    return law if held is None else lambda *given: held()(*given)  # type: ignore[misc]
 
 
 class Acts:
@@ -62,14 +74,15 @@ class Acts:
         self.motions[i] = law
 
     def core_problem(
-        self, start: Mapping[str, Array], events: Sequence[_core.Event] = (), onward: bool = False
+        self, start: Mapping[str, Array], events: Sequence[_core.Event] = (), onward: bool = False, weak: bool = False
     ) -> _core.Problem:
         """The core's problem of one run from `start` (q0, v0, tau). `onward`: sampled laws are constant outside their
-        samples."""
+        samples. `weak`: it holds no function of these acts, which live as long as it."""
         both, nv = self.both, self.both.nv
+        own = _weak if weak else (lambda x: x)
 
         def law(x: Any) -> Any:
-            return standing(x) if onward else self._law(x)
+            return own(standing(x) if onward else self._law(x))
 
         drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
                   for d in self.drives]  # fmt: skip
@@ -78,7 +91,8 @@ class Acts:
         sizes = {"q0": both.nq, "v0": nv, "tau": nv}
         return _core.Problem(
             arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in start.items()}, drives=drives,
-            loads=loads, feedback=feedback, samplers=self.sampled, events=list(events),
+            loads=loads, feedback=feedback, events=[_core.Event(own(e.value), e.terminal, e.direction) for e in events],
+            samplers=[_core.Sampler(s.first, s.period, s.delay, own(s.law)) for s in self.sampled],
         )  # fmt: skip
 
     def _law(self, law: Any) -> Any:

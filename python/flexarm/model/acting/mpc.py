@@ -129,11 +129,13 @@ class MPC(Controller):
         self.failures = 0
         self._core: Any = None
         self._failed: Any = None
+        self._known: Any = None
+        self._led: Any = None
         self._planned = np.zeros(0), np.zeros((0, 0))
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies start without a plan."""
-        return {**self.__dict__, "_core": None, "_failed": None}
+        return {**self.__dict__, "_core": None, "_failed": None, "_known": None, "_led": None}
 
     def _arguments(self) -> dict[str, Any]:
         return dict(self._given_as)
@@ -152,8 +154,9 @@ class MPC(Controller):
         now = number("t", t)
         if self._core is None:
             known = predictable(acts_from(self.model, now, 1.0 / self.rate, self.drive, self.loads, self.control))
+            self._known = known
             unit = projection(self.model, self.model)
-            self._core = self._made(self.model, known, unit, np.array(self._columns(self.model)).T)
+            self._core = self._made(self.model, known, unit, np.array(self._columns(self.model)).T, mine=True)
             self._failed = self._failing()
         states = [np.asarray(x, dtype=float) for x in (q, v)]
         for name, x, n in zip("qv", states, (self.model.nq, self.model.nv), strict=True):
@@ -214,7 +217,8 @@ class MPC(Controller):
         law = self._made(arm, known, (to_q, to_v), np.pad(columns, pad[::-1]))
         return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
-    def _made(self, arm: Chain, known: Acts, to_model: tuple[Array, Array], forces: Array) -> Any:
+    def _made(self, arm: Chain, known: Acts, to_model: tuple[Array, Array], forces: Array, mine: bool = False) -> Any:
+        """The core's; `mine`: for `step`, where it holds no function of the user's: they may hold this object."""
         model = known.arm
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
@@ -242,11 +246,15 @@ class MPC(Controller):
         outputs += (limited := self._limited(model))
         if limited:
             reference = extended_by(reference, len(limited))
+        if mine and callable(reference):  # of a user's object, perhaps, that has this MPC
+            self._led, owner = reference, weakref.ref(self)
+            reference = lambda t: owner()._led(t)  # type: ignore[union-attr]  # noqa: E731
         soft = 100.0 * float(weight.max()) if self.soft is None else self.soft
         extra = known.both.nv - model.nv  # states of controllers
         columns = np.pad(columns, ((0, extra), (0, 0)))
         outputs = [(np.pad(by_q, (0, extra)), *rest) for by_q, *rest in outputs]
-        problem, of_inputs = known.core_problem(at_rest(model), onward=True), [-limits, limits, rate_limits, efforts]
+        problem = known.core_problem(at_rest(model), onward=True, weak=mine)
+        of_inputs = [-limits, limits, rate_limits, efforts]
         return _core.Mpc(
             problem, outputs, columns, [*of_inputs, rate_efforts], 1.0 / self.rate,
             self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, extra, reference,
