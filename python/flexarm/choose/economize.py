@@ -21,6 +21,7 @@ from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
 from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
+from ..run.integrators import named
 from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene
@@ -119,7 +120,7 @@ class ModelPlan:
 
     def _given_run(self) -> Run | None:
         """A run of the scene as given: its own model, integrator and output times; None if it cannot be run."""
-        options = {"integrator": "ida", **self.given.options}
+        options = {"integrator": named(self.given.arm, None, self.given.options), **self.given.options}
         try:
             given = self._search.trials.run(self._search.models.given, options, whole=True)
         except (OutOfTime, ValueError):

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ..run.integrators import INTEGRATORS, OPTIONS
+from ..run.integrators import DENSE as DENSE, INTEGRATORS, OPTIONS
 from ..run.scene.scene import Scene
 
-#: The integrators that choose their own steps for a tolerance; every other one takes `step`.
-BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fixed)
+#: The integrators that are compared by their tolerance; every other one by its `step`.
+BY_TOLERANCE = frozenset(set(INTEGRATORS) - set(OPTIONS["step"]))
 
 #: The fixed-step integrators that step over output times.
 OVER_OUTPUTS = frozenset({"gauss"})
@@ -28,9 +28,6 @@ LINES: dict[str, dict[str, Any]] = {
     **{name: {"integrator": name} for name in INTEGRATORS},
     "ida, BDF 2": {"integrator": "ida", "max_order": 2},
 }
-
-DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
-
 
 def longest_gap(scene: Scene) -> float:
     """The longest gap between output times (s)."""

@@ -15,7 +15,7 @@ from .._check import Array, known_keys, number
 from ..data.compare import Comparison
 from ..many.batch.arguments import default_workers
 from ..model.acting.drive import Motion, split_drives
-from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
+from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of, named
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
@@ -255,15 +255,16 @@ def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
 def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float | None) -> tuple[dict[str, Any], bool]:
     """Options of the runs, and whether the step is automatic."""
     options = {k: v for k, v in scene.options.items() if v is not None}
-    own = options.get("integrator", "ida")
-    chosen = integrator or (own if INTEGRATORS[own].fixed else _FIXED_STEP)
+    own = named(scene.arm, options.get("integrator"), options)
+    given = INTEGRATORS[own].needs_step or "step" in options
+    chosen = integrator or (own if given else _FIXED_STEP)
     if chosen != own:
         for key in OPTIONS:
             options.pop(key, None)
     options["integrator"] = chosen
     if step is not None:
         options["step"] = number("step", step)
-    auto = INTEGRATORS[chosen].fixed and options.get("step") is None if chosen in INTEGRATORS else False
+    auto = INTEGRATORS[chosen].needs_step and options.get("step") is None if chosen in INTEGRATORS else False
     if auto:
         options["step"] = min(run.data.step for run in runs)
     integrator_of(chosen, **{k: x for k, x in options.items() if k in OPTIONS})

@@ -20,7 +20,7 @@ from ...loop.loops import unstable
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Torque, Voltage, split_drives
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, Integrator, integrator_of, spelled
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
 from ...run.start import check_one_start, start
 from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -42,16 +42,16 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
 
 def make_job(
     arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
-    outputs: Any, every: Any = 1, integrator: str | Integrator, **options: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
-    integrator, options = spelled(integrator, options)
+    integrator, options = spelled(named(setup.arm, integrator, options), options)
     options = {k: x for k, x in options.items() if x is not None}
-    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].fixed:
+    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
         options.setdefault("step", float(np.diff(times).min()))
     integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
     step = options.pop("step", None)
