@@ -369,7 +369,8 @@ void complete(Node& a, Scene& scene) {
     p.check();
     p.control();
     check_times(scene.t);
-    if (scene.method.name != "ida") scene.method.on(arm, scene.method.tolerance > 0.0 ? 1.0 : positive("step", scene.step));
+    if (scene.method.name != "ida")
+      scene.method.on(arm, scene.method.tolerance > 0.0 ? 1.0 : positive("step", scene.step));
   });
 }
 

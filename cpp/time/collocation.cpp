@@ -26,7 +26,7 @@ constexpr double kAlmost = 1.0 - 1e-6;  // part of a step: its end, before a for
 constexpr double kOfRun = 0.25;         // of the tolerance, for a step: the errors of a run's steps add up
 constexpr double kOfRubbing = 0.03;     // of an arm with dry friction, whose switches pass errors of its forces on
 constexpr double kOfPlaces = 1e-3;      // of the tolerance of places, to which the equations are solved
-constexpr double kFar = 30.0;    // times the energy that a step begins with and its forces bring: no solution is so far
+constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 
 /// The quaternion at `k` of p0, turned by u, into p.
 void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
@@ -161,7 +161,7 @@ void CollocationStep::prepare_judgement(Workspace& ws) {
   if (length_ == 0.0) length_ = 1.0;
   moves_.setZero(6 * static_cast<Eigen::Index>(seen_.size()) + arm_->nv(), arm_->nv());
   jacobian_.setZero(6, arm_->nv());
-  Eigen::VectorXd zeros = Eigen::VectorXd::Zero(s_ + 3);  // of the polynomial, lowest power first; then integrated twice
+  Eigen::VectorXd zeros = Eigen::VectorXd::Zero(s_ + 1);  // of the polynomial: its coefficients, lowest power first
   zeros[0] = 1.0;
   for (int j = 0; j < s_; ++j)
     for (int k = s_; k >= 0; --k) zeros[k] = (k > 0 ? zeros[k - 1] : 0.0) - c_[j] * zeros[k];

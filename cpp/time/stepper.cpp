@@ -30,9 +30,9 @@ constexpr double kLongest = 0.25;     // and the longest at all
 constexpr double kShortest = 1e-10;   // and the shortest whose error counts
 constexpr double kWithin = 0.9;       // part of a step's length for an error that is just allowed, that is aimed at
 constexpr double kLeastChange = 0.1, kMostChange = 4.0;  // of the length from one step to the next
-constexpr double kWorthwhile = 1.2;   // a step that may grow by less keeps its length, and its matrices
+constexpr double kWorthwhile = 1.2;  // a step that may grow by less keeps its length, and its matrices
 constexpr double kNowForLength = 0.7, kBeforeForLength = 0.4;  // powers of the errors of this step and the one before
-constexpr std::size_t kMany = 100;    // so many switches within a step are no motion
+constexpr std::size_t kMany = 100;                             // so many switches within a step are no motion
 
 /// Whether the Gauss points of a step resolve a prescribed motion: its acceleration and velocity there, integrated, are
 /// its change of velocity and place, and at its samples in between (some of them, if they are many) its velocity is
@@ -303,7 +303,8 @@ Saltation Stepper::saltation(const Contact& now) {
     s.accelerate(true);
     return s.friction[i];
   };
-  const double d = std::max(std::min(kDifference * usual(), 0.25 * (reached - now_.from)), 0.01 * kDifference * usual());
+  const double d =
+      std::max(std::min(kDifference * usual(), 0.25 * (reached - now_.from)), 0.01 * kDifference * usual());
   const Saltation out = Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, d, force);
   s.q = q;
   s.v = v;

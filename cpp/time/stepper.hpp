@@ -31,10 +31,10 @@ inline long steps_to(double stop, double step) {
 class Stepper {
  public:
   System s;
-  double reached;  ///< time (s)
+  double reached;              ///< time (s)
   long steps = 0, halved = 0;  ///< halved: whose equations were not solved, or whose error was too large
-  long switches = 0;  ///< of joints between sticking and sliding, at which steps ended
-  long hasty = 0;     ///< of these, within a step (three of rk4) behind one of the same joint
+  long switches = 0;           ///< of joints between sticking and sliding, at which steps ended
+  long hasty = 0;              ///< of these, within a step (three of rk4) behind one of the same joint
 
   /// @param looks  some times of the run: a prescribed motion's speed there is a measure of the error that a step may
   /// make
@@ -64,7 +64,8 @@ class Stepper {
     return Status::ok;
   }
   bool enough = false;  ///< set by `seen`: the run ends here
-  /// Of a method that chooses its steps: how long the next step shall be (s), and the last one's error, in parts of the one allowed.
+  /// Of a method that chooses its steps: how long the next step shall be (s), and the last one's error, in parts of the
+  /// one allowed.
   double wanted = 0.0, error = 1.0;
   /// Runs sampled controllers that are due at the time reached.
   Status sample();
@@ -78,8 +79,8 @@ class Stepper {
 
  private:
   static constexpr double kShorter = 0.25;  // part of a step whose equations cannot be solved
-  static constexpr int kSplits = 8;  // halvings of a step whose equations cannot be solved
-  static constexpr int kLooks = 5;   // halvings of a step that does not see a motion; then it is taken to jump
+  static constexpr int kSplits = 8;         // halvings of a step whose equations cannot be solved
+  static constexpr int kLooks = 5;          // halvings of a step that does not see a motion; then it is taken to jump
 
   /// A joint with dry friction that is not prescribed.
   struct Contact {
@@ -172,8 +173,8 @@ class Stepper {
 
   Step& method;
   const double step;
-  double same_;                // times that are so near are one (s)
-  double longest_, shortest_;  // steps that are chosen (s)
+  double same_;                 // times that are so near are one (s)
+  double longest_, shortest_;   // steps that are chosen (s)
   std::vector<double> speeds_;  // of prescribed motions
   Step::Given given_;
   struct {
@@ -194,6 +195,5 @@ class Stepper {
   /// A step's length, or, where it is chosen, that of the next.
   double usual() const { return method.chooses() ? wanted : step; }
 };
-
 
 }  // namespace flexarm

@@ -14,6 +14,7 @@ from .._check import number
 from .._console import aligned, progress_bar, seconds
 from ..arm.arm import Arm
 from ..data.draw.tradeoff import Point, Trial, plot_trials
+from ..run.integrators import named
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.watch import Watch
@@ -21,7 +22,6 @@ from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
 from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
-from ..run.integrators import named
 from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..run.integrators import DENSE as DENSE, INTEGRATORS, OPTIONS
+from ..run.integrators import DENSE as DENSE
+from ..run.integrators import INTEGRATORS, OPTIONS
 from ..run.scene.scene import Scene
 
 #: The integrators that are compared by their tolerance; every other one by its `step`.

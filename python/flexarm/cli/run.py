@@ -96,7 +96,8 @@ def run(args: argparse.Namespace) -> int:
     elif len(result.t):
         print_table(shown)
         s = result.stats
-        print(f"{s['steps']} steps of {s['integrator']}, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing")
+        steps = f"{s['steps']} steps of {s['integrator']}"
+        print(f"{steps}, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing")
         print(f"Picture, data and summary are in {folder}{os.sep}")
     if summary["remarks"] and not args.json:
         count, tip = len(summary["remarks"]), f" --tip {args.tip}" if args.tip else ""

@@ -36,8 +36,9 @@ class Result(outputs.Rows):
         friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
             where no joint has any.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
-        stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
-            switches (of joints between sticking and sliding), wall_time (s).
+        stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES),
+            failed_steps (whose equations were not solved, or whose error was too large), switches (of joints between
+            sticking and sliding), wall_time (s).
         t_events, q_events, v_events: per event, the times (n,), coordinates (n, nq) and rates (n, nv) of its
             occurrences; None without events.
         status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.

@@ -104,7 +104,7 @@ class Simulation:
         self._step = self._core.step
 
     def step(self, until: float | None = None) -> None:
-        """Takes one step, the integrator's or one that it chooses, or, with `until` (s), as many as reach that time, equal ones if they are not chosen.
+        """Takes one step, given or chosen; or, with `until` (s), as many as reach that time, equal if they are given.
 
         Raises:
             SimulationError: the step could not be taken; the state is that of its beginning.

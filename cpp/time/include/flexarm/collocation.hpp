@@ -113,9 +113,9 @@ class CollocationStep final : public Step {
   std::vector<PlacedSlice> seen_;  ///< places whose motion is looked at
   Eigen::MatrixXd moves_;          ///< what a change of the rates' coordinates moves there, in parts of the tolerance
   Mat6X<double> jacobian_;
-  Eigen::VectorXd seen_at_;   ///< places of a step, but its points, at which the equations are asked
-  double missed_ = 0.0;       ///< the error of places within a step, in parts of h^2 times that of accelerations there
-  double length_ = 0.0;       ///< of the arm (m)
+  Eigen::VectorXd seen_at_;  ///< places of a step, but its points, at which the equations are asked
+  double missed_ = 0.0;      ///< the error of places within a step, in parts of h^2 times that of accelerations there
+  double length_ = 0.0;      ///< of the arm (m)
   double error_ = 0.0, h_before_ = 0.0;
   Eigen::PartialPivLU<Eigen::MatrixXd> damped_;  ///< which leaves of an error what a step can see
   Eigen::MatrixXd damping_;

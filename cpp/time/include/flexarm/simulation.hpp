@@ -34,7 +34,7 @@ class Simulation {
   Simulation(Simulation&&) noexcept;
   ~Simulation();
 
-  /// Advances by one step: the given one, or one that the method chooses. Samples of drives, loads and controllers within it divide it.
+  /// Advances by one step, given or chosen. Samples of drives, loads and controllers within it divide it.
   /// @return when not ok, the state is the last good one, and `failure` says why
   Status step();
   /// Advances to a time, which must not be before now, in equal steps.
