@@ -120,7 +120,7 @@ class ModelPlan:
 
     def _given_run(self) -> Run | None:
         """A run of the scene as given: its own model, integrator and output times; None if it cannot be run."""
-        options = {"integrator": named(self.given.arm, None, self.given.options), **self.given.options}
+        options = {"integrator": named(self.given, None, self.given.options), **self.given.options}
         try:
             given = self._search.trials.run(self._search.models.given, options, whole=True)
         except (OutOfTime, ValueError):

@@ -255,7 +255,7 @@ def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
 def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float | None) -> tuple[dict[str, Any], bool]:
     """Options of the runs, and whether the step is automatic."""
     options = {k: v for k, v in scene.options.items() if v is not None}
-    own = named(scene.arm, options.get("integrator"), options)
+    own = named(scene, options.get("integrator"), options)
     given = INTEGRATORS[own].needs_step or "step" in options
     chosen = integrator or (own if given else _FIXED_STEP)
     if chosen != own:

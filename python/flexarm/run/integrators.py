@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import flexarm._core as _core
 
 from .._check import choice, positive, whole, within
-from ..arm.arm import Arm
+from ..model.acting.drive import Motion, Torque
 from .perturbed import Parameter, core_parameters
 from .problem import Problem
 from .steps import Pace
@@ -23,6 +23,7 @@ class Integrator:
 
     name: ClassVar[str]
     needs_step: ClassVar[bool] = True
+    taped: ClassVar[bool] = True  # whether derivatives come from a record of its steps
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
     rtol = 1e-10
@@ -61,6 +62,7 @@ class Ida(Integrator):
 
     name: ClassVar[str] = "ida"
     needs_step: ClassVar[bool] = False
+    taped: ClassVar[bool] = False
     rtol: float = 1e-6
     atol: float = 1e-9
     max_order: int = 5
@@ -181,25 +183,39 @@ OPTIONS = {x: tuple(name for name in _OWN if x in _OWN[name]) for own in _OWN.va
 DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
 
 
-def named(arm: Arm, integrator: str | Integrator | None, options: Mapping[str, Any]) -> str | Integrator:
+def asks_functions(of: Any) -> bool:
+    """Whether a torque, a voltage, a load or a reference of a continuous controller of a Setup or Scene is a Python
+    function, which may leap at any time."""
+    laws = [x for x in (*of.drive.values(), *of.loads) if not isinstance(x, Motion)]
+    for law in of.control:
+        if getattr(law, "rate", None) is None:
+            laws += [x for x in vars(law).values() if isinstance(x, Torque)]
+    return any(not isinstance(x.law, (tuple, _core.PiecewisePolynomial)) for x in laws)
+
+
+def named(of: Any, integrator: str | Integrator | None, options: Mapping[str, Any]) -> str | Integrator:
     """The integrator as given; where none is, "gauss", which chooses its steps; or "ida", if an option of it is given,
-    such as rtol, or the arm has more than 60 coordinates."""
+    such as rtol, if a force is a Python function, whose leaps it finds, or if the arm has more than 60 coordinates.
+
+    Args:
+        of: a Setup or Scene.
+    """
     if integrator is not None:
         return integrator
     given = {k for k, x in options.items() if x is not None}
     if given & set(_OWN["ida"]):
         return "ida"
-    return "gauss" if arm.nv <= DENSE or given & set(_OWN["gauss"]) else "ida"
+    return "gauss" if given & set(_OWN["gauss"]) or (of.arm.nv <= DENSE and not asks_functions(of)) else "ida"
 
 
-def integrator_on(arm: Arm, options: Mapping[str, Any]) -> Integrator:
-    """The integrator of the options of a run: its name, which may be missing, and its own.
+def integrator_on(of: Any, options: Mapping[str, Any]) -> Integrator:
+    """The integrator of a Setup or Scene by the options of a run: its name, which may be missing, and its own.
 
     Raises:
         ValueError: as `integrator_of`.
     """
     rest = dict(options)
-    return integrator_of(named(arm, rest.pop("integrator", None), rest), **rest)
+    return integrator_of(named(of, rest.pop("integrator", None), rest), **rest)
 
 
 def spelled(integrator: str | Integrator, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

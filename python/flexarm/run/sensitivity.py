@@ -156,7 +156,7 @@ class Source:
 
     def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
-        result, rows = self._with_ida(near) if not self.integrator.fixed else self._forward(near, workers or cores())
+        result, rows = self._forward(near, workers or cores()) if self.integrator.taped else self._with_ida(near)
         return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near, _setup=self.setup)
 
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
@@ -200,8 +200,8 @@ class Source:
         return result, rows | by_event(occurred, result, len(near))
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
-        paths = self._paths(parameters, self.integrator.fixed)
-        if not self.integrator.fixed or not all(map(_slopes_known, self._problem().sampled)):
+        paths = self._paths(parameters, self.integrator.taped)
+        if not self.integrator.taped or not all(map(_slopes_known, self._problem().sampled)):
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()

@@ -20,7 +20,7 @@ from ..loop import loops
 from ..model.acting.control import Controller
 from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from .integrators import Integrator, integrator_of, named
+from .integrators import Integrator, integrator_of, integrator_on, named
 from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
@@ -66,7 +66,7 @@ def source(
     """The source of a run, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
     if not isinstance(integrator, Integrator) or options:
-        integrator = integrator_of(named(setup.arm, integrator, options), **options)
+        integrator = integrator_of(named(setup, integrator, options), **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
     q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=integrator, alive=alive)
@@ -162,7 +162,8 @@ def simulate(
             `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time loops, or
             `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
             or "ida", stands for the object with its defaults. None is "ida" where rtol, atol, max_order or
-            linear_solver are given, or the arm has more than 60 coordinates, else "gauss"; `Result.stats` tells.
+            linear_solver are given, where a torque, a voltage, a load or a reference is a Python function, whose leaps
+            it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
@@ -215,9 +216,12 @@ def simulated(
     """As `simulate`, but its warnings are in the result's `_wrong`, and told to `tell`, some of them during the run."""
     if "watch" in options:
         raise ValueError("watch: is asked for after the run, by result.check(watch)")
+    if integrator is not None:
+        integrator = integrator_of(integrator, **options)
     instance("arm", arm, Arm)
-    chosen = integrator_of(named(arm, integrator, options), **options)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
+    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
+    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(setup, options)
     wrong: list[RunWarning] = []
 
     def note(warning: RunWarning) -> None:
@@ -235,7 +239,6 @@ def simulated(
             out = _integrate(run, chosen, show)
     out["stats"] = {"integrator": chosen.name, **out["stats"]}
     result = run.result(out)
-    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = source(setup, run.times, arm._posed(q0), v0, tau, integrator=chosen, events=events)
     result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
     for warning in _judged(run, out, result, chosen):

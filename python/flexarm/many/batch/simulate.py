@@ -49,7 +49,7 @@ def make_job(
     times = array("t", t)
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
-    integrator, options = spelled(named(setup.arm, integrator, options), options)
+    integrator, options = spelled(named(setup, integrator, options), options)
     options = {k: x for k, x in options.items() if x is not None}
     if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
         options.setdefault("step", float(np.diff(times).min()))

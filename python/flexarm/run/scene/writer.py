@@ -199,7 +199,7 @@ def compiled_text(scene: Any) -> str:
         raise RuntimeError("this flexarm was built without compiled scenes (FLEXARM_SCENES=OFF)")
     if scene.events:
         raise ValueError("events: are Python code, which a compiled scene cannot hold")
-    integrator = integrator_on(scene.arm, scene.options)
+    integrator = integrator_on(scene, scene.options)
 
     def text(control: Any) -> str:
         run = Problem(scene.arm, scene.t, scene.q0, scene.v0, None, scene.drive, scene.loads, control, None)
