@@ -37,7 +37,8 @@ def test_the_command_writes_it(tmp_path: Path, capsys: Any, monkeypatch: pytest.
     out = capsys.readouterr().out
     assert json.loads(out[out.index("{") :]) == {"file": "other.json"}
     assert Path("ist.json").read_text() == Path("other.json").read_text()
-    assert json.loads(Path("ist.json").read_text())["max_order"] == 5
+    file = json.loads(Path("ist.json").read_text())
+    assert (file["integrator"], file["tolerance"]) == ("gauss", 1e-5)
     assert main(["compile", "ist", "-o", "arm.toml"]) == 2
     assert "must end in .json" in capsys.readouterr().err
 

@@ -150,8 +150,9 @@ class Gauss(Integrator):
 
     @property
     def core(self) -> _core.Integrator:
-        chosen = {"tolerance": self.tolerance} if self.step is None else {"step": self.step}
-        return _core.Integrator(self.name, stages=self.stages, rtol=self.rtol, **chosen)
+        tolerance = self.tolerance if self.step is None else None
+        step = 0.0 if self.step is None else self.step
+        return _core.Integrator(self.name, step=step, stages=self.stages, rtol=self.rtol, tolerance=tolerance)
 
 
 @dataclass(frozen=True)
