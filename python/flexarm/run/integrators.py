@@ -113,7 +113,7 @@ class Implicit(Integrator):
 
 @dataclass(frozen=True)
 class Gauss(Integrator):
-    """Gauss collocation: steps of its choice or fixed ones, order 2 `stages`, stable at any stiffness, cheap.
+    """Gauss collocation: chosen or fixed steps, order 2 `stages`, stable at any stiffness, cheap.
 
     (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of what they miss of the
     places of the arm, its joints and its tip; vibration that is too fast for the steps counts by its size. It is
