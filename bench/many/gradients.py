@@ -16,7 +16,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 from few import best, spatial
-from flexarm.arm.variation import Setup, Variation, known_paths
+from flexarm.arm.variation import Setup, Variation
 from flexarm.run.perturbed import components, problems
 
 PAGE = Path(__file__).parents[2] / "docs" / "gradients.md"
@@ -38,7 +38,7 @@ CENTRAL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))  # offsets and weights, of six
 def paths(arm: fa.Arm) -> list[str]:
     """Of all numbers of an arm that can vary."""
     out: list[str] = []
-    for path in known_paths(Setup(arm)):
+    for path in Setup(arm).known:
         if path in ("q0", "v0"):
             continue
         try:

@@ -1,5 +1,6 @@
 // The forces of problems at the places of a tape.
 #include <algorithm>
+#include <array>
 
 #include "places.hpp"
 #include "setup/single.hpp"
@@ -74,6 +75,66 @@ class SideBySide {
   VectorXd tau_;
 };
 
+/// take(p, weight, e, needed, applied) for each neighbour of parameter p, at the places that are asked for: of those
+/// parameters that change forces. All of one parameter are by one thread.
+template <class Asked, class Take>
+void for_neighbours(const std::vector<Parameter>& parameters, const Tape& tape, int threads, const Asked& asked,
+                    const Take& take) {
+  struct Near {
+    std::size_t parameter;
+    double weight;
+  };
+  std::exception_ptr wrong;
+  std::mutex lock;
+  std::size_t next = 0;
+  const auto width = static_cast<std::size_t>(lanes::best_kernels().width);
+  /// The next parameters whose neighbours fill the lanes.
+  const auto group = [&](std::vector<Near>& near, std::vector<const Problem*>& problems) {
+    const std::lock_guard<std::mutex> mine(lock);
+    near.clear();
+    problems.clear();
+    for (; next < parameters.size(); ++next) {
+      const Parameter& p = parameters[next];
+      if (p.start_only) continue;
+      if (!near.empty() && near.size() + p.neighbours.size() > width) return;
+      for (const Neighbour& n : p.neighbours) {
+        near.push_back({next, n.weight});
+        problems.push_back(&n.problem);
+      }
+    }
+  };
+  const auto work = [&] {
+    try {
+      std::vector<Near> near;
+      std::vector<const Problem*> problems;
+      for (;;) {
+        group(near, problems);
+        if (near.empty()) return;
+        for (std::size_t first = 0; first < near.size();) {
+          SideBySide side(problems, first, tape);
+          VectorXd needed(problems[first]->arm->nv()), applied(needed.size());
+          for (Index e = 0; e < tape.points(); ++e)
+            if (asked(e))
+              side(e, needed, applied, [&](std::size_t k, const VectorXd& x, const VectorXd& y) {
+                take(near[first + k].parameter, near[first + k].weight, e, x, y);
+              });
+          first += side.size();
+        }
+      }
+    } catch (...) {
+      const std::lock_guard<std::mutex> mine(lock);
+      wrong = std::current_exception();
+      next = parameters.size();
+    }
+  };
+  std::vector<std::thread> others;
+  const std::size_t most = std::min(static_cast<std::size_t>(threads), parameters.size());
+  for (std::size_t k = 1; k < most; ++k) others.emplace_back(work);
+  work();
+  for (std::thread& t : others) t.join();
+  if (wrong) std::rethrow_exception(wrong);
+}
+
 }  // namespace
 
 void keep_sides(const Problem& of, Tape& tape) {
@@ -82,58 +143,55 @@ void keep_sides(const Problem& of, Tape& tape) {
   for (Index e = 0; at.limits() > 0 && e < tape.points(); ++e) at.find_sides(e, tape.sides.data() + e * at.limits());
 }
 
-Balance balance(const Problem& of, const Tape& tape) {
-  Places at(of, tape);
-  Balance out{Rows(tape.points(), at.n), Rows(tape.points(), at.n)};
-  VectorXd needed(at.n), applied(at.n);
-  for (Index e = 0; e < tape.points(); ++e) {
-    at.balance(e, needed, applied);
-    out.needed.row(e) = needed;
-    out.applied.row(e) = applied;
+std::vector<Balance> balance_slopes(const std::vector<Parameter>& parameters, const Tape& tape, int threads) {
+  constexpr double kRounding = 1e-13;  // of the neighbours' forces: a smaller derivative is zero
+  std::vector<Balance> out;
+  std::vector<std::array<double, 2>> most(parameters.size(), {0.0, 0.0});
+  for (const Parameter& p : parameters) {
+    const Index n = p.neighbours.front().problem.arm->nv();
+    out.push_back({Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n)});
+  }
+  const std::vector<Index> shared = shared_places(tape);
+  for_neighbours(
+      parameters, tape, threads, [&](Index e) { return shared[static_cast<std::size_t>(e)] == e; },
+      [&](std::size_t p, double weight, Index e, const VectorXd& needed, const VectorXd& applied) {
+        out[p].needed.row(e) += weight * needed.transpose();
+        out[p].applied.row(e) += weight * applied.transpose();
+        most[p][0] = std::max(most[p][0], needed.lpNorm<Eigen::Infinity>());
+        most[p][1] = std::max(most[p][1], applied.lpNorm<Eigen::Infinity>());
+      });
+  for (std::size_t p = 0; p < out.size(); ++p) {
+    double weights = 0.0;
+    for (const Neighbour& n : parameters[p].neighbours) weights += std::abs(n.weight);
+    Rows* both[] = {&out[p].needed, &out[p].applied};
+    for (int k = 0; k < 2; ++k) {
+      for (Index e = 0; e < tape.points(); ++e)
+        if (const Index of = shared[static_cast<std::size_t>(e)]; of != e) both[k]->row(e) = both[k]->row(of);
+      if (both[k]->size() > 0 && both[k]->lpNorm<Eigen::Infinity>() < kRounding * weights * most[p][k])
+        both[k]->setZero();
+    }
   }
   return out;
 }
 
-VectorXd weigh(const std::vector<const Problem*>& problems, const Tape& tape, const Rows& needed, const Rows& applied,
-               int threads) {
-  VectorXd out = VectorXd::Zero(static_cast<Index>(problems.size()));
-  std::exception_ptr wrong;
-  std::mutex lock;
-  std::size_t next = 0;
-  const auto group = [&]() -> std::pair<std::size_t, std::unique_ptr<SideBySide>> {
-    const std::lock_guard<std::mutex> mine(lock);
-    const std::size_t first = next;
-    if (first == problems.size()) return {first, nullptr};
-    auto found = std::make_unique<SideBySide>(problems, first, tape);
-    next += found->size();
-    return {first, std::move(found)};
-  };
-  const auto work = [&] {
-    try {
-      for (;;) {
-        const auto [first, side] = group();
-        if (!side) return;
-        const auto from = static_cast<Index>(first);
-        VectorXd need(needed.cols()), apply(needed.cols());
-        for (Index e = 0; e < tape.points(); ++e) {
-          if (needed.row(e).isZero(0.0) && applied.row(e).isZero(0.0)) continue;  // of a row that is not asked for
-          (*side)(e, need, apply, [&, at = from](std::size_t k, const VectorXd& x, const VectorXd& y) {
-            out[at + static_cast<Index>(k)] += needed.row(e).dot(x) + applied.row(e).dot(y);
-          });
-        }
-      }
-    } catch (...) {
-      const std::lock_guard<std::mutex> mine(lock);
-      wrong = std::current_exception();
-      next = problems.size();
+VectorXd weigh(const std::vector<Parameter>& parameters, const Tape& tape, const Rows& by_needed,
+               const Rows& by_applied, int threads) {
+  Rows needed = by_needed, applied = by_applied;
+  const std::vector<Index> shared = shared_places(tape);
+  for (Index e = 0; e < tape.points(); ++e) {
+    const Index of = shared[static_cast<std::size_t>(e)];
+    if (of == e) continue;
+    for (Rows* x : {&needed, &applied}) {
+      x->row(of) += x->row(e);
+      x->row(e).setZero();
     }
-  };
-  const std::size_t groups = problems.size() / static_cast<std::size_t>(lanes::best_kernels().width) + 1;
-  std::vector<std::thread> others;
-  for (std::size_t k = 1; k < std::min(static_cast<std::size_t>(threads), groups); ++k) others.emplace_back(work);
-  work();
-  for (std::thread& t : others) t.join();
-  if (wrong) std::rethrow_exception(wrong);
+  }
+  VectorXd out = VectorXd::Zero(static_cast<Index>(parameters.size()));
+  for_neighbours(
+      parameters, tape, threads, [&](Index e) { return !needed.row(e).isZero(0.0) || !applied.row(e).isZero(0.0); },
+      [&](std::size_t p, double weight, Index e, const VectorXd& x, const VectorXd& y) {
+        out[static_cast<Index>(p)] += weight * (needed.row(e).dot(x) + applied.row(e).dot(y));
+      });
   return out;
 }
 

@@ -1,6 +1,7 @@
 // A problem at the places of a tape: forces, and their slopes.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <exception>
 #include <limits>
@@ -163,6 +164,38 @@ class Places {
   std::vector<Rub> rubs_;
 };
 
+/// Of each place of a tape the one whose slopes are its own, too: itself or, of a row, the stage beside it that has the
+/// same state. Their accelerations are equal but for the error of a step's iteration.
+inline std::vector<Index> shared_places(const Tape& tape) {
+  constexpr double kSameTime = 1e-12, kSame = 1e-5;  // of the time, of the largest acceleration
+  const Index count = tape.points();
+  std::vector<Index> out(static_cast<std::size_t>(count));
+  for (Index e = 0; e < count; ++e) out[static_cast<std::size_t>(e)] = e;
+  std::vector<bool> row(out.size(), false);
+  for (const Tape::Row& r : tape.rows)
+    if (r.point >= 0) row[static_cast<std::size_t>(r.point)] = true;
+  const auto same = [&](const auto& x, Index e, Index f) {
+    const Index n = static_cast<Index>(x.size()) / count;
+    return std::equal(x.begin() + e * n, x.begin() + (e + 1) * n, x.begin() + f * n);
+  };
+  const auto alike = [&](Index e, Index f) {
+    if (f < 0 || f >= count || row[static_cast<std::size_t>(f)]) return false;
+    const double t = tape.t[static_cast<std::size_t>(e)], other = tape.t[static_cast<std::size_t>(f)];
+    if (std::abs(t - other) > kSameTime * std::max(1.0, std::abs(t)) || tape.held_at(e) != tape.held_at(f))
+      return false;
+    if (!same(tape.q, e, f) || !same(tape.v, e, f) || !same(tape.contact, e, f) || !same(tape.sides, e, f))
+      return false;
+    const Index n = static_cast<Index>(tape.a.size()) / count;
+    const Eigen::Map<const VectorXd> a(tape.a.data() + e * n, n), b(tape.a.data() + f * n, n);
+    return (a - b).lpNorm<Eigen::Infinity>() <= kSame * a.lpNorm<Eigen::Infinity>();
+  };
+  for (Index e = 0; e < count; ++e)
+    if (row[static_cast<std::size_t>(e)])
+      for (const Index f : {e - 1, e + 1})
+        if (alike(e, f)) out[static_cast<std::size_t>(e)] = f;
+  return out;
+}
+
 /// The place whose forces hold the held rates when a step begins: the one that the method was at before.
 inline Index place_before(const Tape& tape, Index entry) {
   const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
@@ -174,17 +207,22 @@ class Ahead {
  public:
   /// @param rows  whether the places of rows are asked for
   Ahead(const Problem& of, const Tape& tape, bool rows, int threads)
-      : asked_(static_cast<std::size_t>(tape.points()), 1),
+      : shared_(shared_places(tape)),
+        asked_(static_cast<std::size_t>(tape.points()), 1),
         kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm->nv()) : 1)) {
-    for (const Tape::Row& row : tape.rows)
-      if (row.point >= 0) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
+    for (const Tape::Row& row : tape.rows) {
+      if (row.point < 0) continue;
+      asked_[static_cast<std::size_t>(row.point)] = 0;
+      if (rows) asked_[static_cast<std::size_t>(shared_[static_cast<std::size_t>(row.point)])] = 2;
+    }
     for (std::size_t k = 0, leap = 0; !tape.leaps.empty() && k < tape.entries.size(); ++k)
       if (tape.entries[k].h == 0.0 && tape.leaps[leap++].tears != 0.0)
         asked_[static_cast<std::size_t>(tape.entries[k].point)] = 2;
     for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
     for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
   }
-  const Slopes& operator()(Index e) {
+  const Slopes& operator()(Index at) {
+    const Index e = shared_[static_cast<std::size_t>(at)];
     const auto count = static_cast<Index>(kept_.size());
     if (e < first_ || e >= last_) {
       const bool back = e < first_;
@@ -221,6 +259,7 @@ class Ahead {
   }
 
   std::vector<std::unique_ptr<Places>> places_;
+  std::vector<Index> shared_;
   std::vector<char> asked_;
   std::vector<Slopes> kept_;
   Index first_ = std::numeric_limits<Index>::max(), last_ = first_;

@@ -34,7 +34,8 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
 }
 
 /// Tangents of the rows of a tape, a column each of those at its start, and of forces that are held from there.
-/// @param by_p, switches_by_p, accelerations, threads  see `tangents`
+/// @param by_p  of `balance_slopes`
+/// @param switches_by_p, accelerations, threads  see `tangents`
 /// @param nears  whose controllers go along
 std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                        const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
@@ -230,9 +231,10 @@ Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape) {
 }
 
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
-                                          const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
+                                          const std::vector<Rows>& switches_by_p,
                                           const std::vector<Parameter>& parameters, bool accelerations, int threads) {
   Nears nears(parameters);
+  const std::vector<Balance> by_p = balance_slopes(parameters, tape, threads);
   return carry(of, tape, options, by_p, switches_by_p, nears, nears.q0(), nears.v0(), {}, accelerations, threads);
 }
 

@@ -86,26 +86,13 @@ void bind_gradients(py::module_& m) {
           },
           py::arg("problem"))
       .def(
-          "balance",
-          [](const Tape& tape, const PyProblem& of) {
-            Balance found;
-            {
-              const Unlocked free;
-              found = balance(of.problem, tape);
-            }
-            return py::make_tuple(found.needed, found.applied);
-          },
-          py::arg("problem"))
-      .def(
           "weigh",
-          [](const Tape& tape, const std::vector<const PyProblem*>& problems, const Rows& needed, const Rows& applied,
+          [](const Tape& tape, const std::vector<Parameter>& parameters, const Rows& needed, const Rows& applied,
              int threads) {
             const Unlocked free;
-            std::vector<const Problem*> all;
-            for (const PyProblem* p : problems) all.push_back(&p->problem);
-            return weigh(all, tape, needed, applied, threads);
+            return weigh(parameters, tape, needed, applied, threads);
           },
-          py::arg("problems"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
+          py::arg("parameters"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
       .def(
           "repeat_switches",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius) {
@@ -127,20 +114,17 @@ void bind_gradients(py::module_& m) {
       .def(
           "tangents",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius,
-             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches,
-             const std::vector<Parameter>& parameters, bool accelerations, int threads) {
-            std::vector<Balance> balances;
-            for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
+             const std::vector<Rows>& switches, const std::vector<Parameter>& parameters, bool accelerations,
+             int threads) {
             std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
-              found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, parameters, accelerations,
-                               threads);
+              found = tangents(of.problem, tape, {spectral_radius, rtol}, switches, parameters, accelerations, threads);
             }
             return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()));
           },
-          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
-          py::arg("parameters"), py::arg("accelerations"), py::arg("threads"))
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("switches"), py::arg("parameters"),
+          py::arg("accelerations"), py::arg("threads"))
       .def(
           "adjoint",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,

@@ -135,8 +135,8 @@ void bind_time(py::module_& m) {
                [](double weight, double offset, const PyProblem& of) { return Neighbour{weight, offset, of.problem}; }),
            py::arg("weight"), py::arg("offset"), py::arg("problem"), py::keep_alive<1, 4>());
   py::class_<Parameter>(m, "Parameter")
-      .def(py::init<double, bool, std::vector<Neighbour>>(), py::arg("scale"), py::arg("forces_only"),
-           py::arg("neighbours"), py::keep_alive<1, 4>());
+      .def(py::init<double, bool, bool, std::vector<Neighbour>>(), py::arg("scale"), py::arg("forces_only"),
+           py::arg("start_only"), py::arg("neighbours"), py::keep_alive<1, 5>());
 
   py::class_<PyIntegrator>(m, "Integrator")
       .def(py::init([](const std::string& name, double step, double rtol, double spectral_radius, int stages,

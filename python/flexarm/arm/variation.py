@@ -10,6 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,16 @@ class Setup:
     loads: tuple[Load, ...] = ()
     control: tuple[Controller, ...] = ()
     sensors: tuple[Part, ...] = ()  #: Sensor, whose room stands above this one
+
+    @cached_property
+    def known(self) -> list[str]:
+        """Paths of everything that can vary."""
+        out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link")]
+        for key, law in self.drive.items():
+            out += _leaves(law, f"drive.{drive_name(key)}")
+        for parts, name in ((self.loads, "load"), (self.control, "control"), (self.sensors, "sensor")):
+            out += _leaves(parts, name)
+        return out
 
 
 def _numeric(value: Any) -> bool:
@@ -133,18 +144,6 @@ def can_vary(at: str, known: Sequence[str]) -> bool:
     return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
 
 
-def known_paths(setup: Setup) -> list[str]:
-    """Everything of a setup that can vary."""
-    out = ["gravity", "q0", "v0"]
-    out += _leaves(setup.arm.links, "link")
-    for key, law in setup.drive.items():
-        out += _leaves(law, f"drive.{drive_name(key)}")
-    out += _leaves(setup.loads, "load")
-    out += _leaves(setup.control, "control")
-    out += _leaves(setup.sensors, "sensor")
-    return out
-
-
 class Variation:
     """The scenarios of one setup and its parameters.
 
@@ -158,7 +157,7 @@ class Variation:
             raise ValueError(f"parameters = {parameters!r}: must be a dictionary, by paths such as 'link.0.tip.mass'")
         self.setup = setup
         self.values: dict[str, Array] = {}
-        known = known_paths(setup) if parameters else []
+        known = setup.known if parameters else []
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
         for path, value in (parameters or {}).items():
             at = self._at[path] = numbered(setup, path)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._check import Array, finite_number, number, positive
-from ..arm.variation import Setup, Variation, known_paths, numbered, value_at
+from ..arm.variation import Setup, Variation, numbered, value_at
 
 _FACTOR = 3.0  # range of random starts without bounds, as a factor
 
@@ -168,7 +168,7 @@ def _takes(setup: Setup, path: str, value: float) -> bool:
 
 def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None:
     """The value of a path in a setup; None if it is left out there. ValueError if it is no number."""
-    path, known = numbered(setup, path), known_paths(setup)
+    path, known = numbered(setup, path), setup.known
     value, _ = value_at(setup, path, dict(zip(("q0", "v0"), state, strict=True)))
     if value is None and path not in known:
         states = [f"{k}.{i}" for k, x in zip(("q0", "v0"), state, strict=True) for i in range(len(x))]

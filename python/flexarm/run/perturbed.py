@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array
-from ..arm.variation import Setup, Variation, can_vary, drive_name, known_paths, numbered, value_at
+from ..arm.variation import Setup, Variation, can_vary, drive_name, numbered, value_at
 from .problem import Problem
 from .start import start
 
@@ -41,6 +41,16 @@ class Parameter(NamedTuple):
         """Whether it changes no more than controllers and the start."""
         return self.path.partition(".")[0] in ("control", "q0", "v0")
 
+    @property
+    def start_only(self) -> bool:
+        """Whether it does not change the equations of motion."""
+        return self.path.partition(".")[0] in ("q0", "v0", "sensor")
+
+    @property
+    def core(self) -> _core.Parameter:
+        near = [_core.Neighbour(n.weight, n.offset, n.problem.core) for n in self.neighbours]
+        return _core.Parameter(self.scale, self.forces_only, self.start_only, near)
+
 
 def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core.Parameter]:
     """Parameters, as the core takes them.
@@ -54,8 +64,7 @@ def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core
             raise ValueError(
                 f"parameters: '{p.path}' changes when a controller samples, by which a run has no derivative"
             )
-    return [_core.Parameter(p.scale, p.forces_only, [_core.Neighbour(n.weight, n.offset, n.problem.core)
-            for n in p.neighbours]) for p in parameters]  # fmt: skip
+    return [p.core for p in parameters]
 
 
 #: Steps of a difference, and its weights: of fourth order, central and (at a bound of the parameter) on one side.
@@ -139,7 +148,8 @@ def _problem(
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
     for name, value in begin.items():
         rows = near.initial(name, value[None])
-        free = np.setdiff1d(np.arange(value.size), given[name])
+        free = np.ones(value.size, dtype=bool)
+        free[given[name]] = False
         out.start[name][free] = rows[i % len(rows)][free]
     return out, made
 
@@ -165,7 +175,7 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
     """The number at a path, and its size."""
     here, like = value_at(setup, path, start)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
-        if not can_vary(numbered(setup, path), known_paths(setup)):
+        if not can_vary(numbered(setup, path), setup.known):
             Variation(setup, {path: [1.0]})  # whose message has a path that is like it
         raise ValueError(f"parameters: '{path}' is no single number that can vary")
     size = abs(float(here))

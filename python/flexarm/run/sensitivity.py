@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, choice
-from .._threads import cores, each
+from .._threads import cores
 from ..arm.variation import Setup
 from ..model.acting.drive import Torque, Voltage
 from ..model.acting.motor import torque_limits
@@ -35,11 +35,9 @@ from .problem import Problem
 from .result import Result
 
 ROWS = ("q", "v", "a", "tau")
-_ROUNDING = 1e-13
 _SAMPLES = re.compile(r"drive\..+\.samples")
 _SMALLER = (1.0, 0.1, 0.01)  # that step again, where none of its neighbours goes the same way
 NEAR = 1e-6  #: step of differences in steps in which friction switches: a larger one may switch in another step
-_STARTS = ("q0", "v0", "sensor")  # parameters that do not change the equations of motion
 
 #: An output of a run, from its rows and its setup.
 Output = Callable[[Result, Setup], ArrayLike]
@@ -179,9 +177,8 @@ class Source:
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
-        by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
-        found = tape.tangents(core, *self._numbers, by, switches, core_parameters(run, near), True, workers)
+        found = tape.tangents(core, *self._numbers, switches, core_parameters(run, near), True, workers)
         mine, arm, nv = rows_of(tape), self.setup.arm, self.setup.arm.nv
         rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, : getattr(result, k).shape[1]]) for k in ROWS}
         for k, p in enumerate(near):
@@ -223,8 +220,8 @@ class Source:
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
         q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
-        core_parameters(run, list(near.values()))  # which checks them
-        forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
+        forces = dict(zip(near, tape.weigh(core_parameters(run, list(near.values())), needed, applied, workers),
+                          strict=True))  # fmt: skip
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)
         whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
         out: dict[str, Any] = {}
@@ -258,30 +255,9 @@ class Source:
         of = self.integrator if isinstance(self.integrator, Implicit) else Implicit(1.0)
         return of.rtol, of.spectral_radius
 
-    def _by(self, tape: Any, near: Sequence[Parameter], run: Problem, workers: int) -> list[tuple[Array, Array]]:
-        """By each parameter: derivatives of the forces at the places of a tape that are needed, and applied, at fixed
-        motion."""
-        shape = len(tape.t), run.both.nv
-        out = [(np.zeros(shape), np.zeros(shape)) for _ in near]
-
-        def one(k: int) -> None:
-            if near[k].path.split(".")[0] in _STARTS:
-                return
-            most = [0.0, 0.0]
-            for n in near[k].neighbours:
-                for i, x in enumerate(tape.balance(n.problem.core)):
-                    out[k][i][:] += n.weight * x
-                    most[i] += abs(n.weight) * float(np.abs(x).max())
-            for x, size in zip(out[k], most, strict=True):  # rounding alone is zero
-                if np.abs(x).max() < _ROUNDING * size:
-                    x[:] = 0.0
-
-        each(one, len(near), workers)
-        return out
-
     def _switches(self, tape: Any, p: Parameter, run: Problem) -> Array:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
-        if p.path.split(".")[0] in _STARTS or not len(tape.switches):
+        if p.start_only or not len(tape.switches):
             return np.zeros((len(tape.switches), 2 * run.both.nv))
         return repeated(tape, lambda part: self._near([p.path], part)[0], run.core, self._numbers)
 
@@ -342,16 +318,6 @@ def _done(out: dict[str, Any]) -> dict[str, Any]:
         raise KeyboardInterrupt
     if out["failure"]:
         raise RunStopped(f"the run stopped at t = {out['reached']:.9g} s: {out['failure']}", out["reached"])
-    return out
-
-
-def by_parameters(tape: Any, near: Sequence[Parameter], needed: Array, applied: Array, workers: int) -> Array:
-    """Derivatives by parameters (np) of a number whose derivatives by the forces at the places of a tape, `needed` and
-    `applied`, are given."""
-    by = [(k, n) for k, p in enumerate(near) if p.path.split(".")[0] not in _STARTS for n in p.neighbours]
-    found = tape.weigh([n.problem.core for _, n in by], needed, applied, workers)
-    out = np.zeros(len(near))
-    np.add.at(out, [k for k, _ in by], [n.weight * x for (_, n), x in zip(by, found, strict=True)])
     return out
 
 

@@ -17,6 +17,7 @@ struct Neighbour {
 struct Parameter {
   double scale = 1.0;        ///< its size: an error of its derivatives counts times this
   bool forces_only = false;  ///< whether it changes nothing but controllers and the start
+  bool start_only = false;   ///< whether it changes nothing but the start
   std::vector<Neighbour> neighbours = {};
 };
 

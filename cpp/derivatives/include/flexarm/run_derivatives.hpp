@@ -19,13 +19,13 @@ struct Balance {
 /// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
 void keep_sides(const Problem& of, Tape& tape);
 
-/// Of this problem, under the forces that the run's controllers hold, at the places of another's tape: those of the
-/// same arm with other numbers, say, whose motions are the other's where they are not prescribed here.
-Balance balance(const Problem& of, const Tape& tape);
+/// Derivatives of the balance at the places of a tape by each parameter, at fixed q, v and a, but for those prescribed,
+/// under the forces that the run's controllers hold.
+std::vector<Balance> balance_slopes(const std::vector<Parameter>& parameters, const Tape& tape, int threads = 1);
 
-/// Of each problem, the sum over the places of a tape of its needed and applied forces times weights (places, nv):
-/// with those of an adjoint, and by differences of neighbours, the derivative of its number by a parameter.
-Eigen::VectorXd weigh(const std::vector<const Problem*>& problems, const Tape& tape, const Trajectory::Rows& needed,
+/// The sums of `balance_slopes` over the places of a tape, times weights (places, nv): with those of an adjoint, the
+/// derivative of its number by each parameter.
+Eigen::VectorXd weigh(const std::vector<Parameter>& parameters, const Tape& tape, const Trajectory::Rows& needed,
                       const Trajectory::Rows& applied, int threads = 1);
 
 /// Steps that this problem takes from the beginnings of the tape's switches.
@@ -51,7 +51,6 @@ struct Adjoint {
 
 /// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
 /// holds, lets go or turns a joint, by differences of such a step.
-/// @param by_p   derivatives of the balance by each parameter, at fixed q, v and a, but for those prescribed
 /// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
 /// @param parameters  whose neighbours tell the start, and whose sampled laws are asked too, each at its own state
 /// @param accelerations  whether a and tau are asked for as well
@@ -59,7 +58,6 @@ struct Adjoint {
 /// @return of each parameter derivatives of the rows; of friction none
 /// @throws std::invalid_argument for ball joints
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
-                                          const std::vector<Balance>& by_p,
                                           const std::vector<Trajectory::Rows>& switches_by_p,
                                           const std::vector<Parameter>& parameters, bool accelerations,
                                           int threads = 1);

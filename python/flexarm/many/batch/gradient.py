@@ -21,7 +21,7 @@ from ...model.acting.motor import torque_limits
 from ...run.integrators import Integrator
 from ...run.perturbed import Parameter, check_paths, components, problems
 from ...run.problem import Problem
-from ...run.sensitivity import by_parameters, repeated
+from ...run.sensitivity import repeated
 from .arguments import default_workers, stepping
 from .rollout import rollout
 
@@ -248,7 +248,7 @@ class _Rolls:
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
         np.add.at(forces, ends - 1, held)
         forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # beyond the limits of motors
-        by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
+        by = tape.weigh([p.core for p in of.neighbours.values()], needed, applied, self.workers)
         if len(ends):
 
             def near(path: str, part: float) -> Parameter:
