@@ -122,16 +122,6 @@ void check_options(const IdaOptions& o) {
   if (o.max_order < 1 || o.max_order > 5) bad_value("max_order", o.max_order, "must be from 1 to 5");
 }
 
-/// Whether a drive, a load or a reference of control is a function without samples.
-bool asks_functions(const Problem& problem) {
-  const auto unsampled = [](const auto& all) {
-    return std::any_of(all.begin(), all.end(), [](const auto& x) { return x.breaks.size() == 0; });
-  };
-  const auto follows = [](const Feedback& f) { return f.reference && f.breaks.size() == 0; };
-  return unsampled(problem.drives) || unsampled(problem.loads) ||
-         std::any_of(problem.feedback.begin(), problem.feedback.end(), follows);
-}
-
 /// The time behind `reached` that no step may pass over, or a driven arm at rest would sleep through a pulse: a sample
 /// of drives, loads and controllers, or, where one of these is a function, an output time.
 double stop_time(const System& s, double reached, const Eigen::VectorXd& t, bool functions) {
@@ -399,7 +389,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   if (s.tangents) solver.tangents.emplace().attach(solver.memory, s, solver.y, solver.context, options, parameters);
   watch(solver.memory, events);
   try {
-    integrate(solver, s, t, asks_functions(problem), options, alive, out);
+    integrate(solver, s, t, problem.asks_functions(), options, alive, out);
   } catch (const Interrupted&) {
     out.failure = kInterrupted;
   }

@@ -18,7 +18,7 @@ namespace flexarm {
 namespace {
 
 constexpr const char* kFormat = "flexarm scene";
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
 
 }  // namespace
@@ -313,6 +313,7 @@ void fields(Node& a, Scene& x) {
   a("step", x.step);
   a("spectral_radius", x.method.spectral_radius);
   a("stages", x.method.stages);
+  a("tolerance", x.method.tolerance);
 }
 
 namespace {
@@ -368,7 +369,8 @@ void complete(Node& a, Scene& scene) {
     p.check();
     p.control();
     check_times(scene.t);
-    if (scene.method.name != "ida") scene.method.on(arm, positive("step", scene.step));
+    if (scene.method.name != "ida")
+      scene.method.on(arm, scene.method.tolerance > 0.0 ? 1.0 : positive("step", scene.step));
   });
 }
 

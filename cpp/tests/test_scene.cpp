@@ -181,11 +181,11 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":1", "\"version\":2", "version = 2: this flexarm reads 1; compile the scene again");
+  names("\"version\":2", "\"version\":3", "version = 3: this flexarm reads 2; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
-  names("\"version\":1", "\"version\":1,\"version\":1", "the key 'version' is there twice");
+  names("\"version\":2", "\"version\":2,\"version\":2", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");
-  names("\"version\":1", "\"version\":1,\"wings\":2",
+  names("\"version\":2", "\"version\":2,\"wings\":2",
         "the file: unknown key \"wings\"; known are format, version, arm");
   names("\"length\":", "\"lenght\":", "arm.links[0].beam: missing key 'length'");
   names("\"length\":0.3", "\"length\":\"0.3\"", "arm.links[1].beam.length = \"0.3\": must be a number");

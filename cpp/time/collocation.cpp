@@ -21,7 +21,12 @@ constexpr double kBest = 0.02;   // contraction that is believed without having 
 constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kFar = 30.0;    // times the energy that a step begins with and its forces bring: no solution is so far
+constexpr double kSeen = 0.15;   // periods over 2 pi in a step: faster modes count by their size, not by their force
+constexpr double kAlmost = 1.0 - 1e-6;  // part of a step: its end, before a force may leap there
+constexpr double kOfRun = 0.25;         // of the tolerance, for a step: the errors of a run's steps add up
+constexpr double kOfRubbing = 0.03;     // of an arm with dry friction, whose switches pass errors of its forces on
+constexpr double kOfPlaces = 1e-3;      // of the tolerance of places, to which the equations are solved
+constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 
 /// The quaternion at `k` of p0, turned by u, into p.
 void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
@@ -49,6 +54,7 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   if (s_ < 1 || s_ > 4) bad_value("stages", s_, "must be from 1 to 4");
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
+  if (options.tolerance != 0.0) positive("tolerance", options.tolerance);
   const GaussRule rule = rubs(arm).empty() ? GaussRule(s_) : radau_rule(s_);
   c_ = rule.points;
   b_ = rule.weights;
@@ -92,6 +98,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   h_factored_ = scale_ = peak_ = 0.0;
   fresh_ = false;
   movable_ = ws.free;
+  if (chooses()) prepare_judgement(ws);
   choose_free();
   a_.colwise() = ws.a;
   q_.colwise() = q;
@@ -130,7 +137,104 @@ void CollocationStep::choose_free() {
   M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
   newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
+  if (chooses()) {
+    damping_ = Eigen::MatrixXd::Identity(n, n);
+    error_of_ = missed_force_ = Eigen::VectorXd::Zero(n);
+  }
   fresh_ = false;
+}
+
+/// Places that are looked at: each link's end, and the middle of its beam; and the part of an error that shows there.
+/// Between its points the accelerations of a step are off by a polynomial that is zero at these.
+void CollocationStep::prepare_judgement(Workspace& ws) {
+  seen_.clear();
+  move_arm(*arm_, ws, arm_->zero(), Eigen::VectorXd::Zero(arm_->nv()));
+  Eigen::Vector3d before = Eigen::Vector3d::Zero();
+  length_ = 0.0;
+  for (std::size_t n = 0; n < arm_->size(); ++n) {
+    seen_.emplace_back(*arm_, n);
+    if (const auto& beam = arm_->link(n).beam()) seen_.emplace_back(*arm_, n, 0.5 * beam->length());
+    const Eigen::Vector3d end = slice_pose(ws, n).p;
+    length_ += (end - before).norm();
+    before = end;
+  }
+  if (length_ == 0.0) length_ = 1.0;
+  moves_.setZero(6 * static_cast<Eigen::Index>(seen_.size()) + arm_->nv(), arm_->nv());
+  jacobian_.setZero(6, arm_->nv());
+  Eigen::VectorXd zeros = Eigen::VectorXd::Zero(s_ + 1);  // of the polynomial: its coefficients, lowest power first
+  zeros[0] = 1.0;
+  for (int j = 0; j < s_; ++j)
+    for (int k = s_; k >= 0; --k) zeros[k] = (k > 0 ? zeros[k - 1] : 0.0) - c_[j] * zeros[k];
+  const double at_start = std::abs(zeros[0]);
+  missed_ = 0.0;
+  for (int n = 1; n <= 64; ++n) {
+    double twice = 0.0;
+    for (int k = s_; k >= 0; --k) twice = twice * n / 64.0 + zeros[k] / ((k + 1.0) * (k + 2.0));
+    missed_ = std::max(missed_, std::abs(twice) * n * n / 4096.0 / at_start);
+  }
+  seen_at_ = rests_ ? Eigen::VectorXd(Eigen::VectorXd::Zero(1)) : Eigen::VectorXd(Eigen::Vector2d(0.0, kAlmost));
+}
+
+/// What each coordinate moves, at the workspace's state.
+void CollocationStep::see_places(Workspace& ws) {
+  const double tolerance = options_.tolerance * (rests_ ? kOfRubbing : kOfRun);
+  move_arm(*arm_, ws, qs_, vs_);
+  Eigen::Index row = 0;
+  for (const PlacedSlice& at : seen_) {
+    slice_jacobian(*arm_, ws, at, jacobian_);
+    moves_.middleRows<3>(row) = jacobian_.topRows<3>() / (length_ * tolerance);
+    if (!at.on_beam()) moves_.middleRows<3>(row + 3) = jacobian_.bottomRows<3>() / tolerance;
+    row += 6;
+  }
+  for (std::size_t n = 0; n < arm_->size(); ++n) {
+    const Joint& joint = arm_->link(n).joint();
+    Eigen::Index i = arm_->first(n);
+    for (const auto& motion : joint.motions()) {
+      moves_(row + i, i) = 1.0 / (tolerance * (motion.rotation ? 1.0 : length_));
+      ++i;
+    }
+  }
+}
+
+/// The error of the step that has been taken, from that of the equations of motion where they were not solved. What the
+/// matrix of a damped step makes of it are displacements: of modes that are slow, in proportion to h^2; of modes that
+/// are too fast to be seen, their own size.
+void CollocationStep::judge(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                            const Given& given) {
+  error_ = 0.0;
+  const Eigen::Index n = M_.rows();
+  if (n == 0) return;
+  for (double x : seen_at_) {
+    inside(x, q, v);
+    if (given) given(x);
+    as_ = ws.a;
+    for (int row : free_) {
+      double sum = 0.0;
+      for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
+      as_[row] = sum;
+    }
+    for (std::size_t i = 0; i < contact_.size(); ++i)
+      if (contact_[i] == Tape::held) as_[static_cast<Eigen::Index>(i)] = 0.0;
+    inverse_dynamics(*arm_, ws, q, v, as_);
+    ++counts_.evaluations;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const int row = free_[static_cast<std::size_t>(k)];
+      missed_force_[k] = h * h * missed_ * (tau[row] + rub_[row] - ws.tau[row]);
+    }
+    error_of_ = damped_.solve(missed_force_);
+    for (Eigen::Index row = 0; row < moves_.rows(); ++row) {
+      double sum = 0.0;
+      for (Eigen::Index k = 0; k < n; ++k) sum += moves_(row, free_[static_cast<std::size_t>(k)]) * error_of_[k];
+      error_ = std::isfinite(sum) ? std::max(error_, std::abs(sum)) : HUGE_VAL;
+    }
+  }
+}
+
+void CollocationStep::undo(Eigen::VectorXd& q, Eigen::VectorXd& v) {
+  q = q0_;
+  v = v0_;
+  a_ = a_before_;
+  h_ = h_before_;
 }
 
 /// Accelerations of the step before, continued; where the step grows much they begin with the last.
@@ -192,6 +296,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
   reduce();
+  if (chooses()) see_places(ws);
   fresh_ = true;
   h_factored_ = 0.0;
 }
@@ -219,6 +324,10 @@ bool CollocationStep::factor(double h) {
     }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
+  if (chooses()) {
+    damping_ = M_ + kSeen * h * (C_ + kSeen * h * K_);
+    damped_.compute(damping_);
+  }
   h_factored_ = h;
   ++counts_.factorisations;
   return true;
@@ -328,7 +437,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     contraction_ = newton.contraction;
     const bool stalled = newton.stalls(iteration) && (moved <= kFloor * scale || lost(h));
     if (!stalled && more && ++grown == kGivenUp) return Status::not_converged;
-    if (newton.left() <= options_.rtol * scale || stalled) {
+    if (newton.left() <= std::max(options_.rtol, kOfPlaces * options_.tolerance) * scale || stalled) {
       if (!place(h) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
@@ -367,7 +476,9 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
     a_ = a_before_;  // from which a shorter step goes on
     return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
+  h_before_ = h_;
   h_ = h;
+  if (chooses()) judge(h, ws, q, v, tau, given);
   inside(1.0, q, v);
   if (given) given(1.0);
   if (tape_) {
@@ -388,6 +499,7 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);
+  for (double& number : moves_.reshaped()) visit(number);
   for (double* x : {&h_, &h_factored_, &contraction_, &best_, &scale_, &peak_}) visit(*x);
   double fresh = fresh_ ? 1.0 : 0.0;
   visit(fresh);

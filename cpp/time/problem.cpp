@@ -26,6 +26,14 @@ void Problem::check() const {
   }
 }
 
+bool Problem::asks_functions() const {
+  const auto unsampled = [](const auto& all) {
+    return std::any_of(all.begin(), all.end(), [](const auto& x) { return x.breaks.size() == 0; });
+  };
+  const auto follows = [](const Feedback& f) { return f.reference && f.breaks.size() == 0; };
+  return unsampled(drives) || unsampled(loads) || std::any_of(feedback.begin(), feedback.end(), follows);
+}
+
 void check_times(const Eigen::VectorXd& t) {
   if (t.size() < 2) bad_value("t", t.size(), "needs at least two times");
   if (!t.allFinite()) bad_value("t", "nan or inf", "must be finite");

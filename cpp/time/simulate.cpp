@@ -50,7 +50,7 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
                           const Alive& alive, Tape* tape) {
   problem.check();
   check_times(t);
-  check_step(step, t);
+  if (!method.chooses()) check_step(step, t);
   Control control = problem.control();
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
@@ -90,8 +90,9 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
   };
   const auto each = [&] { return going = !alive || alive(out.reached); };
   const double end = t[t.size() - 1];
+  const bool steps_over = method.interpolates() && !(method.chooses() && problem.asks_functions());
   while (status == Status::ok && out.reached < end) {
-    const double stop = way.next_stop(method.interpolates() ? end : t[out.done]);
+    const double stop = way.next_stop(steps_over ? end : t[out.done]);
     try {
       status = way.advance(stop, after, each);
     } catch (const Interrupted&) {

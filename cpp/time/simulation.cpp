@@ -1,5 +1,7 @@
 #include "flexarm/simulation.hpp"
 
+#include <limits>
+
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
 #include "stepper.hpp"
@@ -11,6 +13,7 @@ std::unique_ptr<Step> Method::on(const Arm& arm, double step) const {
   if (name == "gauss") {
     CollocationOptions options;
     options.stages = stages;
+    options.tolerance = tolerance;
     if (rtol != 0.0) options.rtol = rtol;
     return std::make_unique<CollocationStep>(arm, options, friction);
   }
@@ -76,7 +79,8 @@ struct Simulation::Motion {
     seen.start(t);
   }
 
-  Status go(double until, const Alive& alive) {
+  /// @param one  by one step, of those that are chosen
+  Status go(double until, const Alive& alive, bool one = false) {
     known = false;
     events.terminated = false;
     if (changed) {
@@ -93,7 +97,7 @@ struct Simulation::Motion {
       way.enough = events.terminated;
       return Status::ok;
     };
-    const auto each = [&] { return going = !alive || alive(way.reached); };
+    const auto each = [&] { return going = !one && (!alive || alive(way.reached)); };
     while (status == Status::ok && going && way.reached < until && !events.terminated) {
       status = way.advance(way.next_stop(until), after, each);
       if (status == Status::ok && !events.terminated) status = way.sample();
@@ -143,6 +147,8 @@ struct Simulation::Motion {
       for (double& number : *x) f(number);
     for (Vec6<double>& x : in.load)
       for (double& number : x) f(number);
+    f(way.wanted);
+    f(way.error);
     double flags[] = {static_cast<double>(counted), changed ? 1.0 : 0.0};
     for (double& number : flags) f(number);
     counted = static_cast<long>(flags[0]);
@@ -153,7 +159,7 @@ struct Simulation::Motion {
 
 Simulation::Simulation(const Problem& problem, const Method& method, double step, double t) {
   problem.check();
-  positive("step", step);
+  if (method.tolerance == 0.0) positive("step", step);
   motion_ = std::make_unique<Motion>(problem, method, step, t);
 }
 Simulation::Simulation(Simulation&&) noexcept = default;
@@ -161,6 +167,7 @@ Simulation::~Simulation() = default;
 
 Status Simulation::step() {
   Motion& m = *motion_;
+  if (m.method->chooses()) return m.go(std::numeric_limits<double>::infinity(), {}, true);
   const double until = m.anchor + static_cast<double>(m.counted + 1) * m.step;
   if (m.go(until, {}) == Status::ok) ++m.counted;
   if (m.events.terminated) m.count_from_here();

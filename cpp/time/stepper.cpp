@@ -25,7 +25,14 @@ constexpr int kSearch = 40;           // halvings of the time in which a switch 
 constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
 constexpr int kAims = 4;              // steps that try to end where a joint comes to rest
 constexpr double kFewSteps = 3.0;     // that resolve no swing, of a method that knows the ends of its steps alone
-constexpr std::size_t kMany = 100;    // so many switches within a step are no motion
+constexpr double kFirst = 0.02;       // parts of the run: the longest first step that is chosen
+constexpr double kLongest = 0.25;     // and the longest at all
+constexpr double kShortest = 1e-10;   // and the shortest whose error counts
+constexpr double kWithin = 0.9;       // part of a step's length for an error that is just allowed, that is aimed at
+constexpr double kLeastChange = 0.1, kMostChange = 4.0;  // of the length from one step to the next
+constexpr double kWorthwhile = 1.2;  // a step that may grow by less keeps its length, and its matrices
+constexpr double kNowForLength = 0.7, kBeforeForLength = 0.4;  // powers of the errors of this step and the one before
+constexpr std::size_t kMany = 100;                             // so many switches within a step are no motion
 
 /// Whether the Gauss points of a step resolve a prescribed motion: its acceleration and velocity there, integrated, are
 /// its change of velocity and place, and at its samples in between (some of them, if they are many) its velocity is
@@ -101,6 +108,14 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
       q1_(s.q),
       v1_(s.v),
       cubic_(s) {
+  const double run = looks.size() > 1 ? looks[looks.size() - 1] - looks[0] : 1.0;
+  same_ = kSameTime * step;
+  if (method.chooses()) {
+    same_ = 1e-14 * (std::abs(reached) + run);
+    longest_ = kLongest * run;
+    shortest_ = kShortest * run;
+    wanted = std::min(kFirst * run, looks.size() > 1 ? looks[1] - looks[0] : run);
+  }
   s.rubbing = method.rubbing();
   if (!method.switches_within())
     for (const Rub& rub : rubs(s.arm))
@@ -120,7 +135,7 @@ void Stepper::begin() {
 }
 
 bool Stepper::look() {
-  const double until = reached + kSameTime * step;
+  const double until = reached + same_;
   const bool due = tape_ && s.control.due(until), changed = s.sample(until);
   if (!due) return changed;
   const Eigen::Index place = tape_->add(reached, s.q, s.v, s.a);
@@ -131,7 +146,33 @@ bool Stepper::look() {
 }
 
 double Stepper::next_stop(double until) const {
-  return flexarm::next_stop(s.drives, s.loads, s.control, reached, until, step, !method.interpolates());
+  return flexarm::next_stop(s.drives, s.loads, s.control, reached, until, same_ / kSameTime, !method.interpolates());
+}
+
+double Stepper::length_to(double stop, double& last) const {
+  const double whole = stop - reached, h = std::max(std::min(wanted, longest_), shortest_);
+  last = std::nan("");
+  if (whole > 4.0 * h) return h;
+  const double count = std::max(1.0, std::ceil(whole / h - kSameTime));
+  if (count == 1.0) last = stop;
+  return whole / count;
+}
+
+bool Stepper::good_enough(double h, int tries) {
+  const double found = std::max(method.error(), 1e-10), order = method.error_order();
+  if (found > 1.0 && h > shortest_) {
+    wanted = h * std::min(std::max(kWithin * std::pow(found, -1.0 / order), kLeastChange), 0.8);
+    method.undo(s.q, s.v);
+    if (tape_) tape_->take_back();
+    return false;
+  }
+  double change = kWithin * std::pow(found, -kNowForLength / order) * std::pow(error, kBeforeForLength / order);
+  change = std::min(std::max(change, kLeastChange), tries > 0 ? 1.0 : kMostChange);
+  if (change > 1.0 && change < kWorthwhile) change = 1.0;
+  const bool cut = h < 0.9 * wanted;
+  wanted = cut ? std::max(wanted, change * h) : change * h;
+  error = found;
+  return true;
 }
 
 Status Stepper::try_step(double from, double h, double last, int level) {
@@ -262,7 +303,8 @@ Saltation Stepper::saltation(const Contact& now) {
     s.accelerate(true);
     return s.friction[i];
   };
-  const double d = std::max(std::min(kDifference * step, 0.25 * (reached - now_.from)), 0.01 * kDifference * step);
+  const double d =
+      std::max(std::min(kDifference * usual(), 0.25 * (reached - now_.from)), 0.01 * kDifference * usual());
   const Saltation out = Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, d, force);
   s.q = q;
   s.v = v;
@@ -289,7 +331,7 @@ Status Stepper::settle() {
   last_switches_.push_back(reached);
   if (last_switches_.size() > kMany) {
     last_switches_.erase(last_switches_.begin());
-    if (last_switches_.back() - last_switches_.front() <= step) {
+    if (last_switches_.back() - last_switches_.front() <= usual()) {
       restless_ = &now;
       return Status::not_converged;
     }
@@ -300,7 +342,7 @@ Status Stepper::settle() {
     return status;
   }
   ++switches;
-  const double few = method.interpolates() ? step : kFewSteps * step;
+  const double few = method.chooses() ? 0.0 : method.interpolates() ? step : kFewSteps * step;
   hasty += reached - std::exchange(now.switched, reached) < few;
   return status;
 }

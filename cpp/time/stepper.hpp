@@ -31,10 +31,10 @@ inline long steps_to(double stop, double step) {
 class Stepper {
  public:
   System s;
-  double reached;  ///< time (s)
-  long steps = 0, halved = 0;
-  long switches = 0;  ///< of joints between sticking and sliding, at which steps ended
-  long hasty = 0;     ///< of these, within a step (three of rk4) behind one of the same joint
+  double reached;              ///< time (s)
+  long steps = 0, halved = 0;  ///< halved: whose equations were not solved, or whose error was too large
+  long switches = 0;           ///< of joints between sticking and sliding, at which steps ended
+  long hasty = 0;              ///< of these, within a step (three of rk4) behind one of the same joint
 
   /// @param looks  some times of the run: a prescribed motion's speed there is a measure of the error that a step may
   /// make
@@ -51,6 +51,7 @@ class Stepper {
   /// @param each  called behind each step, and not behind its parts; false ends the way to the stop
   template <class Seen, class Each>
   Status advance(double stop, const Seen& seen, const Each& each) {
+    if (method.chooses()) return choose(stop, seen, each);
     const double start = reached, whole = stop - start;
     const long count = steps_to(whole, step);
     const double h = whole / static_cast<double>(count);
@@ -63,6 +64,9 @@ class Stepper {
     return Status::ok;
   }
   bool enough = false;  ///< set by `seen`: the run ends here
+  /// Of a method that chooses its steps: how long the next step shall be (s), and the last one's error, in parts of the
+  /// one allowed.
+  double wanted = 0.0, error = 1.0;
   /// Runs sampled controllers that are due at the time reached.
   Status sample();
   /// Other forces act from here on.
@@ -74,8 +78,9 @@ class Stepper {
   void record(Tape* tape) { tape_ = tape; }
 
  private:
-  static constexpr int kSplits = 8;  // halvings of a step whose equations cannot be solved
-  static constexpr int kLooks = 5;   // halvings of a step that does not see a motion; then it is taken to jump
+  static constexpr double kShorter = 0.25;  // part of a step whose equations cannot be solved
+  static constexpr int kSplits = 8;         // halvings of a step whose equations cannot be solved
+  static constexpr int kLooks = 5;          // halvings of a step that does not see a motion; then it is taken to jump
 
   /// A joint with dry friction that is not prescribed.
   struct Contact {
@@ -96,12 +101,7 @@ class Stepper {
     Status found = try_step(from, h, last, level);
     if (found == Status::ok && !contacts_.empty()) found = end_at_switch(from, h, last, level, share);
     if (found == Status::ok) {
-      reached = share < 1.0 ? from + share * h : std::isnan(last) ? from + h : last;
-      if (share > 0.0) {
-        ++steps;
-        found = seen(from, share * h);
-      }
-      if (found == Status::ok && switched_) found = settle();
+      found = arrive(from, h, last, share, seen);
       if (share == 1.0 || found != Status::ok || enough) return found;
       return part(from + share * h, (1.0 - share) * h, last, level, seen);
     }
@@ -111,6 +111,54 @@ class Stepper {
     const Status half = part(from, 0.5 * h, std::nan(""), level + 1, seen);
     return half == Status::ok && !enough ? part(from + 0.5 * h, 0.5 * h, last, level + 1, seen) : half;
   }
+  /// Behind a step of which a share was taken.
+  template <class Seen>
+  Status arrive(double from, double h, double last, double share, const Seen& seen) {
+    reached = share < 1.0 ? from + share * h : std::isnan(last) ? from + h : last;
+    Status found = Status::ok;
+    if (share > 0.0) {
+      ++steps;
+      found = seen(from, share * h);
+    }
+    return found == Status::ok && switched_ ? settle() : found;
+  }
+  /// `advance` by steps whose error is allowed.
+  template <class Seen, class Each>
+  Status choose(double stop, const Seen& seen, const Each& each) {
+    enough = false;
+    while (reached < stop && !enough) {
+      const double from = reached;
+      double h = 0.0, last = std::nan(""), share = 1.0;
+      int tries = 0;
+      for (Status found = Status::not_converged; found != Status::ok; ++tries) {
+        h = length_to(stop, last);
+        q0_ = s.q;
+        v0_ = s.v;
+        found = try_step(from, h, last, tries);
+        const bool solved = found == Status::ok;
+        if (solved && !good_enough(h, tries)) {
+          ++halved;
+          s.drive(from);
+          found = Status::not_converged;
+          continue;
+        }
+        if (solved && !contacts_.empty()) found = end_at_switch(from, h, last, tries, share);
+        if (found == Status::ok) break;
+        if (found != Status::not_converged || h <= shortest_) return found;
+        ++halved;
+        wanted = kShorter * h;
+        share = 1.0;
+        s.drive(from);
+      }
+      const Status found = arrive(from, h, last, share, seen);
+      if (found != Status::ok || !each()) return found;
+    }
+    return Status::ok;
+  }
+  /// The length of the next step, and, in `last`, the stop if it ends there, else nan.
+  double length_to(double stop, double& last) const;
+  /// Whether the error of a step is allowed; how long the next one shall be. If not, the step is taken back.
+  bool good_enough(double h, int tries);
   /// The first switch of dry friction within the step that has been taken: takes the step again up to there.
   /// @param share  part of the step up to it
   Status end_at_switch(double from, double h, double last, int level, double& share);
@@ -125,6 +173,8 @@ class Stepper {
 
   Step& method;
   const double step;
+  double same_;                 // times that are so near are one (s)
+  double longest_, shortest_;   // steps that are chosen (s)
   std::vector<double> speeds_;  // of prescribed motions
   Step::Given given_;
   struct {
@@ -141,6 +191,9 @@ class Stepper {
   Eigen::VectorXd q1_, v1_;        // where it ended, before it was looked into
   StepCubic cubic_;                // through it, of methods that do not interpolate
   std::vector<double> last_switches_;
+
+  /// A step's length, or, where it is chosen, that of the next.
+  double usual() const { return method.chooses() ? wanted : step; }
 };
 
 }  // namespace flexarm

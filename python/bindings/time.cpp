@@ -140,13 +140,14 @@ void bind_time(py::module_& m) {
 
   py::class_<PyIntegrator>(m, "Integrator")
       .def(py::init([](const std::string& name, double step, double rtol, double spectral_radius, int stages,
-                       double atol, int max_order, const std::string& linear_solver) {
-             return PyIntegrator{
-                 {name, rtol, spectral_radius, stages}, step, {rtol, atol, max_order, solver_of(linear_solver)}};
+                       double atol, int max_order, const std::string& linear_solver, std::optional<double> tolerance) {
+             return PyIntegrator{{name, rtol, spectral_radius, stages, tolerance.value_or(0.0)},
+                                 step,
+                                 {rtol, atol, max_order, solver_of(linear_solver)}};
            }),
            py::arg("name"), py::kw_only(), py::arg("step") = 0.0, py::arg("rtol") = 0.0,
            py::arg("spectral_radius") = 1.0, py::arg("stages") = 4, py::arg("atol") = 0.0, py::arg("max_order") = 5,
-           py::arg("linear_solver") = "auto");
+           py::arg("linear_solver") = "auto", py::arg("tolerance") = py::none());
 
   m.def(
       "simulate_ida",

@@ -471,6 +471,7 @@ class Integrator:
         atol: float = ...,
         max_order: int = ...,
         linear_solver: str = ...,
+        tolerance: float | None = ...,
     ) -> None: ...
 
 def simulate_ida(

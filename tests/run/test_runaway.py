@@ -292,7 +292,7 @@ def sheared() -> fa.Arm:
 def test_a_run_of_ida_is_told_which_modes_hold_its_steps_down() -> None:
     """Shear at 9e4 rad/s, struck by a torque that sets in: 5e5 steps for a second; "implicit" takes 5000."""
     arm, drive = sheared(), {0: fa.Torque(0.5)}
-    run = fa.simulate(arm, [0.0, 0.03], drive=drive)
+    run = fa.simulate(arm, [0.0, 0.03], drive=drive, integrator="ida")
     (found,) = [x for x in run.check() if x.unit == "steps"]
     assert found.value == run.stats["steps"] > 1e4
     assert re.search(r"9e\+04 rad/s \(link 0 shear_. 1\).*integrator = \"implicit\", step = 0.0002 ", str(found))
@@ -359,7 +359,7 @@ def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
 
     said = ("1e+04 s", "vibration", "368 rad/s", '"gauss"')
     with warns(fa.errors.SlowWarning, said), pytest.raises(Enough):
-        fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop)
+        fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop, integrator="ida")
 
 
 def test_what_is_told_during_a_run_is_told_once_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -368,7 +368,7 @@ def test_what_is_told_during_a_run_is_told_once_and_kept(monkeypatch: pytest.Mon
     monkeypatch.setattr(steps_of, "_STEPS_OF_LOOPS", 10)
     monkeypatch.setattr(steps_of, "_TOO_MANY_STEPS", 10)
     with pytest.warns(fa.errors.SlowWarning) as told:
-        run = fa.simulate(sheared(), [0.0, 0.03], drive={0: fa.Torque(0.5)})
+        run = fa.simulate(sheared(), [0.0, 0.03], drive={0: fa.Torque(0.5)}, integrator="ida")
     assert len(told) == 1 and told[0].message.finding in run.check()
     monkeypatch.setattr(steps_of, "_TOO_MANY_STEPS", 1e12)
     control = fa.PD(-25 * INERTIA, 0.0)

@@ -197,4 +197,4 @@ def test_what_is_refused():
     ]
     for setup, path, message in cases:
         with refuses(message):
-            tangents(setup, [path], t)
+            tangents(setup, [path], t, integrator="ida")

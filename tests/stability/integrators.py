@@ -95,14 +95,13 @@ def collapse(blow_up: float = 1.0, power: int = 3) -> dict:
     return _failed(arm, np.linspace(0, 2 * blow_up, 2001), {"drive": {0: torque}})
 
 
-def overflow(speed: float = 100.0, modes: int = 1, **options) -> dict:
+def overflow(speed: float = 100.0, modes: int = 1, integrator: str = "ida", **options) -> dict:
     """The paper's link at order 1 with one mode (or more), far above its critical speed: it grows as
     exp(sqrt(speed^2 - 20.95^2) t) until squares leave double precision, at 1e154."""
     arm = paper_link(1, modes, rotary_inertia=False)
     spin = fa.Motion(lambda x: (speed * x, speed, 0.0))
-    return _failed(
-        arm, np.linspace(0, 20, 2001), {"drive": {0: spin}, "q0": arm.zero + 1e-6 * np.eye(arm.nq)[1]} | options
-    )
+    how = {"drive": {0: spin}, "q0": arm.zero + 1e-6 * np.eye(arm.nq)[1], "integrator": integrator, **options}
+    return _failed(arm, np.linspace(0, 20, 2001), how)
 
 
 def _failed(arm: fa.Arm, t: np.ndarray, how: dict) -> dict:

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ..run.integrators import DENSE
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency
 from .decisions import DECISIONS, Evidence, Reduction, Sizes, keys
 from .measures import callables, probes
 from .models import BeamModel, Model
 from .states import embed, some_rows
-from .trials import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, Run, Trials, by_tolerance, longest_gap, settings_to_try
+from .trials import BY_TOLERANCE, IN_TURN, OVER_OUTPUTS, Run, Trials, by_tolerance, longest_gap, settings_to_try
 
 _MORE_STEPS = 1.6  # least ratio of step counts for a run to count as one with shorter steps
 _CHECK_STAGES = 3  # stages of the Gauss collocation that checks the one of four stages

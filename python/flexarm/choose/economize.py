@@ -17,6 +17,7 @@ from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
 from ..data.draw.tradeoff import Point, Trial, plot_trials
 from ..model.acting.sampled import Sampled
+from ..run.integrators import named
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.watch import Watch
@@ -120,7 +121,7 @@ class ModelPlan:
 
     def _given_run(self) -> Run | None:
         """A run of the scene as given: its own model, integrator and output times; None if it cannot be run."""
-        options = {"integrator": "ida", **self.given.options}
+        options = {"integrator": named(self.given, None, self.given.options), **self.given.options}
         try:
             given = self._search.trials.run(self._search.models.given, options, whole=True)
         except (OutOfTime, ValueError):

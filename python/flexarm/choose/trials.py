@@ -21,8 +21,8 @@ from .measures import Measure, between, thinned
 from .models import Model, Models
 from .states import embed, some_rows
 
-#: The integrators that choose their own steps for a tolerance; every other one takes `step`.
-BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fixed)
+#: The integrators that are compared by their tolerance; every other one by its `step`.
+BY_TOLERANCE = frozenset(set(INTEGRATORS) - set(OPTIONS["step"]))
 
 #: The fixed-step integrators that step over output times.
 OVER_OUTPUTS = frozenset({"gauss"})
@@ -35,8 +35,6 @@ LINES: dict[str, dict[str, Any]] = {
     **{name: {"integrator": name} for name in INTEGRATORS},
     "ida, BDF 2": {"integrator": "ida", "max_order": 2},
 }
-
-DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
 
 
 def longest_gap(scene: Scene) -> float:

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         out.text("summary.txt", shown)
         about = out.json("summary.json", about)
         s = result.stats
-        lines = [shown, f"{s['steps']} steps, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing"]
+        steps = f"{s['steps']} steps of {s['integrator']}, {s['evaluations']} evaluations"
+        lines = [shown, f"{steps}, {s['wall_time']:.3g} s of computing"]
         lines.append(f"Picture, data and summary are in {out}")
     if remarks:
         tip = f" --tip {args.tip}" if args.tip else ""

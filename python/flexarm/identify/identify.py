@@ -18,7 +18,7 @@ from ..data.compare import Comparison
 from ..data.data import Data
 from ..many.batch.arguments import default_workers
 from ..model.acting.drive import Motion, split_drives
-from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
+from ..run.integrators import OPTIONS, integrator_of
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
@@ -367,14 +367,14 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
     """Options of the runs, and whether the step is automatic."""
     options = {k: v for k, v in scene.options.items() if v is not None}
     own = options.get("integrator", "ida")
-    chosen = integrator or (own if INTEGRATORS[own].fixed else _FIXED_STEP)
+    chosen = integrator or (own if own in OPTIONS["step"] else _FIXED_STEP)
     if chosen != own:
         for key in OPTIONS:
             options.pop(key, None)
     options["integrator"] = chosen
     if step is not None:
         options["step"] = number("step", step)
-    auto = INTEGRATORS[chosen].fixed and options.get("step") is None if chosen in INTEGRATORS else False
+    auto = chosen in OPTIONS["step"] and options.get("step") is None
     if auto:
         options["step"] = min(run.data.step for run in runs)
     integrator_of(chosen, **{k: x for k, x in options.items() if k in OPTIONS})

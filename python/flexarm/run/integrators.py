@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import flexarm._core as _core
 
 from .._check import choice, positive, whole, within
+from ..model.acting.drive import Motion, Torque
 from .perturbed import Parameter, core_parameters
 from .problem import Problem
 from .steps import Pace
@@ -21,10 +22,16 @@ class Integrator:
     """A method of time integration: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
 
     name: ClassVar[str]
-    fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
+    needs_step: ClassVar[bool] = True
+    taped: ClassVar[bool] = True  # whether derivatives come from a record of its steps
     explicit: ClassVar[bool] = False  # whether these have a limit; see steps
     iterates: ClassVar[bool] = True  # whether it reads rtol
     rtol = 1e-10
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it takes the steps that it is given."""
+        return getattr(self, "step", None) is not None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -54,7 +61,8 @@ class Ida(Integrator):
     """
 
     name: ClassVar[str] = "ida"
-    fixed: ClassVar[bool] = False
+    needs_step: ClassVar[bool] = False
+    taped: ClassVar[bool] = False
     rtol: float = 1e-6
     atol: float = 1e-9
     max_order: int = 5
@@ -105,31 +113,46 @@ class Implicit(Integrator):
 
 @dataclass(frozen=True)
 class Gauss(Integrator):
-    """Gauss collocation: fixed step, order 2 `stages`, stable at any stiffness, cheap for small errors.
+    """Gauss collocation: chosen or fixed steps, order 2 `stages`, stable at any stiffness, cheap.
 
-    (Hairer & Wanner, Solving ODEs II.) It is symmetric in time. The state between its steps is interpolated, so that
-    output times do not shorten them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a
-    force belong into samples, which its steps end at, and stops that the arm hits need short steps. With dry friction
-    it takes the points of Radau (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch
-    strikes and is too fast for them.
+    (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of what they miss of the
+    places of the arm, its joints and its tip; vibration that is too fast for the steps counts by its size. It is
+    symmetric in time. The state between its steps is interpolated, so that output times do not shorten them; its
+    matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples, which its
+    steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau (Radau
+    IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
 
     Args:
-        step: the longest step (s). Steps end at samples of torques and loads alone; those that would miss some of a
-            motion, or whose equations cannot be solved, are halved.
+        step: the longest step (s); None: it chooses. Steps end at samples of torques and loads alone; those that would
+            miss some of a motion, or whose equations cannot be solved, are halved.
         stages: 1 to 4.
         rtol: how far the equations of a step are solved, as a part of the motion, in the norm of kinetic energy, where
-            coordinates of very small inertia are known to about 1e-8.
+            coordinates of very small inertia are known to about 1e-8; in steps that it chooses no further than a
+            thousandth of the tolerance.
+        tolerance: of steps that it chooses: the error of places that they aim at, as a part of the arm's length, and of
+            angles (rad); a step may miss a quarter of it, with dry friction a thirtieth. With a callable drive, load or
+            reference, none of these steps passes over an output time.
     """
 
     name: ClassVar[str] = "gauss"
-    step: float
+    needs_step: ClassVar[bool] = False
+    step: float | None = None
     stages: int = 4
     rtol: float = 1e-12
+    tolerance: float = 1e-5
 
     def __post_init__(self) -> None:
-        positive("step", self.step)
+        if self.step is not None:
+            positive("step", self.step)
+        positive("tolerance", self.tolerance)
         positive("rtol", self.rtol)
         within("stages", whole("stages", self.stages), 1, 4)
+
+    @property
+    def core(self) -> _core.Integrator:
+        tolerance = self.tolerance if self.step is None else None
+        step = 0.0 if self.step is None else self.step
+        return _core.Integrator(self.name, step=step, stages=self.stages, rtol=self.rtol, tolerance=tolerance)
 
 
 @dataclass(frozen=True)
@@ -156,6 +179,44 @@ INTEGRATORS: Mapping[str, type[Integrator]] = {x.name: x for x in (Ida, Implicit
 _OWN = {name: [f.name for f in fields(x)] for name, x in INTEGRATORS.items()}  # type: ignore[arg-type]
 #: The integrators that have an option.
 OPTIONS = {x: tuple(name for name in _OWN if x in _OWN[name]) for own in _OWN.values() for x in own}
+
+
+DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
+
+
+def asks_functions(of: Any) -> bool:
+    """Whether a torque, a voltage, a load or a reference of a continuous controller of a Setup or Scene is a Python
+    function, which may leap at any time."""
+    laws = [x for x in (*of.drive.values(), *of.loads) if not isinstance(x, Motion)]
+    for law in of.control:
+        if getattr(law, "rate", None) is None:
+            laws += [x for x in vars(law).values() if isinstance(x, Torque)]
+    return any(not isinstance(x.law, (tuple, _core.PiecewisePolynomial)) for x in laws)
+
+
+def named(of: Any, integrator: str | Integrator | None, options: Mapping[str, Any]) -> str | Integrator:
+    """The integrator as given; where none is, "gauss", which chooses its steps; or "ida", if an option of it is given,
+    such as rtol, if a force is a Python function, whose leaps it finds, or if the arm has more than 60 coordinates.
+
+    Args:
+        of: a Setup or Scene.
+    """
+    if integrator is not None:
+        return integrator
+    given = {k for k, x in options.items() if x is not None}
+    if given & set(_OWN["ida"]):
+        return "ida"
+    return "gauss" if given & set(_OWN["gauss"]) or (of.arm.nv <= DENSE and not asks_functions(of)) else "ida"
+
+
+def integrator_on(of: Any, options: Mapping[str, Any]) -> Integrator:
+    """The integrator of a Setup or Scene by the options of a run: its name, which may be missing, and its own.
+
+    Raises:
+        ValueError: as `integrator_of`.
+    """
+    rest = dict(options)
+    return integrator_of(named(of, rest.pop("integrator", None), rest), **rest)
 
 
 def spelled(integrator: str | Integrator, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -197,6 +258,6 @@ def _integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
         whom = f"{', '.join(others)} or {last}" if others else last
         more = f'; "{integrator}" chooses its own steps' if name == "step" else f', not for "{integrator}"'
         raise ValueError(f"{name} = {value}: is for integrator={whom}{more}")
-    if kind.fixed and "step" not in given:
+    if kind.needs_step and "step" not in given:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
     return kind(**given)

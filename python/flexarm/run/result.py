@@ -37,16 +37,18 @@ class Result(outputs.Rows):
         friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
             where no joint has any.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
-        stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
-            switches (of joints between sticking and sliding), wall_time (s).
+        stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES),
+            failed_steps (whose equations were not solved, or whose error was too large), switches (of joints between
+            sticking and sliding), wall_time (s).
         t_events, q_events, v_events: per event, the times (n,), coordinates (n, nq) and rates (n, nv) of its
             occurrences; None without events.
         status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
     """
 
     def __repr__(self) -> str:
+        by = f" of {self.stats['integrator']}" if "integrator" in self.stats else ""
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
-        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
+        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps{by})"
 
     def strain(self, link: int | str = -1, x: float = 0.0) -> Array:
         """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""

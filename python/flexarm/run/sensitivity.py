@@ -172,7 +172,7 @@ class Source:
     ) -> Sensitivities:  # fmt: skip
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
         workers = workers or cores()
-        result, rows = self._forward(near, workers, look) if self.integrator.fixed else self._with_ida(near, look)
+        result, rows = self._forward(near, workers, look) if self.integrator.taped else self._with_ida(near, look)
         return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near, _setup=self.setup)
 
     def _with_ida(self, near: list[Parameter], look: Look) -> tuple[Result, dict[str, Any]]:
@@ -219,8 +219,8 @@ class Source:
     def gradient(
         self, loss: Loss, parameters: Sequence[str], workers: int | None = None, look: Look = None
     ) -> dict[str, Any]:  # fmt: skip
-        paths = self._paths(parameters, self.integrator.fixed)
-        if not self.integrator.fixed or not all(map(_slopes_known, self._problem().sampled)):
+        paths = self._paths(parameters, self.integrator.taped)
+        if not self.integrator.taped or not all(map(_slopes_known, self._problem().sampled)):
             found = self.sensitivities(parameters, workers, look)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()

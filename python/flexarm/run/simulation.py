@@ -20,7 +20,7 @@ from ..loop import loops
 from ..model.acting.control import Controller
 from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load
-from .integrators import Integrator, integrator_of
+from .integrators import Integrator, integrator_of, integrator_on, named
 from .perturbed import Parameter
 from .problem import Problem
 from .result import Result
@@ -61,15 +61,16 @@ def _integrate(
 
 def source(
     setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
-    integrator: str | Integrator = "ida", events: Any = None, alive: Any = None, of: Any = None, **options: Any,
+    integrator: str | Integrator | None = None, events: Any = None, alive: Any = None, of: Any = None, **options: Any,
 ) -> Source:  # fmt: skip
     """The source of a run, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
-    chosen = integrator if isinstance(integrator, Integrator) and not options else integrator_of(integrator, **options)
+    if not isinstance(integrator, Integrator) or options:
+        integrator = integrator_of(named(setup, integrator, options), **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
     q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
-    integrate = partial(_integrate, integrator=chosen, alive=alive)
-    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, chosen, of, events)
+    integrate = partial(_integrate, integrator=integrator, alive=alive)
+    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, of, events)
 
 
 def _held(run: Problem, result: Result) -> list[int]:
@@ -83,7 +84,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
     where that is known, because the step is not to blame then."""
     time = float(out["reached"])
-    step = getattr(integrator, "step", 0.0)
+    step = getattr(integrator, "step", 0.0) or 0.0
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)
     failed, far = bool(out["failure"]), worst_range(run.arm, result.t, result.q)
@@ -131,7 +132,7 @@ def simulate(
     loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
-    integrator: str | Integrator = "ida",
+    integrator: str | Integrator | None = None,
     progress: bool | Callable[[float], None] = False,
     **options: Any,
 ) -> Result:
@@ -159,10 +160,13 @@ def simulate(
             is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the
             last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
             `v_events` alone.
-        integrator: `fa.Ida(...)`, SUNDIALS IDA, variable step and order; or by fixed steps `fa.Implicit(step)`,
-            generalised-alpha, second order, for arms of any stiffness and real-time loops; `fa.Gauss(step)`, Gauss
-            collocation, the most accurate for its cost on arms of up to some tens of coordinates; `fa.RK4(step)`. A
-            name, "ida", "implicit", "gauss" or "rk4", stands for the object with its defaults.
+        integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places, the default; by fixed
+            steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of coordinates,
+            `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time loops, or
+            `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
+            or "ida", stands for the object with its defaults. None is "ida" where rtol, atol, max_order or
+            linear_solver are given, where a torque, a voltage, a load or a reference is a Python function, whose leaps
+            it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
@@ -172,8 +176,9 @@ def simulate(
     where a joint switches, and "ida" starts again there; "gauss" takes the points of Radau then (Radau IIA, order
     2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
 
-    No step passes over a sample of a drive. With "ida" and a drive that is a callable, no step passes over an output
-    time. A pulse of a callable between steps can still be missed; a check at a thousand times after the run warns.
+    No step passes over a sample of a drive by torque, of a load or of control. With steps that are chosen ("ida",
+    "gauss" without a step) and a drive that is a callable, no step passes over an output time. A pulse of a
+    callable between steps can still be missed; a check at a thousand times after the run warns.
 
     Returns:
         Its `t_events`, `q_events` and `v_events` hold what occurred. When a terminal event ended the run, that is no
@@ -208,15 +213,19 @@ def _warn(warning: RunWarning) -> None:
 def simulated(
     arm: Arm, t: ArrayLike, q0: Any = None, v0: ArrayLike | None = None, *, tau: ArrayLike | None = None,
     drive: Mapping[Any, Motion | Torque | Voltage] | None = None, loads: Sequence[Load] | None = None,
-    control: Controller | Sequence[Controller] | None = None, events: Any = None, integrator: str | Integrator = "ida",
+    control: Controller | Sequence[Controller] | None = None, events: Any = None,
+    integrator: str | Integrator | None = None,
     progress: bool | Callable[[float], None] = False, tell: Callable[[RunWarning], None] | None = None, **options: Any,
 ) -> Result:  # fmt: skip
     """As `simulate`, but its warnings are in the result's `_wrong`, and told to `tell`, some of them during the run."""
     if "watch" in options:
         raise ValueError("watch: is asked for after the run, by result.check(watch)")
-    chosen = integrator_of(integrator, **options)
+    if integrator is not None:
+        integrator = integrator_of(integrator, **options)
     instance("arm", arm, Arm)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
+    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
+    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(setup, options)
     wrong: list[RunWarning] = []
 
     def note(warning: RunWarning) -> None:
@@ -232,8 +241,8 @@ def simulated(
         with progress_bar(progress, "simulating", end - begin) as bar:
             show = bar and (lambda now: bar(now - begin, f"t = {now:.4g} of {end:.4g} s"))
             out = _integrate(run, chosen, show)
+    out["stats"] = {"integrator": chosen.name, **out["stats"]}
     result = run.result(out)
-    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = source(setup, run.times, arm._posed(q0), v0, tau, integrator=chosen, events=events)
     result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
     for warning in _judged(run, out, result, chosen):

@@ -16,7 +16,7 @@ from ..arm.arm import Arm
 from ..model.acting.control import PD, Controller, Run
 from ..model.acting.drive import Motion, Torque, Voltage, is_patch, split_drives
 from ..model.acting.load import Load
-from .integrators import Implicit, Integrator
+from .integrators import Ida, Implicit, Integrator
 from .problem import Problem
 from .result import Result
 from .simulation import SimulationError
@@ -33,7 +33,8 @@ class Simulation:
 
     Args:
         of: a Scene, or an Arm, which the keyword arguments then belong to.
-        integrator: `Implicit`, `Gauss` or `RK4`, with the step; `Ida` chooses its own steps and is for `simulate`.
+        integrator: `Implicit`, `Gauss` or `RK4`, with the step; or `Gauss()`, which chooses its steps. `Ida` is for
+            `simulate`.
         t: times (s): the simulation starts at the first, and functions of time (samples, feed-forwards) are prepared
             until the last, beyond which steps may go. A scene's if None.
         q0, v0, tau, drive, loads, control, events: as of `simulate`.
@@ -92,7 +93,7 @@ class Simulation:
             t, q0 = of.t if t is None else t, of.q0 if q0 is None else q0
             v0 = of.v0 if v0 is None else v0
         self.integrator = Implicit(1e-3) if integrator is None else integrator
-        if not isinstance(self.integrator, Integrator) or not self.integrator.fixed:
+        if not isinstance(self.integrator, Integrator) or isinstance(self.integrator, Ida):
             raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
@@ -104,7 +105,7 @@ class Simulation:
         self._step = self._core.step
 
     def step(self, until: float | None = None) -> None:
-        """Takes one step, or, with `until` (s), as many equal ones as reach that time.
+        """Takes one step, given or chosen; or, with `until` (s), as many as reach that time, equal if they are given.
 
         Raises:
             SimulationError: the step could not be taken; the state is that of its beginning.

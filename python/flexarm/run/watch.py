@@ -167,6 +167,6 @@ def check(result: Rows, watch: Watch | None) -> Findings:
     if source is not None:
         moved = [arm.joint_rate(key) for key, law in drive.items() if isinstance(law, Motion)]
         found += _beyond_motor(arm, result, moved)
-        if not source.integrator.fixed:
+        if source.integrator.name == "ida":
             found += short_steps(arm, int(result.stats.get("steps", 0)), float(np.ptp(result.t)))
     return Findings(found)

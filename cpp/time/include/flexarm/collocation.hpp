@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "flexarm/derivatives.hpp"
+#include "flexarm/kinematics.hpp"
 #include "flexarm/step.hpp"
 
 namespace flexarm {
@@ -14,6 +15,9 @@ struct CollocationOptions {
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   double rtol = 1e-12;
   int max_iterations = 30;
+  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, and of angles (rad);
+  /// 0: steps are as long as they are given.
+  double tolerance = 0.0;
 };
 
 /// Gauss-Legendre collocation (Hairer & Wanner, Solving ODEs II, IV.5): the accelerations at s points of the step are
@@ -42,6 +46,10 @@ class CollocationStep final : public Step {
   void memory(const std::function<void(double&)>& visit) override;
   void recalled() override;
   Stages stages() const override;
+  bool chooses() const override { return options_.tolerance > 0.0; }
+  double error() const override { return error_; }
+  double error_order() const override { return s_ + 2.0; }
+  void undo(Eigen::VectorXd& q, Eigen::VectorXd& v) override;
   void weights(double c, Eigen::VectorXd& once, Eigen::VectorXd& twice) const override;
 
  private:
@@ -59,6 +67,10 @@ class CollocationStep final : public Step {
   bool believable(double h, Workspace& ws);
   bool lost(double h) const;
   Status iterate(double h, Workspace& ws);
+  void prepare_judgement(Workspace& ws);
+  void see_places(Workspace& ws);
+  void judge(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+             const Given& given);
 
   const Arm* arm_;
   CollocationOptions options_;
@@ -97,6 +109,17 @@ class CollocationStep final : public Step {
   double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
   double peak_ = 0.0;         ///< the same of its velocities alone
   double mass_ = 0.0;         ///< of the arm (kg)
+  // of steps that are chosen:
+  std::vector<PlacedSlice> seen_;  ///< places whose motion is looked at
+  Eigen::MatrixXd moves_;          ///< what a change of the rates' coordinates moves there, in parts of the tolerance
+  Mat6X<double> jacobian_;
+  Eigen::VectorXd seen_at_;  ///< places of a step, but its points, at which the equations are asked
+  double missed_ = 0.0;      ///< the error of places within a step, in parts of h^2 times that of accelerations there
+  double length_ = 0.0;      ///< of the arm (m)
+  double error_ = 0.0, h_before_ = 0.0;
+  Eigen::PartialPivLU<Eigen::MatrixXd> damped_;  ///< which leaves of an error what a step can see
+  Eigen::MatrixXd damping_;
+  Eigen::VectorXd missed_force_, error_of_;
 };
 
 }  // namespace flexarm

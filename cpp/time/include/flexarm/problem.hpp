@@ -33,6 +33,8 @@ struct Problem {
 
   /// @throws std::invalid_argument naming the field and the value
   void check() const;
+  /// Whether a drive, a load or a reference of control is a function without samples.
+  bool asks_functions() const;
   /// Its controllers at the beginning of a run.
   Control control() const { return Control(feedback, samplers, arm->nv()); }
 };

@@ -15,7 +15,9 @@ namespace flexarm {
 /// would miss some of a motion, or whose equations cannot be solved.
 /// Events are seen where their sign differs between the ends of a step, and located on cubic interpolants. Dry friction
 /// that is not in the method's equations is treated by switches (see friction.hpp).
-/// @param step   longest step (s)
+/// A method that chooses its steps takes those whose error is allowed; where a law is a function without samples, none
+/// passes over an output time.
+/// @param step   longest step (s); not read where the method chooses
 /// @param tape  of the method's `stages`: its record, for derivatives
 /// @throws std::invalid_argument for bad arguments; exceptions of drives, events and `alive` pass through
 Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,

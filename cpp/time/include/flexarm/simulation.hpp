@@ -11,12 +11,13 @@
 
 namespace flexarm {
 
-/// A fixed-step method by its name, and its options.
+/// A one-step method by its name, and its options.
 struct Method {
   std::string name = "implicit";  ///< or "gauss", "rk4": see CollocationStep, OneStep::methods
   double rtol = 0.0;              ///< how far the equations of a step are solved; 0: the method's own
   double spectral_radius = 1.0;   ///< of "implicit"
   int stages = 4;                 ///< of "gauss"
+  double tolerance = 0.0;         ///< of "gauss", where it chooses its steps; see CollocationOptions
 
   /// @throws std::invalid_argument naming the field and the value
   std::unique_ptr<Step> on(const Arm& arm, double step) const;
@@ -27,13 +28,13 @@ struct Method {
 class Simulation {
  public:
   /// At the problem's start.
-  /// @param step  longest step (s)
+  /// @param step  longest step (s); not read where the method chooses its steps
   /// @throws std::invalid_argument naming the field and the value
   Simulation(const Problem& problem, const Method& method, double step, double t = 0.0);
   Simulation(Simulation&&) noexcept;
   ~Simulation();
 
-  /// Advances by one step. Samples of drives, loads and controllers within it divide it.
+  /// Advances by one step, given or chosen. Samples of drives, loads and controllers within it divide it.
   /// @return when not ok, the state is the last good one, and `failure` says why
   Status step();
   /// Advances to a time, which must not be before now, in equal steps.

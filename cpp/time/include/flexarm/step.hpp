@@ -56,6 +56,14 @@ class Step {
   /// Of a method that interpolates: weights of the stages' accelerations (s) in the rates, and, times h, in the
   /// coordinates there, in parts of h.
   virtual void weights(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
+  /// Whether its steps may be chosen by their errors.
+  virtual bool chooses() const { return false; }
+  /// Of the last step: its error, in parts of the one allowed.
+  virtual double error() const { return 0.0; }
+  /// The power of a step's length that this error is proportional to.
+  virtual double error_order() const { return 1.0; }
+  /// Takes the last step back, from where `jump` or a step before had led.
+  virtual void undo(Eigen::VectorXd&, Eigen::VectorXd&) {}
   /// Numbers that it remembers from step to step, which `visit` reads or writes, in an order of their own.
   virtual void memory(const std::function<void(double&)>& visit) = 0;
   /// To be called when `memory` has been written.

@@ -20,7 +20,7 @@ from ...loop.loops import unstable
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, split_drives
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, Integrator, integrator_of, spelled
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
 from ...run.start import check_one_start, start
 from .arguments import check_memory, checked_drive, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -43,16 +43,16 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
 
 def make_job(
     arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
-    outputs: Any, every: Any = 1, integrator: str | Integrator, **options: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
-    integrator, options = spelled(integrator, options)
+    integrator, options = spelled(named(setup, integrator, options), options)
     options = {k: x for k, x in options.items() if x is not None}
-    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].fixed:
+    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
         options.setdefault("step", float(np.diff(times).min()))
     integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
     step = options.pop("step", None)
@@ -139,7 +139,8 @@ def simulate_batch(
             "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.offset", "drive.0.delay", "drive.0.value"
             of a constant torque, "q0.1".
             Beams and links that repeat are built once. Modes and joints, which change the coordinates, cannot differ.
-        integrator, options: as of `simulate`; the step is the shortest time between two of t, if none is given.
+        integrator, options: as of `simulate`; the step of "implicit" and "rk4" is the shortest time between two of t,
+            if none is given.
             "implicit" and "rk4" step scenarios side by side, whatever acts on the arm; with other integrators, and dry
             friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
             what each costs. A Python function that several scenarios share is called for all of them in turn: it must

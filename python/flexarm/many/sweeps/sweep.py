@@ -244,10 +244,9 @@ def _job(scene: Scene, plan: SweepPlan) -> tuple[Job, int]:
     """The batch of the sweep's scenarios, with a summary of each run."""
     check_quantities(scene.arm, plan.outputs, plan.link)
     outputs = ("q", "v", "tau") if any(quantity(x).forces for x in plan.outputs) else ("q", "v")
-    options: dict[str, Any] = {"integrator": "ida", **scene.options}  # as Scene.run
     job, count = make_job(
         scene.arm, scene.t, scene.q0, scene.v0, **scene.given(), parameters=plan.parameters(), outputs=outputs,
-        **options,
+        **scene.options,
     )  # fmt: skip
     summary = RunSummary(tuple(plan.outputs), plan.link, plan.band, plan.trajectories, plan.every)
     return replace(job, summary=summary), count

@@ -9,7 +9,7 @@ from ...analysis.coarse import coarse
 from ...analysis.findings import Finding, Findings
 from ...analysis.mistakes import mistakes
 from ...arm.arm import Arm
-from ..integrators import integrator_of
+from ..integrators import integrator_on
 from ..problem import Problem
 from ..result import Result
 from ..steps import beyond_explicit
@@ -34,7 +34,7 @@ def check(of: Arm | Scene | str | Path) -> Findings:
     if not isinstance(of, (Scene, str, Path)):
         raise ValueError(f"of = {of!r}: must be an Arm, a Scene, or the path of one; a result has result.check()")
     scene = of if isinstance(of, Scene) else load(of)
-    chosen = integrator_of(**{"integrator": "ida", **scene.options})
+    chosen = integrator_on(scene, scene.options)
     run = _problem(scene)
     found = [*mistakes(scene.arm), *coarse(scene.arm, scene.drive, scene.control), *_angles(run)]
     if chosen.explicit:

@@ -128,7 +128,8 @@ def _options() -> dict[str, Argument]:
     """Arguments of `simulate` for the integrator and its options, whose defaults differ among integrators."""
     kinds = integrators.INTEGRATORS
     names = " or ".join(f'"{name}"' for name in kinds)
-    out = {"integrator": Argument("integrator", str, "ida", f"{names}, whose options follow.")}
+    words = f"{names}, whose options follow; None: as of `fa.simulate`."
+    out = {"integrator": Argument("integrator", str | None, None, words)}
     for option, owners in integrators.OPTIONS.items():
         given = {name: arguments(cast(Any, kinds[name]))[option] for name in owners}
         meanings: dict[str, list[str]] = {}

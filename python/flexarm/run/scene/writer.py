@@ -18,7 +18,7 @@ from ...model.acting.load import Load
 from ...model.acting.sampled import is_samples
 from ...model.parts.chain import Chain
 from ...model.parts.part import Part
-from ..integrators import integrator_of
+from ..integrators import integrator_on
 from ..problem import Problem
 from .grammar import SAMPLES
 
@@ -199,7 +199,7 @@ def compiled_text(scene: Any) -> str:
         raise RuntimeError("this flexarm was built without compiled scenes (FLEXARM_SCENES=OFF)")
     if scene.events:
         raise ValueError("events: are Python code, which a compiled scene cannot hold")
-    integrator = integrator_of(**{"integrator": "ida", **scene.options})
+    integrator = integrator_on(scene, scene.options)
 
     def text(control: Any) -> str:
         run = Problem(scene.arm, scene.t, scene.q0, scene.v0, None, scene.drive, scene.loads, control, None)
