@@ -75,10 +75,10 @@ class Acts:
                   for d in self.drives]  # fmt: skip
         loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.loads, strict=True)]
         feedback = [Feedback(f.column, f.by_q, f.by_v, law(f.reference), f.limit) for f in self.feedback]
-        sizes = {"q0": both.nq, "v0": nv, "tau": nv}
         return _core.Problem(
-            arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in start.items()}, drives=drives,
-            loads=loads, feedback=feedback, samplers=self.sampled, events=list(events),
+            arm=both._core, t=self.times, q0=padded(start["q0"], both.nq), v0=padded(start["v0"], nv),
+            tau=padded(start["tau"], nv), drives=drives, loads=loads, feedback=feedback, samplers=self.sampled,
+            events=list(events),
         )  # fmt: skip
 
     def _law(self, law: Any) -> Any:
