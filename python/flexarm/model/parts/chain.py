@@ -305,7 +305,7 @@ class Chain:
 
     def _posed(self, q: Any) -> Any:
         """q; a dictionary is converted by `pose`."""
-        return self.pose(q) if isinstance(q, Mapping) else q
+        return self.pose(q) if q is not None and isinstance(q, Mapping) else q
 
     def _place(self, field: str, q: Any) -> Array:
         """q (nq,): `zero` for None, the `pose` of a dictionary; quaternions are not checked."""
