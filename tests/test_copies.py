@@ -11,7 +11,7 @@ import flexarm as fa
 import flexarm.env
 import numpy as np
 import pytest
-from flexarm.identify.validate.validation import Judged
+from flexarm.identify.validate.validate import Judged
 from messages import refuses
 
 STEEL = fa.Material(7850, 209e9, 0.3)

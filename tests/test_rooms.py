@@ -43,10 +43,9 @@ INTERNALS = {
     "_threads data.store data.store.fingerprint many.batch.executor many.batch.storage": "failures made on purpose",
     "analysis.modes analysis.validity many.sweeps.quantities": "one formula, with its closed form",
     "arm.variation run.perturbed": "an oracle: runs with one number moved",
-    "choose.adapt choose.chart_search choose.decisions choose.descent choose.economize_search choose.evidence "
-    "choose.integrators choose.measures choose.models choose.symmetry choose.times choose.trials": "steps of a search",
-    "cli.paper identify.validate.recordings identify.validate.rig identify.validate.validate "
-    "identify.validate.validation": "a published experiment, and its measures",
+    "choose.economize choose.chart_search choose.decisions choose.descent choose.economize_search choose.indicators "
+    "choose.measures choose.models choose.trials": "steps of a search",
+    "cli.paper identify.validate.rig identify.validate.validate": "a published experiment, and its measures",
     "data.draw data.draw.loop data.draw.sweep data.draw.tradeoff loop.margins": "figures of made-up numbers",
     "robots.chain robots.looks robots.segments robots.tree view view.meshes": "geometry without a run",
 }

@@ -17,10 +17,19 @@ from pathlib import Path
 
 import flexarm as fa
 from flexarm.data.draw.style import DPI
-from flexarm.identify.validate.recordings import DEFLECTIONS, SHIPPED, Recording, read
-from flexarm.identify.validate.rig import ARM, PER_RUN, compared, identified, with_motion, with_values
-from flexarm.identify.validate.validate import _fitted
-from flexarm.identify.validate.validation import Judged
+from flexarm.identify.validate.rig import (
+    ARM,
+    DEFLECTIONS,
+    PER_RUN,
+    SHIPPED,
+    Recording,
+    compared,
+    identified,
+    read,
+    with_motion,
+    with_values,
+)
+from flexarm.identify.validate.validate import Judged, _fitted
 
 DOCS = Path(__file__).parents[2] / "docs"
 ZERO, SPRING, LEVEL = "link.1.joint.outboard.rotation.2", "control.0.K.0.0", "gravity.1"

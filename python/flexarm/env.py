@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, choice, whole
+from ._check import Array, array, at_least, choice
 from .analysis.findings import RangeWarning, RunWarning
 from .arm.arm import Arm
 from .arm.variation import Setup, Variation
@@ -80,8 +80,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        if whole("num_envs", num_envs) < 1:
-            raise ValueError(f"num_envs = {num_envs}: must be at least 1")
+        at_least("num_envs", num_envs, 1)
         if render_mode is not None:
             choice("render_mode", render_mode, ("rgb_array",))
         self.render_mode, self._strain = render_mode, 0.0  # the largest strain drawn, for a constant colour scale

@@ -14,4 +14,4 @@ from .estimate.kalman import FilterWarning as FilterWarning
 from .identify.fit import FitError as FitError, FitInterrupted as FitInterrupted
 from .run.simulation import SimulationInterrupted as SimulationInterrupted
 from .many.batch.rollout import BatchInterrupted as BatchInterrupted
-from .many.sweeps.result import SweepInterrupted as SweepInterrupted
+from .many.sweeps.sweep import SweepInterrupted as SweepInterrupted

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from .arm.arm import Arm
-from .many.batch.differentiable import Rolling
+from .many.batch.gradient import Rolling
 from .run.integrators import Integrator
 
 try:

@@ -15,9 +15,10 @@ from .command.moves.move import Move as Move, LimitUse as LimitUse
 from .estimate.estimate import Estimate as Estimate
 from .data.compare import Comparison as Comparison
 from .identify.fit import Fit as Fit
-from .identify.validate.validation import Validation as Validation
-from .many.batch.rollout import Rollout as Rollout, Failure as Failure
+from .identify.validate.validate import Validation as Validation
+from .many.batch.rollout import Rollout as Rollout
+from .many.batch.problems import Failure as Failure
 from .many.batch.gradient import Gradient as Gradient, StepDerivatives as StepDerivatives
-from .many.sweeps.result import SweepResult as SweepResult
+from .many.sweeps.sweep import SweepResult as SweepResult
 from .choose.chart import Chart as Chart
 from .choose.economize import ModelPlan as ModelPlan

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .arm.arm import Arm
-from .many.batch.differentiable import Rolling
+from .many.batch.gradient import Rolling
 from .run.integrators import Integrator
 
 try:

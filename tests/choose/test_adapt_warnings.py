@@ -7,7 +7,7 @@ from dataclasses import replace
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.choose.adapt import adapted
+from flexarm.choose.economize import adapted
 from messages import warns
 
 STEEL = fa.Material(7850, 209e9, 0.3)

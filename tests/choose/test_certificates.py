@@ -9,10 +9,10 @@ import flexarm as fa
 import numpy as np
 import pytest
 from choose.economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
-from flexarm.choose.evidence import Evidence
+from flexarm.choose.decisions import Evidence
+from flexarm.choose.indicators import excited
+from flexarm.choose.measures import times_to_compare
 from flexarm.choose.models import Models
-from flexarm.choose.symmetry import excited
-from flexarm.choose.times import times_to_compare
 from messages import warns
 
 TOL = 1e-2

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from arms import STEEL, pendulum
 from flexarm.choose.chart_search import ChartSearch
-from flexarm.choose.integrators import LINES, line_options
 from flexarm.choose.models import Models
-from flexarm.choose.trials import Run
+from flexarm.choose.trials import LINES, Run, line_options
 from flexarm.cli import main
 from flexarm.data.draw.tradeoff import Kind, model_styles
 from messages import refuses

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
 from flexarm.choose.descent import Descent
+from flexarm.choose.indicators import excited
 from flexarm.choose.models import ORDERS, Model, Models
-from flexarm.choose.symmetry import excited
 from flexarm.choose.trials import Trials, timed
 from flexarm.cli import main
 from messages import refuses, warns

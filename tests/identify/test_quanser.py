@@ -10,10 +10,21 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
-from flexarm.identify.validate.recordings import CURRENTS, DEFLECTIONS, FOLDER, JOINTS, UNITS, read
-from flexarm.identify.validate.rig import PER_RUN, compared, identified, with_currents, with_motion, with_values
-from flexarm.identify.validate.validate import _fitted
-from flexarm.identify.validate.validation import Judged
+from flexarm.identify.validate.rig import (
+    CURRENTS,
+    DEFLECTIONS,
+    FOLDER,
+    JOINTS,
+    PER_RUN,
+    UNITS,
+    compared,
+    identified,
+    read,
+    with_currents,
+    with_motion,
+    with_values,
+)
+from flexarm.identify.validate.validate import Judged, _fitted
 from messages import refuses
 
 EXCERPT = Path(__file__).parents[1] / "data" / "quanser_excerpt.csv"

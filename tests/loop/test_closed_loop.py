@@ -175,12 +175,12 @@ def test_margins_print_as_a_table_with_units() -> None:
     loop = fa.closed_loop(arm, fa.PD(kp, kd))
     w = np.sqrt((kd**2 + np.sqrt(kd**4 + 4 * inertia**2 * kp**2)) / (2 * inertia**2))
     phase = np.arctan(kd * w / kp)
-    head, row = str(loop.margins[0]).splitlines()
+    head, line, row = str(loop.margins[0]).splitlines()
     assert re.split(r"  +", head) == ["loop at", "gain, from", "to", "phase (deg)", "at (rad/s)", "delay (ms)"]
     name, *cells = re.split(r"  +", row)
     assert name == "PD of 'link 0 revolute'" and cells[:2] == ["0", "inf"]
     assert [float(x) for x in cells[2:]] == pytest.approx([np.degrees(phase), w, 1e3 * phase / w], rel=1e-3)
-    assert f"{head}\n{row}\n{loop.robustness}" in str(loop)
+    assert f"{head}\n{line}\n{row}\n{loop.robustness}" in str(loop)
     assert repr(loop.margins[0]).startswith("""Margins(name="PD of 'link 0 revolute'", gain=(""")
 
 

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._check import number
+from .._check import number, positive
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
 from ..data.draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
 from ..run.scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
-from .integrators import LINES, OVER_OUTPUTS, longest_gap
 from .models import Models, read_scene
-from .trials import Run
+from .trials import LINES, OVER_OUTPUTS, Run, longest_gap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -299,9 +298,7 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
     scene = read_scene(scene)
-    budget = number("budget", budget)
-    if not 0 < budget < math.inf:
-        raise ValueError(f"budget = {budget}: must be positive and finite, in seconds")
+    budget = positive("budget", budget, "s")
     with progress_bar(progress, "charting", budget) as bar:
 
         def tell(used: float, doing: str) -> None:

@@ -11,11 +11,10 @@ import numpy as np
 
 from ..run.integrators import INTEGRATORS
 from ..run.scene.scene import Scene
-from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
 from .measures import Measure
 from .models import Model, Models
 from .states import some_rows
-from .trials import Budget, Run, Trials
+from .trials import BY_TOLERANCE, LINES, OVER_OUTPUTS, Budget, Run, Trials, line_options, line_settings
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to
 _AGREE = 1e-8
@@ -291,9 +290,7 @@ class ChartSearch:
 
     def own_model(self) -> Model | None:
         """The scene's own model; None if its beams have different orders."""
-        if self.orders == ["as given"]:
-            return self.models.given
-        return self.models.given if len({beam.order for beam in self.models.given.elastic}) == 1 else None
+        return self.models.given if len({beam.order for beam in self.models.given.elastic}) <= 1 else None
 
     def line(self, model: Model, choice: str, own_error: float) -> None:
         """Runs one line of the chart: tighter settings until only the model's own error remains."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._check import number
+from .._check import number, outside, positive
 from .._console import aligned, progress_bar, seconds
+from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
 from ..data.draw.tradeoff import Point, Trial, plot_trials
+from ..model.acting.sampled import Sampled
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.watch import Watch
-from .adapt import adapted, watched
-from .decisions import DECISIONS, Choice
+from .decisions import ALONE, DECISIONS, ESTIMATE, RUN, SYMMETRY, Choice, Evidence
 from .economize_search import EconomizeSearch
-from .evidence import ALONE, ESTIMATE, RUN, SYMMETRY, Evidence
-from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene
-from .trials import Budget, OutOfTime, Run
+from .states import embed, restated
+from .trials import Budget, OutOfTime, Run, setting_words, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -181,6 +182,51 @@ def _tolerance(plan: ModelPlan) -> str:
     return f"{plan.tolerance:g} {unit}".rstrip()
 
 
+# -- runs that are watched --------------------------------------------------------------------------------------------
+
+
+def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
+    """A run, which warns of the first quantity that leaves its range, too."""
+    result = silent(scene, progress)
+    return _told(result, *watch.left(result)[:1])
+
+
+def _told(result: Result, *more: RunWarning) -> Result:
+    """The result, of whose wrong numbers it warns."""
+    for warning in [*result._wrong, *more]:
+        warnings.warn(warning, stacklevel=outside())
+    return result
+
+
+def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progress: bool = False) -> Result:
+    """Runs the lean scene; from the last output time before a monitor reports, continues with a richer arm.
+
+    Args:
+        arm: the richer arm, with all coordinates of the lean one. options: of its simulation.
+    """
+    first = silent(lean, progress)
+    left = watch.left(first)
+    if not left:
+        return _told(first)
+    q0 = None if lean.q0 is None else restated(lean.q0, lean.arm, arm)
+    v0 = None if lean.v0 is None else restated(lean.v0, lean.arm, arm, rates=True)
+    rich = replace(lean, arm=arm, options=options, q0=q0, v0=v0)
+    cut = max(0, int(np.searchsorted(first.t, left[0].time)) - 1)
+    if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
+        return _told(silent(rich, progress))
+    begin = embed(first, rich.arm, slice(cut, cut + 1))
+    rest = silent(replace(rich, t=lean.t[cut:], q0=begin.q[0], v0=begin.v[0]), progress)
+    before = embed(first, rich.arm, slice(0, cut))
+    stats = {k: first.stats.get(k, 0) + v if isinstance(v, (int, float)) else v for k, v in rest.stats.items()}
+    names = ("t", "q", "v", "a", "tau")
+    rows: dict[str, Any] = {name: np.concatenate([getattr(before, name), getattr(rest, name)]) for name in names}
+    joined = Result(rich.arm, **rows, stats=stats, loads=rest.loads, status=rest.status)
+    ranges = [x for x in first._wrong if isinstance(x, RangeWarning) and x.time < rest.t[0]]
+    others = [x for x in first._wrong if not isinstance(x, (RangeWarning, *map(type, rest._wrong)))]
+    joined._wrong = [*ranges, *others, *rest._wrong]
+    return _told(joined)
+
+
 # -- the table ---------------------------------------------------------------------------------------------------------
 
 _NOTE = """\
@@ -295,16 +341,15 @@ def speed_of(evidence: Evidence) -> dict[str, dict[str, float | int]]:
 
 
 def _checked(tolerance: float, atol: float | None, budget: float | None) -> float:
+    if budget is not None:
+        positive("budget", budget, "s; None: no limit")
     if atol is not None:
-        if not 0 < number("atol", atol) < math.inf:
-            raise ValueError(f"atol = {atol}: must be positive and finite, in the quantity's unit")
-    elif not 0 < number("tolerance", tolerance) < 1:
+        return positive("atol", atol, "in the quantity's unit")
+    if not 0 < number("tolerance", tolerance) < 1:
         raise ValueError(
             f"tolerance = {tolerance}: must be between 0 and 1, as a share of the quantity's span; absolute: atol="
         )
-    if budget is not None and not 0 < number("budget", budget) < math.inf:
-        raise ValueError(f"budget = {budget}: must be positive and finite, in seconds, or None")
-    return tolerance if atol is None else atol
+    return tolerance
 
 
 def economize(

@@ -16,18 +16,13 @@ from ..model.acting.drive import split_drives
 from ..model.parts.beam import STRAINS
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from .decisions import DECISIONS
-from .descent import Descent
-from .evidence import Evidence, keys
-from .indicators import indicate
-from .integrators import by_tolerance
-from .measures import Measure
+from .decisions import DECISIONS, Evidence, keys
+from .descent import Descent, differs, finer, settle
+from .indicators import excited, growth, indicate
+from .measures import Measure, times_to_compare
 from .models import ORDERS, BeamModel, Model, Models
 from .states import some_rows
-from .steps import differs, finer, settle
-from .symmetry import excited, growth
-from .times import times_to_compare
-from .trials import Budget, OutOfTime, Run, Trials
+from .trials import Budget, OutOfTime, Run, Trials, by_tolerance
 
 _SMALL = 1 / 30  # of the tolerance: coordinates of a smaller estimated effect are not in the reference
 _AGREE = 1 / 3  # of the tolerance: largest distance between reference and check

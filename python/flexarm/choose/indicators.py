@@ -1,8 +1,9 @@
-"""A priori indicators: estimated changes of a run by a richer model, before the richer model is run.
+"""Before a model is run: the coordinates that move at all, whether the others stay at rest, and estimated changes of a
+run by a richer model.
 
-A run of one model is put into the equations of a richer one. The residual is the force on the richer model's
-coordinates that the poorer model does not balance. The linear response to it, with the modes and the spectrum of the
-excitation, estimates the error of leaving them out. The cost is one inverse dynamics for each row and one linear
+For the estimates, a run of one model is put into the equations of a richer one. The residual is the force on the richer
+model's coordinates that the poorer model does not balance. The linear response to it, with the modes and the spectrum
+of the excitation, estimates the error of leaving them out. The cost is one inverse dynamics for each row and one linear
 integration of small matrices: less than a run.
 """
 
@@ -12,25 +13,133 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array
+from ..analysis.linear import turning
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
-from ..model.acting.drive import Motion, split_drives
+from ..model.acting.drive import Motion, split_drives, voltage_forces
 from ..model.acting.load import at_time
+from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from .measures import Measure
-from .states import elastic_parts, embed, restated, some_rows
+from ..run.start import acting
+from .measures import Measure, probes
+from .states import embed, restated, some_rows
 
 _ROWS = 121  # rows of a run for the residuals
 
 
-def _voltages(scene: Scene, t: float) -> Array:
-    V = np.zeros(len(scene.arm.patches))
-    for (_, link, patch), law in split_drives(scene.drive)[1].items():
-        V[scene.arm.patch_column(link, patch)] = law(t)
-    return V
+def _driven(scene: Scene) -> NDArray[np.bool_]:
+    """Mask of rates with a drive, controller, patch or motion at the start."""
+    arm = scene.arm
+    active = np.zeros(arm.nv, dtype=bool)
+    joints, patches = split_drives(scene.drive)
+    active[list(arm.by_rate("drive", joints))] = True
+    if scene.v0 is not None:
+        active |= scene.v0 != 0.0
+    if scene.q0 is not None:  # a ball joint with an initial rotation keeps it; other coordinates move about it
+        at = np.array([arm.coordinate_of(i) for i in range(arm.nv)])
+        active |= (at >= 0) & (scene.q0 != arm.zero)[at]
+    if patches:
+        active = active | (arm.patch_matrix != 0.0).any(axis=1)
+    for c in scene.control:
+        for column in c._columns(arm):
+            active |= column != 0.0
+    return active
+
+
+def _acting(scene: Scene) -> tuple[list[Any], Array]:
+    """Places of the loads, and the largest magnitude of each component over time, (n, 6)."""
+    most = []
+    for load in scene.loads:
+        breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
+        times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
+        most.append(np.abs([load(float(t)) for t in times]).max(axis=0))
+    return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)
+
+
+def excited(scene: Scene) -> NDArray[np.bool_]:
+    """Mask (nv,) of rates that move at all: the driven ones, and those on which random motions of these exert a force.
+    In a symmetric scene, such as a planar one, the force on all others is exactly zero."""
+    rng, arm, active = np.random.default_rng(1), scene.arm, _driven(scene)
+    start = arm.zero if scene.q0 is None else scene.q0
+    reach = np.where([any(s in name for s in STRAINS) for name in arm._core.coordinates], 0.01, 0.5)
+    places, wrenches = _acting(scene)
+    while not active.all():
+        more = active.copy()
+        for _ in range(3):
+            theta, v, a = (reach * rng.normal(size=arm.nv) for _ in range(3))
+            q = start + np.asarray(arm._core.rates(start, theta)[2]) @ np.where(active, theta, 0.0)
+            for _, at in arm.quaternions():
+                q[at] /= np.linalg.norm(q[at])
+            rows = np.array([np.where(active, v, 0.0), v]), np.array([np.where(active, a, 0.0), a])
+            pushed = wrenches * rng.uniform(0.5, 1.0, wrenches.shape)
+            r = np.abs(arm._core.inverse_dynamics(np.tile(q, (2, 1)), *rows, places, pushed))
+            more |= r[0] > 1e-9 * np.maximum(r[1], 1e-12 * r[1].max())
+        if (more == active).all():
+            break
+        active = more
+    return active
+
+
+def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: int) -> float:
+    """Growth factor within a run of small motions of the rates that `excited` leaves out, in the norm of kinetic and
+    elastic energy: 1 if they only vibrate, a few if they drift, large if the run is unstable against small
+    disturbances, like a strut above its buckling load.
+
+    Args:
+        scene: with an arm that has these coordinates. result: a run of a poorer one. most_rows: the most rows used.
+    """
+    arm, out = scene.arm, np.flatnonzero(~moves)
+    if not out.size or len(result.t) < 2:
+        return 1.0
+    run = embed(result, arm, some_rows(len(result.t), most_rows))
+    n, span = len(out), float(run.t[-1] - run.t[0])
+    elastic, eye = _elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
+    mean: Array
+    mean_a = np.gradient(run.v, run.t, axis=0)  # not of fast vibration
+    rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
+    stiffening: Array = np.zeros((n, n))  # of loads and spin, at their largest
+    for K, _, _ in rows:
+        w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
+        positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
+        stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
+    M0 = rows[0][1]
+    norm = np.linalg.cholesky(np.block([[elastic + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
+    state: Array = np.linalg.inv(norm)  # columns of unit energy
+    most, fast = 1.0, 0.0
+    for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
+        for share in (0.25, 0.75):  # trapezoidal rule: modes too fast for it neither grow nor decay
+            mean = float(step) / 4 * ((1 - share) * before + share * after)
+            state = np.asarray(np.linalg.solve(eye - mean, state + mean @ state))
+        size = float(np.linalg.norm(norm @ state, 2)) if np.isfinite(state).all() else np.inf
+        most = max(most, size)
+        if np.linalg.eigvalsh(K + K.T)[0] < 0:  # growth too fast for the rule is counted apart
+            rate = float(step) * float(np.linalg.eigvals(before).real.max())
+            fast += rate if rate > 2.0 else 0.0
+        if not size < 1e12:
+            break
+    return max(most, float(np.exp(min(fast, 30.0))))
+
+
+def _tangent(scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """Stiffness, mass, and A in d/dt [x; y] = A [x; y] for small motions x of the coordinates `out` and their rates y.
+    No force acts on them along the run."""
+    arm, here = scene.arm, np.ix_(out, out)
+    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, scene.loads, t))
+    K, D, M = ((by_q @ arm._core.rates(q, v)[2])[here], by_v[here], arm._core.mass_matrix(q)[here])
+    turn = -turning(arm, v)[here]  # of the axes of a ball's rates, as it rotates
+    return K, M, np.block([[turn, np.eye(len(out))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+
+
+def _elastic(arm: Arm) -> tuple[Array, Array]:
+    """Stiffness and damping of the beams, (nv, nv) each."""
+    K, D = np.zeros((2, arm.nv, arm.nv))
+    for _, beam, _, at in arm.beams():
+        K[at, at], D[at, at] = beam._core.stiffness, beam._core.damping
+    return K, D
 
 
 def _forces(scene: Scene, arm: Arm, run: Result) -> Array:
@@ -41,7 +150,7 @@ def _forces(scene: Scene, arm: Arm, run: Result) -> Array:
     out = []
     for t, q, v, a in zip(run.t, run.q, run.v, run.a, strict=True):
         r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, scene.loads, float(t)))
-        out.append(r - arm.patch_matrix @ _voltages(scene, float(t)) if patched else r)
+        out.append(r - voltage_forces(arm, acting(scene.arm, scene.drive, float(t))[1]) if patched else r)
     return np.array(out)
 
 
@@ -90,9 +199,7 @@ def indicate(
 def _response(scene: Scene, run: Result, forces: Array) -> Array:
     """Motions (nt, nv, m) of the linearised arm under forces (nt, nv, m), from rest."""
     arm, n = scene.arm, scene.arm.nv
-    M, K, D = arm._core.mass_matrix(run.q[len(run.t) // 2]), np.zeros((n, n)), np.zeros((n, n))
-    for _, at, beam in elastic_parts(arm):
-        K[at, at], D[at, at] = beam._core.stiffness, beam._core.damping
+    M, (K, D) = arm._core.mass_matrix(run.q[len(run.t) // 2]), _elastic(arm)
     rates = [arm.coordinate_of(i) for i in range(n)]
     for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
         by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])

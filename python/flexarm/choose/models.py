@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -32,15 +32,6 @@ def read_scene(scene: Scene | str | Path) -> Scene:
         raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
     scene.check_goes_on("a choice of models")
     return scene
-
-
-class Feature(Protocol):
-    """An optional part of a link, which a model may lack."""
-
-    name: str
-
-    def leave_out(self, link: Link) -> Link:
-        """The link without this part."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +80,14 @@ class Model:
 
     Attributes:
         beams: the model of each link's beam; None if it has no beam.
-        without: the (link, feature) that are left out.
+        without: the (link, `LinkFeature`) that are left out.
         pieces: whether its beams are cut where their strains jump; each piece has a few more modes than the beam has
             over that length.
         shift: number of modes of each strain above (below) the scene's, if all beams are changed alike.
     """
 
     beams: tuple[BeamModel | None, ...]
-    without: frozenset[tuple[int, Feature]] = frozenset()
+    without: frozenset[tuple[int, Any]] = frozenset()
     pieces: bool = False
     shift: int = field(default=0, compare=False)
 
@@ -354,18 +345,13 @@ class Models:
         q0, v0 = self._states[model]
         return replace(scene, q0=q0, v0=v0, options=options)
 
-    def usable(self, model: Model) -> str:
-        """The reason why the scene's controllers or sensors cannot work with this model; "" if they can."""
-        if not self.scene.control and not self.scene.sensors:
-            return ""
-        try:
-            arm = self.arm(model)
-            control_laws(arm, self.scene.control, self.scene.t, self.scene.loads)
-            for sensor in self.scene.sensors:
-                sensor.check(arm, self.scene.t)
-        except ValueError as e:
-            return str(e)
-        return ""
+    def check(self, model: Model) -> None:
+        """ValueError if the scene's controllers or sensors cannot work with this model."""
+        scene = self.scene
+        if scene.control:
+            control_laws(self.arm(model), scene.control, scene.t, scene.loads)
+        for sensor in scene.sensors:
+            sensor.check(self.arm(model), scene.t)
 
     def label(self, model: Model) -> str:
         """The model in words, link by link."""

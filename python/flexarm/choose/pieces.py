@@ -24,7 +24,7 @@ from ..model.parts.sections import SectionMatrix
 from ..model.parts.split import piece, split
 from ..model.parts.taper import Taper
 from ..run.scene.scene import Scene
-from .states import elastic_parts, nearest
+from .states import nearest
 
 _NEAR = 1e-9  # of a beam's length: closer places count as one
 _SIZES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")
@@ -201,13 +201,13 @@ class Pieces:
     def _damping(self) -> Array:
         """Damping matrix for beams whose damping no single piece can have: a damping ratio of modes, or a matrix of
         elastic coordinates."""
-        D, elastic = np.zeros((self.arm.nv, self.arm.nv)), elastic_parts(self.arm)
+        D = np.zeros((self.arm.nv, self.arm.nv))
         for k, link in enumerate(self.whole.links):
             beam, cut = link.beam, self._pieces(k)
             if beam is None or len(cut) == 1:
                 continue
-            parts = [part for n, _, part in elastic if n in cut]
-            at = np.concatenate([np.arange(rates.start, rates.stop) for n, rates, _ in elastic if n in cut])
+            parts, rates = zip(*((part, at) for n, part, _, at in self.arm.beams() if n in cut), strict=True)
+            at = np.concatenate([np.arange(arm_rates.start, arm_rates.stop) for arm_rates in rates])
             own = np.zeros((len(at), len(at)))
             if beam.damping_ratio:
                 own += _modal(parts, beam.damping_ratio)

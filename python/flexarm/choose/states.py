@@ -25,12 +25,6 @@ _REST_MOTION = 1e-3  # rad or m: tolerated motion of a joint in equilibrium when
 Parts: TypeAlias = Sequence[tuple[float, Beam]]
 
 
-def elastic_parts(arm: Arm) -> list[tuple[int, slice, Beam]]:
-    """Of each link with elastic coordinates: its number, their rates, its beam."""
-    firsts = [(k, arm._core.first(k) + link.joint.nv, link.beam) for k, link in enumerate(arm.links)]
-    return [(k, slice(at, at + beam.ne), beam) for k, at, beam in firsts if beam is not None and beam.ne]
-
-
 def restated(
     x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, float]]] | None = None, rates: bool = False
 ) -> Array:

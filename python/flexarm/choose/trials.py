@@ -1,10 +1,11 @@
-"""Timed runs of a scene's models within a budget of wall time. Each is made once."""
+"""Integrators and their settings to try, from loose to tight; timed runs of a scene's models within a budget of wall
+time, each of which is made once."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,14 +13,78 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.findings import RangeWarning
+from ..run.integrators import INTEGRATORS, OPTIONS
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
-from .integrators import OVER_OUTPUTS
-from .measures import Measure
+from .measures import Measure, between, thinned
 from .models import Model, Models
 from .states import embed, some_rows
-from .times import between, thinned
+
+#: The integrators that choose their own steps for a tolerance; every other one takes `step`.
+BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fixed)
+
+#: The fixed-step integrators that step over output times.
+OVER_OUTPUTS = frozenset({"gauss"})
+
+#: Integrators of high order first.
+IN_TURN = sorted(INTEGRATORS, key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
+
+#: The chart's lines, by name: arguments of `simulate`.
+LINES: dict[str, dict[str, Any]] = {
+    **{name: {"integrator": name} for name in INTEGRATORS},
+    "ida, BDF 2": {"integrator": "ida", "max_order": 2},
+}
+
+DENSE = 60  # the most coordinates for Gauss collocation: its matrices are dense
+
+
+def longest_gap(scene: Scene) -> float:
+    """The longest gap between output times (s)."""
+    return float(np.diff(scene.t).max())
+
+
+def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
+    """Arguments of `simulate`: the scene's, with a line's integrator at a setting."""
+    integrator = LINES[line]["integrator"]
+    setting = "rtol" if integrator in BY_TOLERANCE else "step"
+    out = {k: v for k, v in scene.options.items() if OPTIONS.get(k) == (integrator,)}
+    out |= {**LINES[line], setting: value}
+    if setting == "rtol":
+        out["atol"] = value * scene.options.get("atol", 1e-9) / scene.options.get("rtol", 1e-6)
+    return out
+
+
+def line_settings(scene: Scene, line: str, rtols: Sequence[float] = ()) -> list[float]:
+    """Settings of a line, from loose to tight. Steps fit between output times if the integrator stops at all of
+    these."""
+    integrator, gap = LINES[line]["integrator"], longest_gap(scene)
+    if integrator in BY_TOLERANCE:
+        return list(rtols or 10.0 ** -np.arange(2, 12))
+    longest = max(gap, float(np.ptp(scene.t)) / 16) if integrator in OVER_OUTPUTS else gap
+    return list(longest / 2.0 ** np.arange(16))
+
+
+def by_tolerance(rtol: float, integrator: str = "ida") -> dict[str, Any]:
+    return {"integrator": integrator, "rtol": float(rtol), "atol": float(rtol * 1e-3)}
+
+
+def settings_to_try(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
+    """Settings of an integrator for `economize` in order of trial: steps from `step` to long, tolerances from loose."""
+    if integrator in BY_TOLERANCE:
+        return [by_tolerance(rtol, integrator) for rtol in (1e-3, 1e-4, 1e-5)]
+    if integrator not in OVER_OUTPUTS:
+        return [{"integrator": integrator, "step": longest_gap(scene)}]
+    longer = [step * 2.0**k for k in range(6) if step * 2.0**k <= float(np.ptp(scene.t))]
+    return [{"integrator": integrator, "step": h} for h in longer or [step]]
+
+
+def setting_words(options: dict[str, Any]) -> str:
+    """The setting in words, such as "gauss, step 0.05 s"."""
+    if "step" in options:
+        return f"{options['integrator']}, step {options['step']:.3g} s"
+    return f"{options['integrator']}, rtol {options['rtol']:.3g}" if "rtol" in options else str(options["integrator"])
+
 
 _LONG = 0.3  # s: longer runs are not repeated
 _ROUNDS = 5  # timings of an evaluation
@@ -45,6 +110,11 @@ class Budget:
         return self.seconds - self.used
 
 
+def silent(scene: Scene, progress: Any = False) -> Result:
+    """A run of a scene that passes no warning on; they are in `Result._wrong`."""
+    return simulated(scene.arm, scene.t, scene.q0, scene.v0, progress=progress, **scene.given(), **scene.options)
+
+
 def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Result, float, str]:
     """Runs a scene: returns the result, its time (s), and the messages of RangeWarning. The time is the lesser of the
     wall time and the processor time of this thread, which other processes do not lengthen.
@@ -53,8 +123,7 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
         look: called at times during the run; may raise OutOfTime.
     """
     used = time.thread_time()
-    given = {**scene.given(), **scene.options}
-    result = simulated(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given)
+    result = silent(scene, look or False)
     used = time.thread_time() - used
     spent = max(1e-6, min(float(result.stats["wall_time"]), used))  # 0 where nothing is integrated
     return result, spent, "; ".join(str(w) for w in result._wrong if isinstance(w, RangeWarning))

@@ -8,8 +8,7 @@ import os
 from typing import Any
 
 from .._console import complain, empty_table, json_text, output_folder, print_table
-from ..many.sweeps.result import SweepInterrupted
-from ..many.sweeps.sweep import sweep
+from ..many.sweeps.sweep import SweepInterrupted, sweep
 from ..many.sweeps.vary import SweepPlan
 from ..run.scene.scene import load
 from . import options

@@ -8,7 +8,7 @@ import os
 from .._console import complain, json_text, output_folder
 from ..data.draw import style as plots
 from ..identify.fit import FitError
-from ..identify.validate.recordings import SHIPPED
+from ..identify.validate.rig import SHIPPED
 from ..identify.validate.validate import RIGS, validate
 from . import options
 

@@ -1,14 +1,33 @@
-"""Limits of joints as users give them: for all joints, for each, or by joint; and the joints' stops."""
+"""The joints of a command, and their limits as users give them: for all joints, for each, or by joint; and stops."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .._check import Array, choice
+from .._check import Array, choice, instance
+from ..analysis.equilibrium import elastic_rates
 from ..arm.arm import Arm
+
+Indices = NDArray[np.intp]
+KINDS = ("torque", "speed", "acceleration", "jerk")
+_FAR = 1e3  # stands for a missing stop
+
+
+def freedoms(arm: Arm) -> dict[Any, int]:
+    """The rates of the joints' freedoms, by link, or by (link, freedom) where a joint has several."""
+    rates = {n: arm.joint_rates(n) for n in arm.movable}
+    return {(n, k) if own[1:] else n: i for n, own in rates.items() for k, i in enumerate(own)}
+
+
+def by_freedom(arm: Arm, name: str) -> dict[int, float]:
+    """A number that each freedom of a joint has, such as "coulomb" or "lower", by rate."""
+    joints = [(arm.joint_rates(n), arm.links[n].joint) for n in arm.movable]
+    return {i: x for rates, joint in joints for i, x in zip(rates, joint._per_freedom(name, joint.nv), strict=True)}
 
 
 def by_kind(limits: Any, kinds: Sequence[str]) -> dict[str, Any]:
@@ -36,10 +55,8 @@ def joint_ranges(arm: Arm, field: str, value: Any, rates: Sequence[int]) -> Arra
     """The ranges (2, n), lowest and highest, of the joints with these rates, given as the limits are, by pairs. None:
     the joints' stops."""
     if value is None:
-        joints = [link.joint for link in arm.links]
-        stops = [[x for joint in joints for x in joint._per_freedom(name, joint.nv)] for name in ("lower", "upper")]
-        at = [i for n, joint in enumerate(joints) for i in range(arm._core.first(n), arm._core.first(n) + joint.nv)]
-        return np.array(stops)[:, [at.index(i) for i in rates]].reshape(2, -1)
+        stops = [by_freedom(arm, name) for name in ("lower", "upper")]
+        return np.array([[own[i] for i in rates] for own in stops]).reshape(2, -1)
     out = _read(arm, field, value, rates, (-np.inf, np.inf))
     if not (out[:, 0] < out[:, 1]).all():
         raise ValueError(f"{field} = {value}: must be (lowest, highest)")
@@ -82,3 +99,73 @@ def _numbers(field: str, value: Any) -> Array:
     if np.isnan(out).any():
         raise ValueError(f"{field} = {out.tolist()}: must not be nan")
     return out
+
+
+@dataclass(frozen=True)
+class Driven:
+    """The joint coordinates of an arm, all of which are driven.
+
+    Attributes:
+        rates: their indices in v. at: in q. elastic, elastic_at: of the others. names, units: of the joints.
+    """
+
+    rates: Indices
+    at: Indices
+    elastic: Indices
+    elastic_at: Indices
+    names: list[str]
+    units: list[str]
+
+    @staticmethod
+    def of(arm: Arm) -> Driven:
+        instance("arm", arm, Arm)
+        if any(link.joint.ball for link in arm.links):
+            raise ValueError("arm: has a ball joint, which has no angle to plan; use fa.Axes or three revolute joints")
+        elastic = elastic_rates(arm)
+        where = np.array([arm.coordinate_of(i) for i in range(arm.nv)], dtype=np.intp)
+        rates, bent = np.flatnonzero(~elastic), np.flatnonzero(elastic)
+        if not rates.size:
+            raise ValueError("arm: has no joint that moves")
+        units = [unit for link in arm.links for unit in link.joint.units]
+        return Driven(rates, where[rates], bent, where[bent], [arm.coordinates[i] for i in rates], units)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest absolute values for each joint, (nj,); inf where there is none.
+
+    Attributes:
+        torque, speed, acceleration, jerk: as given.
+        middle, reach: a joint's range between its stops: `middle` plus and minus `reach`.
+    """
+
+    torque: Array
+    speed: Array
+    acceleration: Array
+    jerk: Array
+    middle: Array
+    reach: Array
+
+    @staticmethod
+    def of(arm: Arm, driven: Driven, limits: Any) -> Limits:
+        given, rates = by_kind(limits, KINDS), driven.rates.tolist()
+        read = {kind: joint_limits(arm, f"limits[{kind!r}]", given.get(kind), rates) for kind in KINDS}
+        bare = ~np.isfinite(read["torque"]) & ~np.isfinite(read["acceleration"])
+        if bare.any():
+            name = driven.names[int(np.flatnonzero(bare)[0])]
+            raise ValueError(f"limits: '{name}' has neither torque nor acceleration; its move would take no time")
+        low, high = joint_ranges(arm, "stops", None, rates)
+        free = np.isinf(low) & np.isinf(high)
+        low, high = np.where(free, -1.0, low), np.where(free, 1.0, high)
+        low, high = np.where(np.isinf(low), high - _FAR, low), np.where(np.isinf(high), low + _FAR, high)
+        return Limits(**read, middle=0.5 * (low + high), reach=np.where(free, np.inf, 0.5 * (high - low)))
+
+    def check_stops(self, field: str, q: Array, names: list[str]) -> None:
+        """ValueError where joint positions (n, nj) are beyond the stops."""
+        over = np.abs(q - self.middle) - self.reach
+        k, j = np.unravel_index(int(over.argmax()), over.shape)
+        if over[k, j] > 1e-12:
+            low, high = self.middle[j] - self.reach[j], self.middle[j] + self.reach[j]
+            raise ValueError(
+                f"{field}: {q[k, j]:.6g} of '{names[j]}' is beyond its stops; must be from {low:.6g} to {high:.6g}"
+            )

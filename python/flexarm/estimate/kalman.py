@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, number, outside
+from .._check import Array, array, instance, number, outside, positive
+from ..analysis.equilibrium import elastic_rates
 from ..arm.arm import Arm
 from ..model.acting.acts import acts_from, at_rest
 from ..model.acting.control import padded
@@ -102,13 +103,10 @@ class KalmanFilter:
         t: float = 0.0,
         friction_speed: float = 0.01,
     ) -> None:
-        if not isinstance(arm, Arm):
-            raise ValueError(f"arm = {arm!r}: must be an Arm")
+        instance("arm", arm, Arm)
         if not isinstance(sensors, (list, tuple)):
             raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
-        self.arm, self.sensors, self.step = arm, tuple(sensors), number("step", step)
-        if not 0 < self.step < np.inf:
-            raise ValueError(f"step = {step}: must be positive and finite (s)")
+        self.arm, self.sensors, self.step = arm, tuple(sensors), positive("step", step, "s")
         if not self.sensors:
             raise ValueError("sensors = []: there must be at least one; nothing is known without readings")
         labels, rows, ranges = [], [], []
@@ -124,13 +122,9 @@ class KalmanFilter:
         self.labels: tuple[str, ...] = tuple(labels)
         self._range = np.array(ranges)
         self._names, parameters = unknowns(arm, {} if estimate is None else estimate, {} if drift is None else drift)
-        joints = np.zeros(arm.nv)
-        for n, link in enumerate(arm.links):
-            joints[arm.joint_rates(n) if link.joint.nv else []] = 1.0
-        noise = array("force_noise", force_noise)
-        if (noise < 0).any():
-            raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
-        noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
+        noise = _each("force_noise", force_noise, arm.nv)
+        if np.ndim(force_noise) == 0:
+            noise[elastic_rates(arm)] = 0.0
         speed = number("friction_speed", friction_speed)
         begin = number("t", t)
         self._known = begin, self.step, drive, loads, control
@@ -257,8 +251,7 @@ class KalmanFilter:
             found["nis"], found["used"], self.labels,
         )  # fmt: skip
 
-    # -- the present estimate
-    # -------------------------------------------------------------------------------------------
+    # -- the present estimate ------------------------------------------------------------------------------------------
 
     @property
     def q(self) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import array, number
+from .._check import array, not_negative
 from ..arm.arm import Arm
 from ..run.sensing.lowpass import LowPass
 from ..run.sensing.sensor import Sensor
@@ -69,8 +69,7 @@ def unknowns(
     for name, value in drift.items():
         if name not in estimate:
             raise ValueError(f"drift: {name} is not among those of estimate: {', '.join(estimate) or 'none'}")
-        if not 0 <= number(f"drift: {name}", value) < np.inf:
-            raise ValueError(f"drift: {name} = {value}: must not be negative (unit/sqrt(s))")
+        not_negative(f"drift: {name}", value, "unit/sqrt(s)")
     for name, value in estimate.items():
         kind, *where = str(name).split(".")
         right = "must be 'payload', or " + ", ".join(f"'{k}.LINK'" for k in KINDS[1:])

@@ -5,20 +5,29 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from .._check import whole
+from .._check import Array, at_least, instance, known_keys, number, positive, whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
+from ..data.compare import Comparison
 from ..data.data import Data
+from ..many.batch.arguments import default_workers
+from ..model.acting.drive import Motion, split_drives
+from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
 from ..run.scene.scene import Scene
+from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
 from .fit import Fit, FitError, FitInterrupted, FitWarning
+from .residuals import Residuals, scenarios
+from .runs import Run, measured_run
 from .search import Found, Search
-from .task import Task
-from .unknown import Parameters, drawn
+from .statistics import coloured, covariance, loose, untold, whiteness
+from .unknown import Parameters, Sought, drawn, sought
 
 _STARTS = 8  # if one is not enough
 _POOR = 0.5  # NRMSE of a poor fit
@@ -84,13 +93,11 @@ def identify(
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene = {type(scene).__name__}: must be an fa.Scene, such as fa.load(...) gives")
-    task = Task.of(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
-    counts = {"starts": 1 if starts is None else starts, "keep": keep, "max_iterations": max_iterations}
-    for name, value in counts.items():
-        if whole(name, value) < 1:
-            raise ValueError(f"{name} = {value}: must be at least 1")
+    instance("scene", scene, Scene, "an fa.Scene, such as fa.load(...) gives")
+    task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
+    at_least("starts", 1 if starts is None else starts, 1)
+    at_least("keep", keep, 1)
+    at_least("max_iterations", max_iterations, 1)
     of = task.residuals
     search = Search(of, task.noise, max_iterations)
     count = sum(run.measured.size for run in of.runs) + len(of.priors(np.zeros(len(of.sought)))[0])
@@ -132,3 +139,263 @@ def identify(
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
+
+
+_FIXED_STEP = "implicit"  # replaces integrators with variable steps
+_HALVINGS = 4  # most halvings of a step that was not given
+_MOVED = 0.1  # standard deviations: tolerated effect of the step on a value
+_ROWS = 4  # most rows between two of the data, for filters and delays
+_AGAINST = -0.5  # correlation of data and output at the start: below it the sign may be wrong
+
+
+@dataclass
+class Task:
+    """A checked request for a fit, and the report of its end."""
+
+    scene: Scene
+    residuals: Residuals
+    noise: dict[str, float]
+    inputs: Any
+    outputs: Any
+    auto: bool  #: whether the step is automatic
+
+    def sign_hints(self, inner: Array) -> dict[str, str]:
+        """Hints, by name, for columns with the opposite sign of the output at a point."""
+        found, hints = self.residuals.residuals(inner), {}
+        for run, y in zip(self.residuals.runs, found or [], strict=False):
+            for name, r in zip(run.outputs, y, strict=True):
+                with np.errstate(invalid="ignore"):
+                    agreed = np.corrcoef(r + run.data[name], run.data[name])[0, 1]
+                if agreed < _AGAINST:
+                    hints[name] = f"and at the start it goes the other way (correlation {agreed:.2f}): look at its sign"
+        return hints
+
+    def refined(self, found: Found, search: Search) -> list[str]:
+        """Shortens the step until its effect is negligible. Returns messages about the last step."""
+        p = self.residuals
+        if p.options.get("step") is None:
+            return []
+        left = _HALVINGS if self.auto else 0
+        while True:
+            moved, name = self._step_effect(found)
+            if moved < _MOVED:
+                return []
+            if not left:
+                break
+            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error is of order step squared
+            left -= times
+            p.options["step"] /= 2**times
+            p.clear()
+            _finer(p)
+            search.weighed(found)
+        if moved < 1:
+            return []
+        return [
+            f"step = {p.options['step']:g} s: the error of the integrator moves {name} by {moved:.3g} of its standard "
+            "deviations; take a shorter one"
+        ]
+
+    def _step_effect(self, found: Found) -> tuple[float, str]:
+        """The largest change of a value by half the step, in standard deviations, and the name of that value."""
+        p = self.residuals
+        J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
+        halved = Residuals(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
+        finer = halved.weighted(found.inner, found.sigma)
+        p.count += halved.count
+        if not np.isfinite(finer).all():
+            return 0.0, ""
+        size = np.linalg.norm(J, axis=0)
+        by = np.where(size > 0, size, 1.0)
+        shift = np.linalg.lstsq(J / by, finer - r, rcond=1e-6)[0] / by
+        std = np.sqrt(np.diag(covariance(J, [])))
+        moved = np.where(np.isfinite(std), np.abs(shift) / np.where(std > 0, std, 1.0), 0.0)
+        k = int(np.argmax(moved))
+        return float(moved[k]), p.sought[k].name
+
+    # -- the end -------------------------------------------------------------------------------------------------------
+
+    def fit(self, found: Found, points: Array, began: float) -> Fit:
+        """The fit with the uncertainty of its values."""
+        from scipy.stats import t as student  # slow to import
+
+        p, inner = self.residuals, found.inner
+        residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
+        assert residuals is not None
+        try:
+            J = p.jacobian(inner, found.sigma)
+        except (RunStopped, KeyboardInterrupt):
+            J = np.zeros((sum(y.size for y in residuals), len(inner)))
+        tests: list[dict[str, Any]] = []
+        blocks: list[tuple[slice, Array | None]] = []
+        row = 0
+        for run, y in zip(p.runs, residuals, strict=True):
+            tests.append({})
+            for name, r in zip(run.outputs, y, strict=True):
+                test = tests[-1][name] = whiteness(r)
+                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
+                row += len(r)
+        C = covariance(J, blocks)
+        std = np.sqrt(np.diag(C))
+        free = max(1, row - len(inner))
+        reach = float(student.ppf(0.975, free)) if len(self.noise) < len(found.sigma) else 1.959964
+        values, slopes = p.values(inner), p.slopes_of_values(inner)
+        sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
+        names = [x.name for x in p.sought]
+        with np.errstate(divide="ignore"):
+            parts = np.minimum(10.0, np.where([x.log for x in p.sought], 1.0, sizes / np.abs(inner)))
+        with np.errstate(invalid="ignore"):
+            correlation = C / np.outer(std, std)
+        correlation[~np.isfinite(correlation)] = np.nan
+        tried = found.tried or [np.inf] * len(points)
+        runs: list[Comparison] = []
+        for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
+            assert not isinstance(result, RunStopped)
+            runs.append(run.compared(result, setup))
+        again = replace(self, residuals=Residuals([], p.sought, p.options, p.workers))  # without stored points
+        return Fit(
+            scene=self._scene(inner, *done[0][1:3]),
+            values=dict(zip(names, values.tolist(), strict=True)),
+            intervals={x.name: _interval(x, float(u), reach * float(s))
+                       for x, u, s in zip(p.sought, inner, std, strict=True)},
+            std=dict(zip(names, (std * np.abs(slopes)).tolist(), strict=True)),
+            correlation=correlation,
+            start={x.name: float(x.of.start or 0.0) for x in p.sought},
+            noise=dict(found.sigma),
+            noise_told=frozenset(self.noise),
+            comparisons=runs,
+            whiteness=tests,
+            untold=untold(J, sizes, names, parts) if J.any() else [],
+            loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
+            at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
+            converged=found.converged,
+            message=found.message,
+            starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
+            stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
+            _comparison_with=partial(again._validated, inner),
+        )  # fmt: skip
+
+    def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
+        """The scene with the fitted values of its first run."""
+        p, run = self.residuals, self.residuals.runs[0]
+        # the scene's sensors, followed by those that only outputs name
+        setup = p.setup(inner, (*self.scene.sensors, *run.setup.sensors[len(self.scene.sensors) :]))
+        given = any(x.path.startswith(("q0", "v0")) for x in p.sought)
+        state = {"q0": q0, "v0": v0} if given else {}
+        options = {k: v for k, v in p.options.items() if v is not None}
+        times = {"t": np.array(run.data.t)} if self.inputs else {}
+        return replace(
+            self.scene, arm=setup.arm, drive=dict(setup.drive), loads=setup.loads, control=setup.control,
+            sensors=setup.sensors, options=options, **state, **times,  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    def _validated(self, inner: Array, data: Any, inputs: Any) -> Comparison:
+        p = self.residuals
+        if inputs is None:
+            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
+        run = measured_run(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
+        fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
+        run.setup, run.q0, run.v0 = scenarios(run, fixed)[0]
+        own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
+        own = list({x.path: x for x in own}.values())
+        one = Residuals([run], own, p.options, p.workers)
+        _finer(one)
+        point = drawn(own, 1, 0)[0] if own else np.empty(0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if own:
+                try:
+                    point = Search(one, self.noise, 50)(point[None], 1, False).inner
+                except RunStopped as e:
+                    raise FitError(f"the run fails: {e}", {}) from None
+            setup, _, _, result = one.finished(point, 0)
+        if isinstance(result, RunStopped):
+            raise FitError(f"the run fails: {result}", {})
+        return run.compared(result, setup)
+
+
+def _task(
+    scene: Scene, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
+    workers: Any,
+) -> Task:  # fmt: skip
+    """The request of `identify`, checked."""
+    if not isinstance(parameters, (str, Mapping, list, tuple, set)):
+        raise ValueError(f"parameters = {parameters!r}: must be paths, or a dictionary by paths")
+    paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
+    runs = _runs(scene, data, inputs, outputs, paths)
+    known_keys("noise", noise or {}, [name for run in runs for name in run.outputs])
+    noise = {name: positive(f"noise['{name}']", x) for name, x in (noise or {}).items()}
+    unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
+    _check_states(runs, unknown)
+    options, auto = _options(scene, runs, integrator, step)
+    residuals = Residuals(runs, unknown, options, default_workers(workers))
+    _finer(residuals)
+    return Task(scene, residuals, noise, inputs, outputs, auto)
+
+
+def _own(x: Sought) -> bool:
+    """Whether each run has its own value of this number."""
+    return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
+
+
+def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
+    """The measured runs."""
+    several = isinstance(data, (list, tuple))
+    all_data = list(data) if several else [data]
+    if not all_data:
+        raise ValueError("data: is an empty list; give at least one fa.Data")
+    all_inputs = inputs if isinstance(inputs, (list, tuple)) else [inputs] * len(all_data)
+    if len(all_inputs) != len(all_data):
+        raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
+    named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
+    rows = zip(all_data, all_inputs, named, strict=True)
+    return [measured_run(scene, d, i, outputs, name, paths) for d, i, name in rows]
+
+
+def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
+    """Raises ValueError for unknown initial states that motions prescribe."""
+    for run in runs:
+        arm = run.setup.arm
+        laws = arm.by_rate("drive", split_drives(run.setup.drive)[0])
+        moved = [i for i, law in laws.items() if isinstance(law, Motion)]
+        taken = {f"v0.{i}" for i in moved} | {f"q0.{arm.coordinate_of(i)}" for i in moved}
+        for x in unknown:
+            if x.path in taken:
+                raise ValueError(f"parameters['{x.path}']: the motion of that joint is prescribed, its start with it")
+
+
+def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float | None) -> tuple[dict[str, Any], bool]:
+    """Options of the runs, and whether the step is automatic."""
+    options = {k: v for k, v in scene.options.items() if v is not None}
+    own = options.get("integrator", "ida")
+    chosen = integrator or (own if INTEGRATORS[own].fixed else _FIXED_STEP)
+    if chosen != own:
+        for key in OPTIONS:
+            options.pop(key, None)
+    options["integrator"] = chosen
+    if step is not None:
+        options["step"] = number("step", step)
+    auto = INTEGRATORS[chosen].fixed and options.get("step") is None if chosen in INTEGRATORS else False
+    if auto:
+        options["step"] = min(run.data.step for run in runs)
+    integrator_of(chosen, **{k: x for k, x in options.items() if k in OPTIONS})
+    return options, auto
+
+
+def _finer(residuals: Residuals) -> None:
+    """Adds rows between those of the data if a filter or a delay of a sensor needs them."""
+    step = residuals.options.get("step")
+    for run in residuals.runs:
+        looks = [s for s in run.setup.sensors if isinstance(s, Sensor) and (s.filter is not None or s.delay)]
+        sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in residuals.sought)
+        fine = bool(step) and (bool(looks) or sought_too)
+        run.every = int(np.clip(round(run.data.step / step), 1, _ROWS)) if fine and step else 1
+
+
+def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:
+    low, high = (x.value(inner - reach), x.value(inner + reach)) if np.isfinite(reach) else (-np.inf, np.inf)
+    return max(low, x.of.low), min(high, x.of.high)
+
+
+def _at_bound(x: Sought, value: float) -> bool:
+    near = 1e-6 * max(abs(value), x.scale if not x.log else 0.0)
+    return value - x.of.low <= near or x.of.high - value <= near

@@ -22,7 +22,6 @@ from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
-from ..run.sensitivity import Output
 from ..run.start import check_one_start, state, warn_of_one_balance
 
 _OFTEN = 0.99  # least samples of a sensor for each row of the data
@@ -34,6 +33,24 @@ def ideal(sensor: Sensor) -> Sensor:
     """The sensor without noise, quantisation and own sample times: these have no derivatives."""
     known = {f.name for f in fields(sensor)}
     return replace(sensor, **{k: v for k, v in _INSTRUMENT.items() if k in known})
+
+
+@dataclass(frozen=True)
+class Reader:
+    """An output of a run.
+
+    Attributes:
+        read: (result, setup) -> (nt,). unit: its own, "" where that is not known.
+        sensor, quantity: of a sensor's reading, its index, and the measured quantity; else None and "".
+    """
+
+    read: Callable[[Result, Setup], Any]
+    unit: str = ""
+    sensor: int | None = None
+    quantity: str = ""
+
+    def __call__(self, result: Result, setup: Setup) -> Array:
+        return np.asarray(self.read(result, setup))
 
 
 @dataclass
@@ -50,7 +67,7 @@ class Run:
     setup: Setup
     q0: Array
     v0: Array
-    outputs: Mapping[str, Output]
+    outputs: Mapping[str, Reader]
     every: int = 1
     balance: str | None = None
 
@@ -148,7 +165,7 @@ def used_inputs(inputs: Mapping[Any, Any] | None) -> set[str]:
 
 def readers(
     scene: Scene, data: Data, asked: Any, inputs: Mapping[Any, Any] | None
-) -> tuple[tuple[Sensor, ...], dict[str, Output]]:
+) -> tuple[tuple[Sensor, ...], dict[str, Reader]]:
     """The sensors, including those of `asked`, and the readers by columns of the data."""
     sensors = [ideal(s) for s in scene.sensors]
     if asked is None:
@@ -157,7 +174,7 @@ def readers(
         asked = [asked]
     if not isinstance(asked, Mapping):
         asked = {name: name for name in asked}
-    found: dict[str, Output] = {}
+    found: dict[str, Reader] = {}
     rates = [s.rate for s in scene.sensors]
     for name, spec in asked.items():
         where = f"outputs['{name}']"
@@ -171,7 +188,7 @@ def readers(
                 rates.append(spec.rate)
             spec = f"sensor.{sensors.index(ideal(spec))}"
         found[name] = reader = _reader(scene.arm, sensors, where, spec)
-        rate = rates[reader.sensor] if isinstance(reader, _Reading) else None
+        rate = None if reader.sensor is None else rates[reader.sensor]
         if rate is not None and rate * data.step < _OFTEN:
             raise ValueError(
                 f"{where}: the sensor samples at {rate:g} Hz, and the data have rows at {1 / data.step:.5g} Hz: those "
@@ -184,11 +201,8 @@ def readers(
 
 
 def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[str, str]:
-    arm = scene.arm
-    zero = np.zeros((2, arm.nv))
-    still = Result(arm, np.array([0.0, 1.0]), np.tile(arm.zero, (2, 1)), zero, zero, zero)
     sensors = [f"sensor.{k}" for k in range(len(scene.sensors))]
-    own = [*sensors, *still.to_data()]
+    own = [*sensors, *_at_rest(scene.arm)]
     alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
     if not alike:
         raise ValueError(
@@ -200,21 +214,36 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     return alike
 
 
-def _reader(arm: Arm, sensors: list[Sensor], where: str, spec: Any) -> Output:
+def _at_rest(arm: Arm) -> Data:
+    """The table of a run that stands still."""
+    zero = np.zeros((2, arm.nv))
+    return Result(arm, np.array([0.0, 1.0]), np.tile(arm.zero, (2, 1)), zero, zero, zero).to_data()
+
+
+def _reader(arm: Arm, sensors: list[Sensor], where: str, spec: Any) -> Reader:
     if callable(spec):
-        return _Function(where, spec)
+        return Reader(lambda result, setup: _of_function(where, spec, result))
     if not isinstance(spec, str):
         raise ValueError(f"{where} = {spec!r}: must be a sensor, 'sensor.0', a name in the run, or a function of it")
     if spec.startswith("sensor."):
         return _of_sensor(arm, sensors, where, spec)
-    for kind, columns in run_outputs.titles(arm).items():
-        names = [name for name, _ in columns]
-        if spec in names and kind in ("q", "v", "a", "tau"):
-            return _Coordinate(kind, names.index(spec), columns[names.index(spec)][1])
-    return _Column(where, spec)
+    titles = run_outputs.titles(arm)
+    rows = {name: (k, at, of) for k in ("q", "v", "a", "tau") for at, (name, of) in enumerate(titles[k])}
+    if spec in rows:
+        kind, column, own = rows[spec]
+        return Reader(lambda result, setup: getattr(result, kind)[:, column], own)
+    units = _at_rest(arm).units
+    return Reader(lambda result, setup: result.to_data()[spec], units[choice(where, spec, units)])
 
 
-def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, spec: str) -> Output:
+def _of_function(where: str, of: Callable[[Result], Any], result: Result) -> Array:
+    y = array(where, of(result))
+    if y.shape not in (result.t.shape, (*result.t.shape, 1)):
+        raise ValueError(f"{where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")
+    return y.reshape(-1)
+
+
+def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, spec: str) -> Reader:
     known = [f"sensor.{k}" for k in range(len(sensors))]
     number, *component = spec.split(".")[1:]
     if f"sensor.{number}" not in known or len(component) > 1 or not all(c.isdigit() for c in component):
@@ -228,53 +257,11 @@ def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, spec: str) -> Output
     at = int(component[0]) if component else 0
     if at >= len(parts):
         raise ValueError(f"{where} = '{spec}': this sensor has {len(parts)} components, from 0 on")
-    return _Reading(k, at, unit(parts[at][1]).si)
+    return Reader(lambda result, setup: _read(setup.sensors[k], result)[:, at], unit(parts[at][1]).si, k, parts[at][0])
 
 
-@dataclass(frozen=True)
-class _Reading:
-    sensor: int
-    component: int
-    unit: str
-
-    def __call__(self, result: Result, setup: Setup) -> Array:
-        sensor = setup.sensors[self.sensor]
-        assert isinstance(sensor, Sensor)
-        return sensor.read(result).y[:, self.component]
-
-
-@dataclass(frozen=True)
-class _Coordinate:
-    kind: str
-    column: int
-    unit: str
-
-    def __call__(self, result: Result, setup: Setup) -> Array:
-        return np.asarray(getattr(result, self.kind)[:, self.column])
-
-
-@dataclass(frozen=True)
-class _Column:
-    where: str
-    name: str
-    unit: str = ""
-
-    def __call__(self, result: Result, setup: Setup) -> Array:
-        table = result.to_data()
-        return np.asarray(table[choice(self.where, self.name, table)])
-
-
-@dataclass(frozen=True)
-class _Function:
-    where: str
-    of: Callable[[Result], Any]
-    unit: str = ""
-
-    def __call__(self, result: Result, setup: Setup) -> Array:
-        y = array(self.where, self.of(result))
-        if y.shape not in (result.t.shape, (*result.t.shape, 1)):
-            raise ValueError(f"{self.where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")
-        return y.reshape(-1)
+def _read(sensor: Any, result: Result) -> Array:
+    return sensor.read(result).y  # type: ignore[no-any-return]
 
 
 # -- all of it ---------------------------------------------------------------------------------------------------------
@@ -311,30 +298,20 @@ def _check(run: Run, paths: Collection[str]) -> None:
     arm, still = run.setup.arm, np.zeros((2, run.setup.arm.nv))
     t = run.data.t[:2]
     result = Result(arm, t, np.array([run.q0, run.q0]), np.array([run.v0, run.v0]), still, still, loads=run.setup.loads)
-    table = result.to_data()
     for name, f in run.outputs.items():
         f(result, run.setup)
-        own = table.units[f.name] if isinstance(f, _Column) else getattr(f, "unit", "")
-        if isinstance(f, _Reading):
-            sensor = run.setup.sensors[f.sensor]
-            scaled = np.any(getattr(sensor, "gain", 1.0) != 1.0)
+        own, theirs = f.unit, run.data.units[name]
+        if f.sensor is not None:
+            scaled = np.any(getattr(run.setup.sensors[f.sensor], "gain", 1.0) != 1.0)
             if scaled or any(path.startswith(f"sensor.{f.sensor}.gain") for path in paths):
                 own = ""  # a gain may have a unit
-        theirs = run.data.units[name]
         if own and theirs and own != theirs:
-            hint = _to_other_units(run, f, theirs) if isinstance(f, _Reading) else ""
-            raise ValueError(
-                f"outputs['{name}']: the data are in {theirs}, and the output of the run is in {own}{hint}"
-            )
-
-
-def _to_other_units(run: Run, f: _Reading, theirs: str) -> str:
-    """A hint how to make a sensor read in other units."""
-    sensor = run.setup.sensors[f.sensor]
-    assert isinstance(sensor, Sensor)
-    quantity = sensor.components(run.setup.arm)[f.component][0]
-    known = f"give this sensor a known gain, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {quantity}"
-    return f"; add 'sensor.{f.sensor}.gain' to the parameters, which fits it, or {known}"
+            text = f"outputs['{name}']: the data are in {theirs}, and the output of the run is in {own}"
+            if f.sensor is not None:
+                per = f"{theirs} for each {own if own != '1' else 'unit'} of {f.quantity}"
+                text += f"; add 'sensor.{f.sensor}.gain' to the parameters, which fits it, "
+                text += f"or give this sensor a known gain, {per}"
+            raise ValueError(text)
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._check import Array, number
-from ..arm.variation import Setup, Variation, fields_of, known_paths, numbered
+from .._check import Array, finite_number, number, positive
+from ..arm.variation import Setup, Variation, known_paths, numbered, value_at
 
 _FACTOR = 3.0  # range of random starts without bounds, as a factor
 
@@ -47,10 +48,9 @@ class Unknown:
             raise ValueError(f"start = {self.start:g}: must be within the bounds, {self.low:g} to {self.high:g}")
         if (self.mean is None) != (self.std is None):
             raise ValueError(f"mean = {self.mean}, std = {self.std}: a prior needs both")
-        if self.std is not None and not 0 < self.std < np.inf:
-            raise ValueError(f"std = {self.std:g}: must be positive and finite")
-        if self.mean is not None and not np.isfinite(self.mean):
-            raise ValueError(f"mean = {self.mean}: must be finite")
+        if self.mean is not None:
+            positive("std", self.std)
+            finite_number("mean", self.mean)
         for name in ("log", "each_run"):
             if getattr(self, name) not in (None, True, False):
                 raise ValueError(f"{name} = {getattr(self, name)!r}: must be True, False or None")
@@ -168,36 +168,20 @@ def _takes(setup: Setup, path: str, value: float) -> bool:
 
 def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None:
     """The value of a path in a setup; None if it is left out there. ValueError if it is no number."""
-    known = known_paths(setup)
-    path = numbered(setup, path)
-    root, *inner = path.split(".")
-    arm = setup.arm
-    node: Any = {
-        "link": arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors, "q0": state[0],
-        "v0": state[1], "gravity": arm.gravity,
-    }.get(root)  # fmt: skip
-    if root == "drive":
-        names = {".".join(str(k) for k in key) if isinstance(key, tuple) else str(key): key for key in setup.drive}
-        for name, key in names.items():
-            if path.startswith(f"drive.{name}."):
-                node, inner = setup.drive[key], path[len(f"drive.{name}.") :].split(".")
-    try:
-        for name in inner:
-            node = node[int(name)] if isinstance(node, (tuple, list, np.ndarray)) else fields_of(node)[name]
-    except (KeyError, IndexError, ValueError, TypeError):
-        node = path
-    if node is path or root not in ("link", "load", "control", "sensor", "q0", "v0", "gravity", "drive"):
+    path, known = numbered(setup, path), known_paths(setup)
+    value, _ = value_at(setup, path, dict(zip(("q0", "v0"), state, strict=True)))
+    if value is None and path not in known:
         states = [f"{k}.{i}" for k, x in zip(("q0", "v0"), state, strict=True) for i in range(len(x))]
         near = difflib.get_close_matches(path, [*known, *states], n=1, cutoff=0.3)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        if root == "sensor" and inner[1:2] == ["filter"] and len(inner) == 3 and inner[0].isdigit():
+        if re.fullmatch(r"sensor\.\d+\.filter\.\w+", path):
             hint = "; give this sensor a filter in the scene, such as filter=fa.sensors.LowPass(20.0)"
         raise ValueError(f"is nothing that can vary{hint}")
-    if np.ndim(node) or isinstance(node, Mapping) or isinstance(node, str):
+    if np.ndim(value) or isinstance(value, (Mapping, str)):
         raise ValueError(f"is no single number; take one of it, such as '{path}.0'")
-    if node is not None and not isinstance(node, (int, float, np.floating)):
+    if value is not None and not isinstance(value, (int, float, np.floating)):
         raise ValueError(f"is no number; can vary there: {', '.join(k for k in known if k.startswith(path + '.'))}")
-    return None if node is None else float(node)
+    return None if value is None else float(value)
 
 
 def drawn(all_sought: list[Sought], count: int, seed: int) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, choice, instance, number, whole
+from .._console import aligned
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
@@ -25,10 +26,10 @@ from ..model.acting.shaping import Shaper, input_shaper
 from .hybrid import Complex, Hybrid
 from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
-from .margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
+from .margins import Margins, Response, Robustness, margins_of, margins_table, robustness_of, short, stable, zeros_of
 from .plant import Plant
-from .table import table
 
+_ROWS = 16  # poles that are printed
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
 
 
@@ -59,7 +60,7 @@ class ClosedLoop:
         self.channels: list[Channel] = _hybrid.channels
 
     def __str__(self) -> str:
-        return table(self)
+        return "\n".join(_table(self))
 
     def __repr__(self) -> str:
         return f"ClosedLoop({len(self.poles)} poles, growth {self.growth:.4g} 1/s)"
@@ -78,9 +79,7 @@ class ClosedLoop:
 
     @property
     def damping(self) -> Array:
-        size, finite = np.abs(self.poles), np.isfinite(self.poles)
-        with np.errstate(invalid="ignore"):
-            return np.where(finite & (size > 0), -self.poles.real / np.where(finite & (size > 0), size, 1.0), ~finite)
+        return _damping(self.poles)
 
     @cached_property
     def zeros(self) -> Complex:
@@ -148,10 +147,8 @@ class ClosedLoop:
         theta = theta / np.where(largest == 0, 1.0, largest)
         share = np.abs(np.real(np.conj(theta) * (self.arm.mass_matrix(self.q) @ theta)))
         share /= np.maximum(share.sum(axis=0), 1e-300)
-        radius = np.abs(s)
-        up = np.argsort(radius, kind="stable")
-        damping = np.where(radius > 0, -s.real / np.where(radius > 0, radius, 1.0), 0.0)
-        return Modes(radius[up], damping[up], theta[:, up], share[:, up], s[up], self.q, self.arm)
+        up = np.argsort(np.abs(s), kind="stable")
+        return Modes(np.abs(s)[up], _damping(s)[up], theta[:, up], share[:, up], s[up], self.q, self.arm)
 
     def shaper(self, kind: str = "zvd", modes: int | Iterable[int] = 1) -> Shaper:
         """A shaper of commands for vibrations of the closed loop; see `input_shaper`.
@@ -294,6 +291,38 @@ class ClosedLoop:
             ImportError: python-control is missing.
         """
         return state_space(self, "inputs", "outputs", period=self.period or 0.0)
+
+
+def _damping(s: Complex) -> Array:
+    """Damping ratios: 1 of -inf, 0 of 0."""
+    size = np.where(np.isfinite(s) & (s != 0), np.abs(s), 1.0)
+    return np.where(np.isfinite(s), -s.real / size, 1.0)
+
+
+def _table(loop: ClosedLoop) -> list[str]:
+    """The lines that `print` shows."""
+    z, count = loop.z, len(loop.poles)
+    kinds = ", ".join(f"control[{k}] {type(c).__name__}" for k, c in enumerate(loop.control)) or "no control"
+    often = "" if loop.period is None else f"; sampling period {loop.period:.6g} s"
+    rests = loop.growth < -1e-6
+    state = "UNSTABLE" if not loop.stable else "stable" if rests else "stable, but some of it does not die away"
+    rows = [["growth (1/s)", "frequency (rad/s)", "(Hz)", "damping ratio", *(() if z is None else ("z",))]]
+    shown = [k for k in range(count) if loop.poles[k].imag >= 0 or np.isneginf(loop.poles[k].real)]
+    for k in shown[:_ROWS]:
+        s, size = loop.poles[k], float(loop.frequencies[k])
+        rows.append([short(s.real, "-inf"), short(size, "inf"), short(size / 2 / np.pi, "inf"), short(loop.damping[k])])
+        if z is not None:
+            side = f" +- {abs(z[k].imag):.4g}i" if s.imag > 0 and abs(z[k].imag) > 1e-12 else ""
+            rows[-1].append(f"{z[k].real:.4g}{side}" if abs(z[k]) > 1e-3 else "0, but for rounding")
+    out = [f"{kinds}: {state}, {count} poles, fastest growth {short(loop.growth)} 1/s{often}", ""]
+    out += aligned(rows, range(5))
+    out += [f"... and {len(shown) - _ROWS} more, which fall faster"] if shown[_ROWS:] else []
+    if loop.channels and loop.stable:
+        out += ["", *margins_table(loop.margins)]
+        out += [str(loop.robustness)] if np.isfinite(loop.robustness.value) else []
+    elif loop.channels:
+        out += ["", str(loop.limits())]
+    return out
 
 
 def _indices(field: str, given: Any, labels: Sequence[str]) -> list[int]:

@@ -256,9 +256,9 @@ def lqr(
         weights: the weighed outputs as of `Arm.linearize`, each with the largest deviation accepted,
             such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. A weight of the tip damps
             bending.
-        effort: the largest u - u0 accepted, a number or one for each of `actuate` (N, N m, V); None: of joints, what
-            makes a rigid arm three times slower than the lowest frequency with the joints held. For patches you must
-            give it.
+        effort: the largest u - u0 accepted, a number or one for each of `actuate` (N, N m, V); None: of joints, the
+            size that makes a rigid arm three times slower than the lowest frequency with the joints held. For patches
+            you must give it.
         actuate: as of StateFeedback; None: all joints.
         rate: samples a second (Hz), then the plant and its cost are sampled exactly; None: continuous.
         delay: from a sample to its force (s), which the design knows.

@@ -150,7 +150,7 @@ class Hybrid:
         if not self.held:
             return None
         rates = {f"control[{x.control}].rate": x.rate for x in self.held}
-        rates |= {f"rate of what control[{x.control}] reads, {k}": tap.rate for x in self.held
+        rates |= {f"rate of reading {k} of control[{x.control}]": tap.rate for x in self.held
                   for k, tap in enumerate(x.taps) if tap.rate is not None}  # fmt: skip
         return common_period(rates)
 

@@ -166,8 +166,8 @@ def _felt_part(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, Array, Ar
 
 
 def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[list[Tap], Array, bool]:
-    """What a sampled controller reads: the derivatives about a state, what it reads there (ny,), and whether a sensor
-    has a range that may hold the loop."""
+    """The numbers that a sampled controller reads: their derivatives about a state, their values there (ny,), and
+    whether a sensor has a range that may hold the loop."""
     nq, nv = arm.nq, arm.nv
     none = np.zeros(nv)
     if c.measure is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array
+from .._console import aligned
 from .hybrid import Complex, Hybrid, logarithm
 from .laws import Channel, HeldLaw
-from .table import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
 _NEAR_POLES = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
@@ -64,6 +64,20 @@ class Robustness(NamedTuple):
 
     def __str__(self) -> str:
         return f"least singular value of I + L: {self.value:.3f}, at {short(self.frequency)} rad/s"
+
+
+def margins_table(margins: Sequence[Margins]) -> list[str]:
+    """The lines of a table: its head, then one for each."""
+    rows = [["loop at", "gain, from", "to", "phase (deg)", "at (rad/s)", "delay (ms)"]]
+    for m in margins:
+        phase, delay = (short(x, "-" if np.isnan(x) else "any") for x in (np.degrees(m.phase), 1e3 * m.delay))
+        rows.append([m.name, short(m.gain[0]), short(m.gain[1], "inf"), phase, short(m.phase_frequency), delay])
+    return aligned(rows, range(1, 6))
+
+
+def short(x: float, none: str = "-") -> str:
+    """Four digits; `none` of inf and nan."""
+    return none if not np.isfinite(x) else f"{x + 0.0 if abs(x) > 1e-12 else 0.0:.4g}"
 
 
 class Response:

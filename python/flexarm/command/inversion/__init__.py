@@ -1,6 +1,6 @@
 """Inversion of the dynamics: forces and motions of the joints that carry the tip along a path.
 
 From low to high: path (of the tip), equations (joints that keep to it, balance, dynamics of the other coordinates),
-periodic (differences, a sparse solve, an iteration), solve (the motion on one grid), window (grids and times ahead of
-the path and after it), limits (of joints), inversion (the result), invert.
+solve (the motion on one grid), window (grids, and times ahead of the path and after it), inversion (the result),
+invert.
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,9 +42,8 @@ class Equations:
             link.beam.length for link in arm.links if link.beam is not None), 1e-3)  # fmt: skip
         self.elastic = True  # whether the inner coordinates move
         self.tell: Callable[[str], None] = lambda doing: None
-        # (link, freedom) of locked joints, and of passive ones
-        self.locked: tuple[tuple[int, int], ...] = ()
-        self.passive: tuple[tuple[int, int], ...] = ()
+        self.locked: tuple[Any, ...] = ()  # keys of locked freedoms, and of passive ones
+        self.passive: tuple[Any, ...] = ()
 
     # -- kinematics ---------------------------------------------------------------------------------------------------
 
@@ -117,9 +116,10 @@ class Equations:
         by_q = self.arm._core.inverse_derivatives(q, zero, zero, by_v=False)[0][self.inner]
         K: Array = by_q[:, self.inner] + by_q[:, self.joints] @ self.follow(q)[0]
         if self.passive and not np.linalg.cond(K) < 1e12:
+            names = ", ".join(repr(self.arm.coordinates[self.arm.joint_rate(key)]) for key in self.passive)
             raise ValueError(
-                f"passive: nothing holds the joints {list(self.passive)} at rest, no spring and no weight, so that no "
-                "inverse comes to rest; drive them, lock them, or give them springs"
+                f"passive: nothing holds the joints {names} at rest, no spring and no weight, so that no inverse comes "
+                "to rest; drive them, lock them, or give them springs"
             )
         return K
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +16,28 @@ from ...model.acting.control import PD
 from ...model.acting.drive import Motion, Torque
 from ...run.result import Result
 from ...run.simulation import simulate
-from .limits import Exceeded
+from ..joint_limits import freedoms
 from .path import Output
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPLAYS = ("motion", "torque", "feedback")
+
+
+class Exceeded(NamedTuple):
+    """A limit that an inversion exceeds: its kind ("torque", "speed", "range"), the joint's link (or (link, freedom)),
+    the time of the largest excess (s), the value there, the limit, and the joint's name in `arm.coordinates`."""
+
+    kind: str
+    joint: Any
+    time: float
+    value: float
+    limit: float
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.name}: {self.value:.4g} at t = {self.time:.4g} s, limit {self.limit:.4g}"
 
 
 @dataclass(repr=False, eq=False)
@@ -69,7 +84,7 @@ class Inversion:
     exceeded: list[Exceeded] = field(default_factory=list)
     _path: Any = None  # a Path
     _at: tuple[int, float | None] = (-1, None)  # link and x of the slice on the path
-    _held: tuple[Any, ...] = ()  # (link, freedom) of locked and of passive joints
+    _held: tuple[Any, ...] = ()  # keys of locked and of passive freedoms
     _passive: tuple[Any, ...] = ()
 
     def __repr__(self) -> str:
@@ -180,11 +195,7 @@ class Inversion:
 
     def _joint_places(self) -> dict[Any, float]:
         """The start value of each freedom of each joint."""
-        places = {}
-        for n, link in enumerate(self.arm.links):
-            for k in range(link.joint.nv):
-                places[n, k] = float(self.q[0, self._coordinate(self.arm.joint_rate((n, k)))])
-        return places
+        return {key: float(self.q[0, self._coordinate(i)]) for key, i in freedoms(self.arm).items()}
 
     def _start(self, arm: Arm) -> Array:
         """The pose at rest, of this or another model."""

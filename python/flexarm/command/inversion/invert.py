@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, choice, number
+from ..._check import Array, choice, instance, not_negative, positive
 from ..._console import progress_bar
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
+from ..joint_limits import by_freedom, by_kind, freedoms, joint_limits, joint_ranges
 from .equations import Equations
-from .inversion import Inversion
-from .limits import applied, bounds_of, exceeded, within
+from .inversion import Exceeded, Inversion
 from .path import Output, Path
 from .solve import Motions
 from .window import check_rest, solve
 
 METHODS = ("stable", "quasi-static", "rigid")
+LIMITS = ("torque", "speed", "range")
+_NEAR = 0.01  # tolerance of the factor by which a path is slowed
 _TOLERANCE, _SHARE, _LEAST = 1e-7, 1e-4, 1e-12  # (m, rad); share of the tip's way; rounding
 
 
@@ -104,18 +106,17 @@ def invert(
         RangeWarning: a beam bent further than its order is good for.
     """
     begun = time.perf_counter()
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    instance("arm", arm, Arm)
     choice("method", method, METHODS)
-    if tolerance is not None and not 0 < number("tolerance", tolerance) < np.inf:
-        raise ValueError(f"tolerance = {tolerance}: must be positive (m)")
+    if tolerance is not None:
+        positive("tolerance", tolerance, "m, rad")
     path = Path(tip, t)
     way = float(np.ptp(path(np.linspace(path.begin, path.end, 101)), axis=0).max())
     accuracy = tolerance or min(_TOLERANCE, max(_SHARE * way, _LEAST))
     equations, keys = _equations(arm, Output(arm, link, x, path.names), passive, lock, method)
     bounds = bounds_of(arm, limits, keys)
     start = _start(equations, path, q, posture)
-    window = tuple(None if w is None else _duration(n, w) for n, w in (("pre", pre), ("post", post)))
+    window = tuple(None if w is None else not_negative(n, w, "s") for n, w in (("pre", pre), ("post", post)))
 
     def solved(factor: float) -> tuple[Path, Motions, float, Any]:
         slower = path.slowed(factor)
@@ -148,49 +149,26 @@ def invert(
 # -- arguments --------------------------------------------------------------------------------------------------------
 
 
-def _duration(name: str, value: Any) -> float:
-    if not 0 <= number(name, value) < np.inf:
-        raise ValueError(f"{name} = {value}: must not be negative (s)")
-    return float(value)
-
-
-def _freedoms(arm: Arm, name: str, links: Any) -> list[tuple[int, int]]:
-    """(link, freedom) of each freedom of the joints named."""
+def _rates(arm: Arm, name: str, links: Any) -> list[int]:
+    """The rates of the joints named."""
     if isinstance(links, (str, Mapping)) or not isinstance(links, Iterable):
         raise ValueError(f"{name} = {links!r}: must be a list of links, or (link, freedom)")
-    found = []
-    for key in links:
-        rates = arm.joint_rates(key, f"{name}: link")
-        n = arm._link(key[0] if isinstance(key, tuple) else key)
-        found += [(n, i - arm._core.first(n)) for i in rates]
-    return found
-
-
-def _name(arm: Arm, key: tuple[int, int]) -> str:
-    return arm.coordinates[arm.joint_rate(key)]
+    return [i for key in links for i in arm.joint_rates(key, f"{name}: link")]
 
 
 def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -> tuple[Equations, list[Any]]:
     if arm.nq != arm.nv:
         name = arm.joint_names[arm.quaternions()[0][0]]
         raise ValueError(f"arm: joint {name} is a ball; take three rotations in its place (Axes, Universal)")
-    free, locked = _freedoms(arm, "passive", passive), _freedoms(arm, "lock", lock)
-    for key in free:
-        if key in locked:
-            raise ValueError(f"passive: {_name(arm, key)} is in lock, too")
-    joints, inner, keys = [], [], []
-    for n, link in enumerate(arm.links):
-        first, count = arm._core.first(n), link.joint.nv
-        end = arm._core.first(n + 1) if n + 1 < len(arm.links) else arm.nv
-        for k in range(count):
-            if (n, k) in free:
-                inner.append(first + k)
-                if link.joint._per_freedom("coulomb", count)[k]:
-                    raise ValueError(f"passive: {_name(arm, (n, k))} has dry friction; only driven joints may have it")
-            elif (n, k) not in locked:
-                joints.append(first + k)
-                keys.append(n if count == 1 else (n, k))
-        inner += range(first + count, end)
+    free, locked, dry = _rates(arm, "passive", passive), _rates(arm, "lock", lock), by_freedom(arm, "coulomb")
+    for i in free:
+        if i in locked:
+            raise ValueError(f"passive: {arm.coordinates[i]} is in lock, too")
+        if dry[i]:
+            raise ValueError(f"passive: {arm.coordinates[i]} has dry friction; only driven joints may have it")
+    keys = freedoms(arm)
+    joints = [i for i in keys.values() if i not in free and i not in locked]
+    inner = [i for i in range(arm.nv) if i not in dry or i in free]
     p = len(output.names)
     if len(joints) < p:
         raise ValueError(
@@ -201,8 +179,8 @@ def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -
         raise ValueError('passive: method="rigid" has none')
     equations = Equations(arm, output, joints, inner, np.zeros(len(joints)))
     equations.elastic = method != "rigid"
-    equations.locked, equations.passive = tuple(locked), tuple(free)
-    return equations, keys
+    equations.locked, equations.passive = (tuple(k for k, i in keys.items() if i in x) for x in (locked, free))
+    return equations, [key for key, i in keys.items() if i in joints]
 
 
 def _start(equations: Equations, path: Path, q: Any, posture: Any) -> Array:
@@ -214,12 +192,11 @@ def _start(equations: Equations, path: Path, q: Any, posture: Any) -> Array:
     pose = arm._place(name, value)
     wanted = path(np.array([path.begin]))[0]
     equations.posture = pose[equations.joints]
-    if not equations.elastic:
+    if equations.elastic:
+        pose = arm.equilibrium(pose, lock=[key for key in freedoms(arm) if key not in equations.passive])
+    else:
         pose = pose.copy()
         pose[equations.inner] = 0.0
-    if equations.elastic:
-        joints = [(n, k) for n, link in enumerate(arm.links) for k in range(link.joint.nv)]
-        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in equations.passive])
     if q is not None:
         off = equations.output.error(pose[None], wanted[None])[0]
         if np.linalg.norm(off) > 1e-6 * max(1.0, equations.length):
@@ -233,3 +210,78 @@ def _start(equations: Equations, path: Path, q: Any, posture: Any) -> Array:
     if posture is None:
         equations.posture = pose[equations.joints]
     return pose
+
+
+# -- limits -----------------------------------------------------------------------------------------------------------
+
+
+def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
+    """Limits by kind: (m,), of the range (2, m)."""
+    given, rates = by_kind(limits, LIMITS), [arm.joint_rate(key) for key in keys]
+    ranges = joint_ranges(arm, "limits['range']", given.pop("range", None), rates)
+    return {"range": ranges} | {name: joint_limits(arm, f"limits[{name!r}]", x, rates) for name, x in given.items()}
+
+
+def applied(equations: Equations, found: Motions) -> Array:
+    """The motors' torques, with the dry friction that they overcome."""
+    tau = np.zeros_like(found.tau)
+    tau[:, equations.joints] = found.tau[:, equations.joints]
+    for i, dry in by_freedom(equations.arm, "coulomb").items():
+        if dry and i in equations.joints:
+            v = found.v[:, i]
+            tau[:, i] += dry * np.sign(v) * (np.abs(v) > 1e-6 * np.abs(v).max())
+    return tau
+
+
+def exceeded(
+    equations: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
+) -> list[Exceeded]:
+    out: list[Exceeded] = []
+    th, names = equations.joints, [equations.arm.coordinates[i] for i in equations.joints]
+    for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):
+        if kind not in bounds:
+            continue
+        for k in np.flatnonzero(np.abs(values).max(axis=0) > bounds[kind] * (1 + 1e-9)).tolist():
+            at = int(np.abs(values[:, k]).argmax())
+            numbers = float(found.t[at]), float(values[at, k]), float(bounds[kind][k])
+            out.append(Exceeded(kind, keys[k], *numbers, names[k]))
+    q, (low, high) = found.q[:, th], bounds["range"]
+    for k in range(len(th)):
+        for at, limit, beyond in ((int(q[:, k].argmin()), low[k], q[:, k].min() < low[k]),
+                                  (int(q[:, k].argmax()), high[k], q[:, k].max() > high[k])):  # fmt: skip
+            if beyond:
+                out.append(Exceeded("range", keys[k], float(found.t[at]), float(q[at, k]), float(limit), names[k]))
+    return out
+
+
+def within(solved: Any, equations: Equations, bounds: Mapping[str, Array], stretch: bool) -> tuple[Any, float]:
+    """A solution within the limits, and the factor by which the path is slowed for it."""
+    found = solved(1.0)
+    if not stretch:
+        return found, 1.0
+
+    def respected(motions: Motions) -> bool:
+        over = exceeded(equations, motions, applied(equations, motions), bounds, list(range(len(equations.joints))))
+        for x in over:
+            if x.kind == "range":
+                raise ValueError(f"limits: {x}, and no slowing helps; take another posture")
+        return not over
+
+    if respected(found[1]):
+        return found, 1.0
+    low, high = 1.0, 2.0
+    while not respected((found := solved(high))[1]):
+        if high > 60:
+            raise ValueError(
+                "limits: are exceeded even by a path 64 times slower, so by gravity alone; allow more torque, or take "
+                "another posture"
+            )
+        low, high = high, 2 * high
+    while high / low > 1 + _NEAR:
+        middle = float(np.sqrt(low * high))
+        trial = solved(middle)
+        if respected(trial[1]):
+            high, found = middle, trial
+        else:
+            low = middle
+    return found, high

@@ -13,14 +13,12 @@ from numpy.typing import ArrayLike
 from ..._check import Array, array, choice, number
 from ..._console import progress_bar
 from ...arm.arm import Arm
-from ...model.acting.drive import Motion
 from ...run.simulation import simulated
+from ..joint_limits import Driven, Limits
 from .move import LimitUse, Move, held, swing
-from .move_limits import Driven, Limits
 from .moved_arm import MovedArm
-from .profile import Profile
 from .rigid import RigidMove, fastest
-from .route import Route, path_points
+from .route import Profile, Route, path_points
 from .search import PENALTIES, Aim, Found, Search
 
 Tell = Callable[[str], None] | None
@@ -174,7 +172,7 @@ class _Plan:
         self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS)) if ways == 1 else _KNOTS_EACH
         w = plant.modes.frequencies
         self.kept = min(_MODES, int((w * self.target / self.knots < _FAST).sum()))
-        self.rigid_drive = self._keyed(*self._rigid_samples())
+        self.rigid_drive = plant.drive(*held(*self._rigid_samples()))
         self.unshaped = self._unshaped()
         self.scale = self._scale()
         self.enough = max(_ENOUGH, _ENOUGH_OF * allowed * min(self.unshaped / self.scale, 1.0))
@@ -305,7 +303,7 @@ class _Plan:
         move = Move(
             plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
             tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, (),
-            0.0, 0.0, self._keyed(p.t, *p.joints()), self.rigid_drive, plant,
+            0.0, 0.0, plant.drive(*held(p.t, *p.joints())), self.rigid_drive, plant,
         )  # fmt: skip
         run = move._run(simulated, None, None, {})
         left = swing(plant, run, p.duration)
@@ -320,11 +318,6 @@ class _Plan:
                 uses.append(LimitUse(kind, self.plant.driven.names[j], float(part[k, j] * most[j]), float(most[j]),
                                      float(run.t[k])))  # fmt: skip
         return tuple(uses)
-
-    def _keyed(self, *samples: Array) -> dict[Any, Motion]:
-        """Motions that rest after their samples, by link, or by (link, freedom) for a joint with several."""
-        one = [link.joint.nv == 1 for link in self.plant.arm.links]
-        return {link if one[link] else (link, n): x for (link, n), x in self.plant.drive(*held(*samples)).items()}
 
     def _rigid_samples(self) -> tuple[Array, ...]:
         t = np.linspace(0.0, self.rigid.duration, 801)

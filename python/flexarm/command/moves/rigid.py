@@ -15,7 +15,7 @@ import numpy as np
 
 from ..._check import Array
 from ...arm.arm import Arm
-from .move_limits import Driven, Limits
+from ..joint_limits import Driven, Limits, by_freedom
 from .route import Route
 
 _INTERVALS = 400
@@ -72,8 +72,7 @@ def fastest(arm: Arm, driven: Driven, route: Route, limits: Limits) -> RigidMove
     by_u = joint_torques(arm, driven, q, zero, d1) - still
     forth, back = joint_torques(arm, driven, q, d1, d2), joint_torques(arm, driven, q, -d1, d2)
     by_x, viscous = 0.5 * (forth + back) - still, 0.5 * (forth - back)
-    dry = [x for link in arm.links for x in link.joint._per_freedom("coulomb", link.joint.nv)]
-    still = still + np.array(dry) * np.sign(d1)
+    still = still + np.array(list(by_freedom(arm, "coulomb").values())) * np.sign(d1)
     x = _profile(s, (by_u, by_x, still), (d1, d2), limits, route) if not viscous.any() else np.zeros(_INTERVALS + 1)
     with np.errstate(divide="ignore"):
         slow = 0.25 * np.nanmin(np.where(viscous == 0, np.inf, (limits.torque - np.abs(still)) / viscous) ** 2, axis=1)

@@ -17,10 +17,9 @@ import numpy as np
 from ..._check import Array
 from ...run.result import Result
 from ...run.simulation import SimulationError
-from .move_limits import Limits
-from .moved_arm import MovedArm
-from .profile import Profile
-from .response import Response, respond
+from ..joint_limits import Limits
+from .moved_arm import MovedArm, Response, respond
+from .route import Profile
 
 #: Penalties of exceeded limits (in parts of them), and of vibration (in parts of `scale`), by whether the duration is
 #: free; the next one is taken if too much excess is left.

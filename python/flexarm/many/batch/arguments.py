@@ -11,19 +11,16 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, check_finite, choice, known_keys, whole
+from ..._check import Array, array, at_least, check_finite, choice, known_keys
 from ..._threads import cores
 from ...arm.arm import Arm
+from ...model.acting.drive import Motion, Torque, Voltage
 from ...run.integrators import Integrator, integrator_of
 
 
 def default_workers(workers: int | None) -> int:
     """The number of threads: as many as this process may use cores, if None."""
-    if workers is None:
-        return cores()
-    if whole("workers", workers) < 1:
-        raise ValueError(f"workers = {workers}: must be at least 1")
-    return workers
+    return cores() if workers is None else at_least("workers", workers, 1)
 
 
 def scenario_count(sizes: Mapping[str, int]) -> int:
@@ -95,18 +92,24 @@ def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ..
     return made
 
 
-def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
+def check_balls(arm: Arm, q: Array) -> None:
+    """ValueError for a quaternion of q0 (B, nq) that has no length, with its scenario."""
     for k, at in arm.quaternions():
         size = np.abs(q[:, at]).max(axis=1)
         bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
         if bad.size:
-            whose = f"{field_name}[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
+            whose = f"q0[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
             raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
 
 
-def check_every(every: int, nstep: int) -> None:
-    if not 1 <= every <= nstep:
-        raise ValueError(f"every = {every}: must be from 1 to the number of steps, {nstep}")
+def checked_drive(drive: Any) -> dict[Any, Any]:
+    """The argument `drive` of a batch."""
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+    for key, law in (drive or {}).items():
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    return dict(drive or {})
 
 
 def stepping(integrator: str | Integrator, **options: Any) -> Integrator:

@@ -99,14 +99,13 @@ def gather(
     arguments: Callable[[Any], dict[str, Any]],
     parts: Sequence[Any],
     executor: Executor | Callable[[], Executor],
-    retries: int = RETRIES,
     again: Callable[[Any], None] = lambda part: None,
 ) -> Iterator[tuple[Any, Any]]:
     """Yields each part (a range or an array of indices) with function(**arguments(part)), as they get done: each once,
     in any order.
 
-    A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, `retries` times,
-    and `again` is told.
+    A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, up to
+    three times, and `again` is told.
 
     Raises:
         ValueError: no executor; or something that cannot be pickled.
@@ -120,7 +119,7 @@ def gather(
     def lose(k: int, generation: int, error: BaseException) -> None:
         tries[k] += 1
         waiting.appendleft(k)
-        if tries[k] > retries:
+        if tries[k] > RETRIES:
             of = f"scenarios {parts[k][0]} to {parts[k][-1]}"
             raise RuntimeError(f"executor: the workers that computed {of} died {tries[k]} times ({error})") from error
         again(parts[k])

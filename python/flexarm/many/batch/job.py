@@ -3,39 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import Array
-from ...arm.arm import Arm
 from ...arm.variation import Variation
 from ...run.integrators import OPTIONS, Integrator, integrator_of
 from ...run.problem import read_events
-from ...run.result import Result
 
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
-
-
-class Summary(Protocol):
-    """Numbers of each scenario that are stored in place of its rows. Its attributes are part of a file's fingerprint.
-
-    Attributes:
-        every: the job's rows between two stored ones.
-    """
-
-    @property
-    def every(self) -> int: ...
-
-    def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
-        """By name, the shapes of the arrays for a scenario with this number of rows."""
-
-    def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
-        """These arrays of all scenarios in `Job.blocks`, nan if one failed; `result` gives each as a Result."""
 
 
 def renamed(message: str, names: Any) -> str:
@@ -53,7 +33,8 @@ class Job:
         q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
         outputs: of "q", "v", "a", "tau".
         integrator, step, options: of `simulate`.
-        summary: stored of each scenario in place of the outputs; None: the outputs.
+        summary: makes the arrays that are stored in place of the outputs, as `RunSummary` of sweeps does; None: the
+            outputs. Its attributes are part of a file's fingerprint.
         whole: scenarios of the whole batch, of which this may be a part; few are not worth the lanes.
         balance: q0 if it was a word, such as "trim".
     """
@@ -68,7 +49,7 @@ class Job:
     integrator: str
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
-    summary: Summary | None = None
+    summary: Any = None
     whole: int = 0
     balance: str | None = None
 
@@ -107,7 +88,7 @@ class Job:
     def kept(self) -> dict[str, tuple[int, ...]]:
         """By name, the shapes of the stored arrays of a scenario."""
         if self.summary is not None:
-            return self.summary.kept(self.variation.setup.arm, self.rows)
+            return self.summary.kept(self.variation.setup.arm, self.rows)  # type: ignore[no-any-return]
         return {k: (self.rows, size) for k, size in self.sizes().items()}
 
     @property

@@ -16,10 +16,9 @@ from ...arm.variation import Setup, Variation
 from ...data.store.files import Refused, readable, sealed, write_whole
 from ...run.result import Result
 from ...run.simulation import source
-from . import events as batch_events
 from .job import ENDED, FAILED, Job
-from .rollout import NOT_DONE, Failure
-from .storage import REASON_BYTES, about, failures_in, in_bytes, read, write_file
+from .problems import NOT_DONE, Failure
+from .storage import REASON_BYTES, about, failures_in, in_bytes, kept_events, read, write_file
 
 OUTPUTS = ("q", "v", "a", "tau")
 
@@ -128,7 +127,7 @@ class BatchResult:
         for f in self.failures:
             reason[f.index] = in_bytes(f.reason)
         if self.events is not None:
-            kept |= batch_events.kept(self.events)
+            kept |= kept_events(self.events)
         kept |= {"status": self.status, "reached": self.reached, "reason": reason}
         told = {**about(self.variation), **({} if self.keeps_loads else {"loads": 1})}
         if file.suffix.lower() in (".h5", ".hdf5"):

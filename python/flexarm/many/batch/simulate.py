@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, choice, whole
+from ..._check import Array, array, choice, instance, whole, within
 from ..._console import progress_bar
 from ...analysis.findings import LoopWarning, RangeWarning
 from ...analysis.validity import range_warning
@@ -18,14 +18,15 @@ from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...loop.loops import unstable
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque, Voltage, split_drives
+from ...model.acting.drive import Motion, split_drives
 from ...model.acting.load import Load
 from ...run.integrators import INTEGRATORS, Integrator, integrator_of, spelled
 from ...run.start import check_one_start, start
-from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
+from .arguments import check_memory, checked_drive, default_workers, forces, rows, scenario_count
 from .job import Job
+from .problems import NOT_DONE
 from .result import OUTPUTS, BatchResult
-from .rollout import NOT_DONE, BatchInterrupted, lowest, tell
+from .rollout import BatchInterrupted, lowest, tell
 from .runner import Runner
 from .storage import File, Memory
 
@@ -55,7 +56,7 @@ def make_job(
         options.setdefault("step", float(np.diff(times).min()))
     integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
     step = options.pop("step", None)
-    check_every(whole("every", every), times.size - 1)
+    within("every", whole("every", every), 1, times.size - 1, ", the number of steps")
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
@@ -93,18 +94,13 @@ def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
 
 def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
     """The common setup of the scenarios, checked."""
-    if drive is not None and not isinstance(drive, Mapping):
-        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
-    for key, law in (drive or {}).items():
-        if not isinstance(law, (Motion, Torque, Voltage)):
-            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    drives = checked_drive(drive)
     for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
         if given is not None and not isinstance(given, (list, tuple, Controller)):
             raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm; give differences as parameters")
+    instance("arm", arm, Arm, "an Arm; give differences as parameters")
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
-    return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
+    return Setup(arm, drives, tuple(loads or ()), controls)
 
 
 def simulate_batch(
@@ -151,8 +147,7 @@ def simulate_batch(
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
-            done about ten times a second (with an executor: whenever a share is done) and at the end, and may raise to
-            give up.
+            done about ten times a second and whenever a part of `batch` scenarios is done, and may raise to give up.
         out: arrays by name that the result is written into; or a file ("sweep.h5"), written as the scenarios are
             done: the same call again computes missing and damaged ones, whatever stopped it.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
@@ -221,14 +216,10 @@ def simulate_batch(
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
     """The unstable loop of control that bent the beams of scenario i too far by the time reached (s), or None."""
-    s, q0, prescribed = _start(job, i)
-    span = reached - float(job.t[0])
-    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, span, True) if s.control else None
-
-
-def _start(job: Job, i: int) -> tuple[Setup, Array, list[int]]:
-    """Setup and initial coordinates of scenario i, and its prescribed rates."""
     s = job.variation.scenario(i)
-    joints = s.arm.by_rate("drive", split_drives(s.drive)[0])
+    if not s.control:
+        return None
+    laws = s.arm.by_rate("drive", split_drives(s.drive)[0])
+    prescribed = [k for k, law in laws.items() if isinstance(law, Motion)]
     q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
-    return s, q0, [k for k, law in joints.items() if isinstance(law, Motion)]
+    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, reached - float(job.t[0]), True)

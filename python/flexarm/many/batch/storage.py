@@ -19,12 +19,57 @@ from ...data.store.files import unsealed, zipped
 from ...data.store.fingerprint import marks
 from ...data.store.scenarios import Column, ScenarioFile, read_scenarios
 from ...run.outputs import titles
-from . import events as batch_events
 from .arguments import prepared
 from .job import ENDED, FAILED, Job
-from .rollout import NOT_DONE, Failure
+from .problems import NOT_DONE, Failure
 
 REASON_BYTES = 500  # of a failure's reason
+PARTS = ("t_events", "q_events", "v_events")
+
+
+def event_columns(events: int, most: int, nq: int, nv: int) -> dict[str, Column]:
+    """The arrays by name: the number of occurrences of each event, and the first `most` of them."""
+    of = (events, most)
+    rows = {k: Column(shape, "<f8", np.nan) for k, shape in zip(PARTS, (of, (*of, nq), (*of, nv)), strict=True)}
+    return {"events": Column(of[:1], "<i4", 0), **rows}
+
+
+def packed_events(found: NDArray[Any], events: int, most: int, nq: int, nv: int) -> dict[str, NDArray[Any]]:
+    """These arrays from the events of each scenario (None: not known); blank beyond."""
+    of = event_columns(events, most, nq, nv)
+    out = {k: np.full((len(found), *x.shape), x.blank, x.kind) for k, x in of.items()}
+    for i, scenario in enumerate(found):
+        for name, parts in zip(PARTS, scenario or (), strict=False):
+            for k, part in enumerate(parts):
+                n = min(len(part), most)
+                out["events"][i, k], out[name][i, k, :n] = n, part[:n]
+    return out
+
+
+def kept_events(found: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """These arrays with room for all occurrences."""
+    known = [scenario for scenario in found if scenario is not None]
+    if not known:
+        return {}
+    most = max(len(t) for t_events, _, _ in known for t in t_events)
+    nq, nv = known[0][1][0].shape[1], known[0][2][0].shape[1]
+    return packed_events(found, len(known[0][0]), most, nq, nv)
+
+
+def crowded(found: NDArray[Any], most: int) -> list[int]:
+    """Scenarios in which an event occurred more often than `most` times."""
+    return [i for i, scenario in enumerate(found) if scenario and any(len(t) > most for t in scenario[0])]
+
+
+def unpacked_events(held: Mapping[str, NDArray[Any]], done: NDArray[np.bool_]) -> NDArray[Any]:
+    """The events of each scenario that is done, (B,): lists of t, q and v of each event; None in the others."""
+    out = np.full(len(done), None)
+    for i in np.flatnonzero(done):
+        out[i] = tuple([np.array(held[name][i, k, :n]) for k, n in enumerate(held["events"][i])] for name in PARTS)
+    return out
+
+
+# -- the storage -------------------------------------------------------------------------------------------------------
 
 
 def job_marks(job: Job, name: str | None) -> dict[str, str]:
@@ -89,7 +134,7 @@ def read(path: Path, verify: bool) -> dict[str, Any]:
         words, fixed, arrays, done = read_scenarios(path, verify=verify)
         held = {**fixed, **arrays, **{k: np.array(arrays[k]) for k in ("status", "reached", "reason")}, "about": words}
     if "events" in held:
-        held["events"] = batch_events.unpacked(held, done)
+        held["events"] = unpacked_events(held, done)
     values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
     return {**held, "parameters": values}
 
@@ -169,7 +214,7 @@ class File:
     ) -> None:  # fmt: skip
         names = {**titles(job.variation.setup.arm), **(more or {})}
         columns = {k: Column(shape, "<f8", np.nan, names.get(k, ())) for k, shape in job.kept().items()}
-        self._events = batch_events.columns(*job.event_sizes()) if job.keeps_events else {}
+        self._events = event_columns(*job.event_sizes()) if job.keeps_events else {}
         columns |= {"reason": Column((), f"S{REASON_BYTES}", ""), "out_of_range": Column((4,), "<f8", np.nan)}
         columns |= {**self._events, "reached": Column((), "<f8", float(job.t[0]), [("reached", "s")])}
         columns |= {"status": Column((), "<i4", NOT_DONE), "wrong": Column((), f"S{2 * REASON_BYTES}", "")}
@@ -194,7 +239,7 @@ class File:
         indices, rows = part[whole], {k: x[whole] for k, x in blocks.items()}
         if self._events:
             failures = [*failures, *self._crowded(indices, rows)]
-            rows |= batch_events.packed(rows["events"], *self._job.event_sizes())
+            rows |= packed_events(rows["events"], *self._job.event_sizes())
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: in_bytes(f.reason) for f in failures}
         rows["wrong"] = np.array([_packed(x or ()) for x in rows["wrong"]], f"S{2 * REASON_BYTES}")
         rows["reason"] = np.array([reasons[i] for i in indices.tolist()], f"S{REASON_BYTES}")
@@ -203,7 +248,7 @@ class File:
     def _crowded(self, indices: NDArray[np.int64], rows: Mapping[str, Any]) -> list[Failure]:
         """Failures: scenarios with more occurrences of an event than the file has room for."""
         most, found = self._job.rows, []
-        for k in batch_events.crowded(rows["events"], most):
+        for k in crowded(rows["events"], most):
             rows["status"][k] = FAILED
             reason = f"an event occurred more than {most} times: a file keeps as many as it has rows; "
             reason += "give more times t, or out=None"
@@ -222,5 +267,5 @@ class File:
         held |= {k: arrays[k] for k in self._job.kept()}
         held["wrong"] = np.fromiter(map(_unpacked, arrays["wrong"]), object, len(held["status"]))
         if self._events:
-            held["events"] = batch_events.unpacked(arrays, self._file.done())
+            held["events"] = unpacked_events(arrays, self._file.done())
         return held, failures_in(held)

@@ -1,1 +1,1 @@
-"""Sweeps over parameters: vary (their values), quantities (of each run), result (the table), sweep."""
+"""Sweeps over parameters: quantities (of each run), vary (the values), sweep (the runs and their table)."""

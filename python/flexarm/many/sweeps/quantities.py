@@ -15,7 +15,7 @@ from ...model.parts.labels import joint_coordinates
 from ...run.result import Result
 from ...run.sensing.sensors import half_thickness
 from ..batch.job import FAILED
-from ..batch.rollout import NOT_DONE
+from ..batch.problems import NOT_DONE
 
 _PLACES = 17  # along a beam, for its largest strain
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, choice, known_keys, number, whole
+from ..._check import Array, array, at_least, choice, known_keys, number, whole
 from ...run.scene.scene import SCENES, shallow
 from .quantities import QUANTITIES, quantity
 
@@ -26,6 +26,12 @@ _SPACED = ("from", "to", "count", "scale")
 _MOST = 100_000_000  # scenarios
 
 
+def _count(field_name: str, value: Any) -> int:
+    if not 1 <= whole(field_name, value) <= _MOST:
+        raise ValueError(f"{field_name} = {value}: must be from 1 to {_MOST}")
+    return int(value)
+
+
 def _spaced(where: str, table: Mapping[str, Any]) -> Array:
     """{from, to, count, scale}: equal steps, or equal ratios."""
     known_keys(where, table, _SPACED)
@@ -33,9 +39,7 @@ def _spaced(where: str, table: Mapping[str, Any]) -> Array:
     if missing:
         raise ValueError(f"{where}: missing {', '.join(missing)}; such as {{ from = 0.1, to = 0.5, count = 5 }}")
     a, b = (float(array(f"{where}.{k}", number(f"{where}.{k}", table[k]))) for k in ("from", "to"))
-    count = whole(f"{where}.count", table["count"])
-    if not 1 <= count <= _MOST:
-        raise ValueError(f"{where}.count = {count}: must be from 1 to {_MOST}")
+    count = _count(f"{where}.count", table["count"])
     if choice(f"{where}.scale", table.get("scale", "linear"), ("linear", "log")) == "linear":
         return np.linspace(a, b, count)
     if not (a > 0 and b > 0):
@@ -105,10 +109,9 @@ class Vary:
             raise ValueError(f"{self.where}.count: a {self.kind} block needs it, such as count = 100")
         if not drawn and self.count is not None:
             raise ValueError(f"{self.where}.count = {self.count}: a {self.kind} block has as many as its values say")
-        if drawn and not 1 <= whole(f"{self.where}.count", self.count) <= _MOST:
-            raise ValueError(f"{self.where}.count = {self.count}: must be from 1 to {_MOST}")
-        if whole(f"{self.where}.seed", self.seed) < 0:
-            raise ValueError(f"{self.where}.seed = {self.seed}: must not be negative")
+        if drawn:
+            _count(f"{self.where}.count", self.count)
+        at_least(f"{self.where}.seed", self.seed, 0)
 
     def parameters(self) -> dict[str, Array]:
         """The value of each parameter in each of this block's scenarios, (n,) or (n, k)."""
@@ -185,8 +188,7 @@ class SweepPlan:
             raise ValueError("vary: a sweep needs at least one block")
         if not 0 < number("band", self.band) < 1:
             raise ValueError(f"band = {self.band}: must be between 0 and 1")
-        if whole("every", self.every) < 1:
-            raise ValueError(f"every = {self.every}: must be at least 1")
+        at_least("every", self.every, 1)
         paths = [path for v in self.vary for path in v.values]
         twice = {p for p in paths if paths.count(p) > 1}
         if twice:

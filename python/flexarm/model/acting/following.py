@@ -140,14 +140,6 @@ class Fitted(_LAW):
     kinks: Array
 
 
-def smooth(motion: Motion) -> Motion:
-    """A motion of samples that steps may pass over."""
-    law = Fitted(motion.law.breaks, motion.law.coefficients)
-    law.kinks = np.zeros(0)
-    motion.law = law
-    return motion
-
-
 def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) -> list[Fitted]:
     """Piecewise polynomials of degree 7 through f (n,) -> (n, k) from begin to end, one law for each of its k numbers.
     Pieces are halved until they fit."""
