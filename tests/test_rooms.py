@@ -47,7 +47,7 @@ INTERNALS = {
     "choose.measures choose.models choose.trials": "steps of a search",
     "cli.paper identify.validate.rig identify.validate.validate": "a published experiment, and its measures",
     "data.draw data.draw.loop data.draw.sweep data.draw.tradeoff loop.margins": "figures of made-up numbers",
-    "robots.chain robots.looks robots.segments robots.tree view view.meshes": "geometry without a run",
+    "robots.chain robots.segments robots.urdf robots.tree view view.meshes": "geometry without a run",
 }
 
 

@@ -1,6 +1,6 @@
 """Rigid arms from URDF files against Pinocchio: mass matrix, bias, accelerations, the tip's frame.
 
-    pip install 'flexarm[urdf]' pin example-robot-data
+    pip install pin example-robot-data
     python bench/robots/pinocchio_robots.py           # published robots, the table of docs/robots.md
     python bench/robots/pinocchio_robots.py --data    # the robots of tests/data/robots, into tests/data/robots.json
 

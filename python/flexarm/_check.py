@@ -1,4 +1,4 @@
-"""Checks at the door: arrays of the right shape, finite numbers, and words for what is wrong."""
+"""Checks at the door: arrays of the right shape, finite numbers, and errors in words."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def outside() -> int:
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """What NumPy gives, as Python's own numbers, strings and tuples; all else as it is."""
+    """NumPy's numbers, strings and arrays as Python's own and tuples; all else as it is."""
     if isinstance(value, np.ndarray):
         return plain(value[()]) if value.ndim == 0 else tuple(plain(v) for v in value)
     if isinstance(value, np.floating):
-        return float(value)  # item() leaves a long double what it is
+        return float(value)  # item() leaves a long double one
     if type(value) in (list, tuple) and depth < 8:  # no argument is nested deeper
         return type(value)([plain(v, depth + 1) for v in value])
     return value.item() if isinstance(value, np.generic) else value
@@ -147,11 +147,11 @@ def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
     raise ValueError(f"{where}{whose}: must be finite, no nan or inf")
 
 
-def finite(what: str, values: Array) -> Array:
+def finite(name: str, values: Array) -> Array:
     """The result of a computation, unless it overflowed."""
     quick = np.vdot(values, values)  # finite only if all are, and fast
     if not math.isfinite(quick) and not np.isfinite(values).all():
-        raise ValueError(f"{what}: is not finite; the coordinates or rates are too large")
+        raise ValueError(f"{name}: is not finite; the coordinates or rates are too large")
     return values
 
 

@@ -1,4 +1,4 @@
-"""What programs show and write: one line of complaint, one table, one progress bar, one writer of CSV files."""
+"""Output of programs: a line of complaint, a table, a progress bar, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -13,16 +13,11 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 from ._check import Array
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
 _FIRST_LINE, _EACH_LINE = 10.0, 60.0  # s, of long work that no terminal shows
-
-# rich is slow to import, and most programs print no table: it is imported where it is used.
 
 
 def open_streams() -> None:
@@ -36,7 +31,7 @@ def open_streams() -> None:
 
 
 def drop(stream: IO[str]) -> None:
-    """Forgets what cannot be written any more; Python would try again at its exit, and end with 120."""
+    """Drops output that cannot be written any more; Python would try again at its exit, and end with 120."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -51,39 +46,6 @@ def complain(message: str) -> None:
         print(line, file=sys.stderr, flush=True)
     except OSError:  # nobody listens; the exit code still tells
         drop(sys.stderr)
-
-
-# -- tables ----------------------------------------------------------------------------------------------------------
-
-
-def empty_table(title: str, *columns: str) -> Table:
-    """An empty table, numbers to the right."""
-    from rich import box
-    from rich.table import Table
-
-    made = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-    for k, name in enumerate(columns):
-        made.add_column(name, justify="left" if k == 0 or name == "unit" else "right")
-    return made
-
-
-def print_table(shown: Table) -> None:
-    """The table on stdout, cut nowhere."""
-    from rich.console import Console
-
-    console = Console(markup=False, emoji=False)  # titles are the user's: [brackets] and :colons: are text
-    if not console.is_terminal:  # a pipe has no width: do not cut anything
-        console.width = 160
-    with console.capture() as text:
-        console.print(shown)
-    print(text.get(), end="")
-
-
-def write_table(file: IO[str], shown: Table, width: int = 160) -> None:
-    """The table as plain text in a file."""
-    from rich.console import Console
-
-    Console(file=file, width=width, color_system=None, markup=False, emoji=False).print(shown)
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> list[str]:
@@ -106,16 +68,16 @@ def seconds(t: float) -> str:
 
 
 @contextlib.contextmanager
-def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Callable[..., None] | None]:
+def progress_bar(show: Any, name: str, total: float | None = 1.0) -> Iterator[Callable[..., None] | None]:
     """A bar on stderr, gone when done.
 
     Args:
         show: whether to show one; where stderr is no terminal, lines instead: the first after 10 s, then one a minute.
             A callable takes its place.
-        what: stands before the bar. total: what is all of it; None: not known.
+        name: stands before the bar. total: the value of `done` at the end; None: not known.
 
     Yields:
-        (done, text="") -> None, which moves the bar to `done` and tells what is being done; None where nobody looks.
+        (done, text="") -> None, which moves the bar to `done`, with a text beside it; None where nobody looks.
     """
     if callable(show):
         yield show
@@ -124,19 +86,19 @@ def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Ca
         yield None
         return
     if not sys.stderr.isatty():
-        yield _lines(what, total)
+        yield _lines(name, total)
         return
-    from rich.console import Console
+    from rich.console import Console  # slow to import
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    columns = (TextColumn(name), BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done, text="": bar.update(task, completed=done, description=text)
 
 
-def _lines(what: str, total: float | None) -> Callable[..., None]:
-    """Now and then a line on stderr: what is done, for how long, and about how long it will still take."""
+def _lines(name: str, total: float | None) -> Callable[..., None]:
+    """Now and then a line on stderr: the share that is done, the time it took, and about the time that is left."""
     began = time.monotonic()
     due = began + _FIRST_LINE
 
@@ -149,7 +111,7 @@ def _lines(what: str, total: float | None) -> Callable[..., None]:
         part = done / total if total else 0.0
         left = f", about {seconds((now - began) * (1 / part - 1))} left" if 0 < part <= 1 else ""
         share = f" {100 * part:.0f} %" if part else ""
-        complain(f"{what}{share}{f' ({text})' if text else ''}: {seconds(now - began)} so far{left}")
+        complain(f"{name}{share}{f' ({text})' if text else ''}: {seconds(now - began)} so far{left}")
 
     return tell
 
@@ -187,7 +149,7 @@ def write_csv(path: Path, header: Iterable[str], columns: Iterable[Array]) -> No
 
 
 def finite(x: Any) -> Any:
-    """The same structure, what is not finite replaced by None."""
+    """The same structure, numbers that are not finite replaced by None."""
     if isinstance(x, dict):
         return {str(k): finite(v) for k, v in x.items()}
     if isinstance(x, (list, tuple)):
@@ -196,5 +158,5 @@ def finite(x: Any) -> Any:
 
 
 def json_text(value: Any) -> str:
-    """JSON; what is not finite becomes null."""
+    """JSON; numbers that are not finite become null."""
     return json.dumps(finite(value), indent=1, allow_nan=False)

@@ -72,7 +72,7 @@ def each(
 
 
 def later(work: Callable[[], T]) -> Future[T]:
-    """What work() gives, in a thread of its own."""
+    """The future result of work(), which runs in a thread of its own."""
     future: Future[T] = Future()
 
     def run() -> None:

@@ -95,4 +95,3 @@ def rollout(
         whole.append(x.reshape((1,) * (depth - own) + x.shape))
     q, v = _rollout(of, *whole)
     return q, v
-

@@ -324,7 +324,6 @@ ROBOT = Path(__file__).parents[1] / "data" / "robots" / "six.urdf"
 @pytest.mark.filterwarnings("ignore::flexarm.errors.RobotWarning")
 def test_robots_files_are_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """URDF and MJCF: at rest at zero, a second under gravity; tip names the end of a tree."""
-    pytest.importorskip("urdf_parser_py")
     told = answer_quietly(capsys, "modes", str(ROBOT))
     joints = ["pan", "shoulder", "elbow", "wrist_a", "wrist_b", "wrist_c"]
     assert told["scene"] == "six" and told["coordinates"] == joints

@@ -69,7 +69,7 @@ def test_without_the_extra(saved: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     assert "flexarm[view]" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("rows", "shown"), [(11, "shown is what there was before"), (0, "there is nothing to show")])
+@pytest.mark.parametrize(("rows", "shown"), [(11, "shown is the motion before that"), (0, "there is nothing to show")])
 def test_a_run_that_could_not_go_on(
     rows: int,
     shown: str,

@@ -19,7 +19,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from scenes import SEEDS, drawn, note
 
-pytest.importorskip("urdf_parser_py")
 pytestmark = pytest.mark.filterwarnings("ignore::flexarm.errors.RobotWarning")
 
 WORDS = ["arm", "fore arm", "b<&>'\"", "élan", "wrist/pitch", "tool0", "UPPER", "x_y-z"]

@@ -90,7 +90,6 @@ def test_spin_up(ran: Any) -> None:
 
 def test_your_robot(ran: Any) -> None:
     """The tube lies horizontally in the first pose: w L^4 / 8 EI + m g L^3 / 3 EI, and sags with the cosine."""
-    pytest.importorskip("urdf_parser_py")
     names = ran("04_your_robot")
     tube = names["tube"]
     outer, inner = tube.section.radius, tube.section.radius - tube.section.thickness

@@ -9,11 +9,9 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.robots.looks import mesh_file
+from flexarm.robots.urdf import mesh_file
 from messages import refuses, warns
 from scipy.spatial.transform import Rotation
-
-pytest.importorskip("urdf_parser_py")
 
 URDF = """<robot name="arm">
   <material name="blue"><color rgba="0 0 1 1"/></material>

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from pages import Ran
-
-pytest.importorskip("urdf_parser_py")
 
 
 def test_numbers_of_the_page(page_of_docs: Callable[[str], Ran]) -> None:

@@ -16,7 +16,6 @@ from flexarm.robots.chain import Conversion, _note_omissions
 from flexarm.robots.tree import Mass, Tree, TreeJoint
 from messages import refuses, warns
 
-pytest.importorskip("urdf_parser_py")
 DATA = Path(__file__).parents[1] / "data"
 ROBOTS = json.loads((DATA / "robots.json").read_text())["robots"]  # by Pinocchio: bench/robots/pinocchio_robots.py
 SIX = (DATA / "robots" / "six.urdf").read_text()
@@ -224,6 +223,10 @@ BAD: dict[str, tuple[str, dict[str, Any], Any]] = {
     "a word": (SIX.replace('"2.3"', '"two"'), {}, ("'forearm'", "value=", '"two"', "mass")),
     "no mass": (SIX.replace('"2.3"', '""'), {}, ("'forearm'", "value=", '""', "mass", "number")),
     "two masses": (SIX.replace('"2.3"', '"2.3 1"'), {}, ("'forearm'", "value=", '"2.3 1"', "mass", "number")),
+    "no value": (SIX.replace('<mass value="2.3"/>', "<mass/>"), {}, ("'forearm'", "value", "missing")),
+    "no child": (SIX.replace('<child link="turret"/>', ""), {}, ("'pan'", "child", "link", "missing")),
+    "a type": (SIX.replace('"pan" type="revolute"', '"pan" type="hinge"'), {}, ("'pan'", "type = 'hinge'", "revolute")),
+    "two links": (SIX.replace("</robot>", '<link name="turret"/></robot>'), {}, ("link 'turret'", "twice")),
     "a short axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 1"'), {}, ("'shoulder'", "xyz=", '"0 1"', "3", "numbers")),
     "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, ("'shoulder'", "axis")),
     "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, ("joint 'pan'", "'x'")),
@@ -249,12 +252,9 @@ def test_bad_input(name: str, tmp_path: Path) -> None:
     assert str(error.value).startswith("robot.urdf: ")
 
 
-def test_no_file_and_no_parser(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_file() -> None:
     with refuses("No such file"):
         fa.from_urdf("/nowhere.urdf")
-    monkeypatch.setitem(__import__("sys").modules, "urdf_parser_py", None)
-    with refuses("flexarm[urdf]", error=ImportError):
-        fa.from_urdf(DATA / "robots" / "six.urdf")
 
 
 # -- numbers of the user, and long chains -----------------------------------------------------------------------------

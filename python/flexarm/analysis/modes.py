@@ -51,7 +51,7 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues)).all())
 
     def __str__(self) -> str:
-        return modes_table(self.frequencies, self.damping, self.eigenvalues, self.participation, self.arm.coordinates)
+        return modes_table(self)
 
     def plot(self, count: int = 4) -> Figure:
         """A figure of the lowest `count` modes along the arm: how far each slice moves along the world's axes, over the
@@ -144,7 +144,7 @@ def _places(arm: Chain, points: int) -> list[tuple[int, float | None]]:
 def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
     """See Arm.mode_shapes."""
     if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
-        raise ValueError("modes: must be what this arm's `modes` returned")
+        raise ValueError("modes: must be a result of this arm's `modes`")
     places = _places(arm, at_least("points", points, 2))
     position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
     moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])

@@ -127,7 +127,7 @@ def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     """Finds the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range. Returns its link,
     the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
-    where none is, what `_unresolved` finds. But first what `_inside_out` finds, whose third number is not above 0. It
+    where none is, the result of `_unresolved`. But first that of `_inside_out`, whose third number is not above 0. It
     costs next to nothing while all is well."""
     if _within_bounds(arm, q):
         return None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import functools
-import os
 from typing import Any
 
-from .._console import complain, empty_table, json_text, output_folder, print_table
+import numpy as np
+
+from .._console import aligned, complain
 from ..many.sweeps.sweep import SweepInterrupted, sweep
 from ..many.sweeps.vary import SweepPlan
 from ..run.scene.scene import load
@@ -15,14 +16,14 @@ from . import options
 
 SUMMARY = "simulate a scene many times over, its parameters varied"
 TEXT = (
-    "Writes sweep.csv, a line for each scenario, sweep.png, and sweep.h5, which holds what is done and, where SWEEP "
-    "says so, trajectories. What was interrupted goes on when the same command is given again."
+    "Writes sweep.csv, a line for each scenario, sweep.png, and sweep.h5, which holds the finished scenarios and, "
+    "where SWEEP says so, trajectories. An interrupted sweep goes on when the same command is given again."
 )
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
     options.scene(p)
-    sweep = "TOML file of what to vary (docs/sweeps.md), or the name of a shipped one such as ist"
+    sweep = "TOML file of the parameters to vary (docs/sweeps.md), or the name of a shipped one such as ist"
     p.add_argument("sweep", metavar="SWEEP", help=sweep)
     options.output(p, "flexarm-batch")
     workers = "how many threads, or processes (default: one for each core)"
@@ -68,20 +69,18 @@ def run(args: argparse.Namespace) -> int:
     """Sweeps, writes and prints; 0, 1 where no scenario came to its end, 130 after Ctrl-C."""
     scene, plan = load(args.scene), SweepPlan.load(args.sweep)
     executor = _executor(args.on, args.workers)
-    folder = output_folder(args.output)
+    out = options.Output(args.output)
     workers = args.workers if executor is None else None
     interrupted = None
     try:
         result = sweep(
-            scene, plan, out=folder, resume=not args.fresh, workers=workers, executor=executor, progress=True
+            scene, plan, out=out.path, resume=not args.fresh, workers=workers, executor=executor, progress=True
         )
     except SweepInterrupted as e:
         interrupted, result = e, e.result
-    files = sorted(path.name for path in folder.iterdir() if path.is_file())
-    if args.json:
-        print(json_text({**_summary(result), "scene": scene.name, "folder": str(folder), "files": files}))
-    else:
-        _print(result, str(folder))
+    out.files += sorted(path.name for path in out.path.iterdir() if path.is_file())
+    about = {**_summary(result), "scene": scene.name}
+    options.told(args, out.described(about), *_lines(about), f"Table, picture and data are in {out}")
     if interrupted is not None:
         complain(f"{interrupted}; the same command goes on from there")
         return 130
@@ -91,19 +90,18 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _summary(result: Any) -> dict[str, Any]:
-    import numpy as np
+def _extremes(values: Any) -> dict[str, Any]:
+    """Least, middle and greatest number of a column, and the scenarios of the first and the last."""
+    good = np.flatnonzero(np.isfinite(values))
+    if not good.size:
+        return {k: float("nan") for k in ("minimum", "median", "maximum")} | {"minimum_at": None, "maximum_at": None}
+    low, high = int(good[values[good].argmin()]), int(good[values[good].argmax()])
+    numbers = {"minimum": float(values[low]), "median": float(np.median(values[good])), "maximum": float(values[high])}
+    return {**numbers, "minimum_at": low, "maximum_at": high}
 
-    columns = []
-    for name, values in result.columns.items():
-        good = values[np.isfinite(values)]
-        least, most = (float(good.min()), float(good.max())) if good.size else (float("nan"),) * 2
-        middle = float(np.median(good)) if good.size else float("nan")
-        at = [int(np.nanargmin(values)), int(np.nanargmax(values))] if good.size else [None, None]
-        columns.append(
-            {"name": name, "unit": result.units[name], "minimum": least, "median": middle, "maximum": most,
-             "minimum_at": at[0], "maximum_at": at[1]}
-        )  # fmt: skip
+
+def _summary(result: Any) -> dict[str, Any]:
+    columns = [{"name": n, "unit": result.units[n], **_extremes(values)} for n, values in result.columns.items()]
     failures = [{"scenario": i, "time": t, "reason": reason} for i, t, reason in result.failures]
     return {
         "sweep": result.plan.title, "complete": result.complete, "scenarios": len(result),
@@ -112,19 +110,15 @@ def _summary(result: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _print(result: Any, folder: str) -> None:
-    summary = _summary(result)
-    table = empty_table(
-        f"{result.plan.title}: {summary['done']} of {len(result)} scenarios",
-        "", "unit", "minimum", "in scenario", "median", "maximum", "in scenario ",
-    )  # fmt: skip
-    for c in summary["columns"]:
-        at = ["" if c[k] is None else str(c[k]) for k in ("minimum_at", "maximum_at")]
+def _lines(about: dict[str, Any]) -> list[str]:
+    """The summary as text."""
+    rows = [["", "unit", "minimum", "in scenario", "median", "maximum", "in scenario"]]
+    for c in about["columns"]:
+        low, high = ("" if c[k] is None else str(c[k]) for k in ("minimum_at", "maximum_at"))
         least, middle, most = (f"{c[k]:.6g}" for k in ("minimum", "median", "maximum"))
-        table.add_row(c["name"], c["unit"], least, at[0], middle, most, at[1])
-    print_table(table)
-    if result.failures:
-        i, t, reason = result.failures[0]
-        print(f"{len(result.failures)} failed; the first, scenario {i}, at t = {t:.4g} s: {reason}")
-    print(f"{result.stats['computed']} computed in {result.stats['wall_time']:.3g} s")
-    print(f"Table, picture and data are in {folder}{os.sep}")
+        rows.append([c["name"], c["unit"], least, low, middle, most, high])
+    lines = [f"{about['sweep']}: {about['done']} of {about['scenarios']} scenarios", *aligned(rows, range(2, 7))]
+    for f in about["failures"][:1]:
+        first = f"scenario {f['scenario']}, at t = {f['time']:.4g} s: {f['reason']}"
+        lines.append(f"{len(about['failures'])} failed; the first, {first}")
+    return [*lines, f"{about['stats']['computed']} computed in {about['stats']['wall_time']:.3g} s"]

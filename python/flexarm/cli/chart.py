@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import os
 
-from .._console import complain, output_folder
+from .._console import complain
 from ..choose.chart import chart
-from ..choose.measures import MEASURES
 from ..run.scene.scene import load
 from . import options
 
 SUMMARY = "speed against accuracy of models and integrators on a scene"
-TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps what was done."
+TEXT = "Writes chart.png, chart.txt, chart.csv and chart.json. Ctrl-C keeps the part that was done."
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
@@ -20,21 +18,18 @@ def arguments(p: argparse.ArgumentParser) -> None:
     options.output(p, "flexarm-chart")
     budget = "wall time to spend (%(default)g s); runs that would exceed it are skipped and listed"
     p.add_argument("--budget", metavar="SECONDS", type=float, default=60.0, help=budget)
-    quantity = "what is compared: tip, the position of the arm's end; joint, the coordinates of joints that are not "
-    quantity += "prescribed; strain, of each beam at its clamp (default: %(default)s)"
-    p.add_argument("--quantity", metavar="|".join(MEASURES), default="tip", help=quantity)
+    options.quantity(p, "compared")
 
 
 def run(args: argparse.Namespace) -> int:
     """Charts, writes and prints; 0, or 130 after Ctrl-C, or 1 if no run came to an end."""
     scene = load(args.scene)
-    folder = output_folder(args.output)
+    out = options.Output(args.output)
     found = chart(scene, budget=args.budget, quantity=args.quantity, progress=True)
-    files = found.save(folder)
-    about = {**found.to_dict(), "folder": str(folder), "files": files}
-    options.told(args, about, found, f"\nPicture, table and data are in {folder}{os.sep}")
+    out.files += found.save(out.path)
+    options.told(args, out.described(found.to_dict()), found, f"\nPicture, table and data are in {out}")
     if not found.complete:
-        complain(f"interrupted; the part of the chart that was done is in {folder}{os.sep}")
+        complain(f"interrupted; the part of the chart that was done is in {out}")
         return 130
     if found.truth is None:
         complain(f"--budget {args.budget:g}: no run came to an end in this time; give more")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
 
-from .._console import json_text, output_folder, print_table, progress_bar
+from .._console import progress_bar
 from . import options
-from .paper import demo
+from .paper import demo, table
 
 SUMMARY = "the paper's single-link experiment, held against its numbers"
 TEXT = "Needs no scene, network or display."
@@ -20,14 +19,10 @@ def arguments(p: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Computes, writes and prints."""
-    folder = output_folder(args.output)
+    out = options.Output(args.output)
     with progress_bar(True, "demo", demo.STEPS) as bar:
         count = itertools.count(1)
-        done = demo.run(folder, lambda what: bar(next(count), what) if bar else None)
-    if args.json:
-        print(json_text(done.to_dict()))
-        return 0
-    print_table(demo.rich_table(done.rows))
-    print(demo.note())
-    print(f"\nPictures, data and README.txt are in {folder}{os.sep}")
+        done = demo.run(out.path, lambda text: bar(next(count), text) if bar else None)
+    where = f"\nPictures, data and README.txt are in {out}"
+    options.told(args, done.to_dict(), table.text(done.rows), demo.note(), where)
     return 0

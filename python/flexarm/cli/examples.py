@@ -7,7 +7,6 @@ import ast
 from difflib import get_close_matches
 from pathlib import Path
 
-from .._console import output_folder
 from ..data.store.files import write_whole
 from . import options
 
@@ -72,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         how = "\nCopy one: flexarm examples NAME [-o DIR]; all of them: flexarm examples --all [-o DIR]"
         options.told(args, told, *lines, how)
         return 0
-    folder = output_folder(args.output)
+    folder = options.Output(args.output).path
     copied = [str(path) for name in names for path in _copy(found[name], folder)]
     options.told(args, {"files": copied}, *copied)
     return 0

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
-from pathlib import Path
 from typing import Any
 
-from .._console import complain, json_text, output_folder
+from .._console import complain
 from ..data.data import Data
-from ..data.draw import style as plots
-from ..identify.fit import Fit, FitError, FitInterrupted
+from ..identify.fit import FitError, FitInterrupted
 from ..identify.identify import identify
 from ..identify.unknown import Unknown
 from ..model.acting.drive import Motion
@@ -106,14 +103,14 @@ def run(args: argparse.Namespace) -> int:
     kept = [Data.load(path, units=units or None) for path in args.validate]
     names = runs[0]
     inputs: dict[Any, Any] = {}
-    for text, what in _pairs("--input", args.input).items():
-        kind, mark, column = what.partition(":")
+    for text, source in _pairs("--input", args.input).items():
+        kind, mark, column = source.partition(":")
         moves = mark and kind == "motion"
-        column = _column(column if moves else what, names)
-        inputs[_key(f"--input {text}={what}", text)] = (Motion, column) if moves else column
-    outputs = {_column(name, names): what for name, what in _pairs("--output", args.output).items()} or None
+        column = _column(column if moves else source, names)
+        inputs[_key(f"--input {text}={source}", text)] = (Motion, column) if moves else column
+    outputs = {_column(name, names): source for name, source in _pairs("--output", args.output).items()} or None
     noise = {_column(name, names): _number(f"--noise {name}", x) for name, x in _pairs("--noise", args.noise).items()}
-    folder = output_folder(args.folder)
+    out = options.Output(args.folder)
     interrupted: FitInterrupted | None = None
     try:
         fit = identify(
@@ -128,30 +125,21 @@ def run(args: argparse.Namespace) -> int:
             raise
         interrupted, fit = e, e.fit
     compared = [] if interrupted else [fit.validate(data) for data in kept]
-    about = {**fit.to_dict(), "complete": interrupted is None, "folder": str(folder)}
-    about["validation"] = [{"data": c.measured.name, "nrmse": dict(c.nrmse)} for c in compared]
     text = "\n".join([fit.report(), *(f"\nKept aside: {c.measured.name}\n{c}" for c in compared)])
-    about["files"] = _written(folder, fit, text, about)
-    for k, c in enumerate(compared):
-        c.plot().savefig(folder / f"validation-{k}.png", dpi=plots.DPI)
-        about["files"].append(f"validation-{k}.png")
-    (folder / "fit.json").write_text(json_text(about) + "\n", encoding="utf-8")
-    options.told(args, about, text, f"\nPicture, table and fitted scene are in {folder}{os.sep}")
-    if interrupted:
-        complain(str(interrupted).replace(".fit is the best so far", f"the best so far is in {folder}{os.sep}"))
-        return 130
-    return 0
-
-
-def _written(folder: Path, fit: Fit, text: str, about: dict[str, Any]) -> list[str]:
-    """Writes fit.txt, fit.png and fitted.toml; says where the scene cannot be one."""
-    (folder / "fit.txt").write_text(text + "\n", encoding="utf-8")
-    fit.plot().savefig(folder / "fit.png", dpi=plots.DPI)
-    files = ["fit.txt", "fit.png", "fit.json"]
+    out.text("fit.txt", text)
+    out.picture("fit.png", fit.plot())
     values = "\n".join(f"{name} = {x:.9g}" for name, x in fit.values.items())
     try:
-        fit.scene.save(folder / "fitted.toml", f"Fitted by flexarm identify:\n{values}")
-        files.append("fitted.toml")
+        fit.scene.save(out.path / "fitted.toml", f"Fitted by flexarm identify:\n{values}")
+        out.files.append("fitted.toml")
     except ValueError as e:
         complain(f"fitted.toml was not written: {e}")
-    return files
+    for k, c in enumerate(compared):
+        out.picture(f"validation-{k}.png", c.plot())
+    about = {**fit.to_dict(), "complete": interrupted is None}
+    about["validation"] = [{"data": c.measured.name, "nrmse": dict(c.nrmse)} for c in compared]
+    options.told(args, out.json("fit.json", about), text, f"\nPicture, table and fitted scene are in {out}")
+    if interrupted:
+        complain(str(interrupted).replace(".fit is the best so far", f"the best so far is in {out}"))
+        return 130
+    return 0

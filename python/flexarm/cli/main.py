@@ -53,21 +53,10 @@ class PrintCMakeDir(argparse.Action):
 
 
 COMMANDS = {
-    "demo": demo,
-    "run": run,
-    "check": check,
-    "view": view,
-    "modes": modes,
-    "chart": chart,
-    "economize": economize,
-    "place": place,
-    "compile": compiling,
-    "batch": batch,
-    "identify": identify,
-    "validate": validate,
-    "examples": examples,
-    "completion": completion,
-}
+    command.__name__.rpartition(".")[2]: command
+    for command in (demo, run, check, view, modes, chart, economize, place, compiling, batch, identify, validate,
+                    examples, completion)
+}  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .._console import empty_table, json_text, print_table
 from ..analysis.modes import Modes
+from ..analysis.printed import modes_table
 from ..model.acting.drive import Motion
 from ..run.scene.scene import Scene
 from ..run.start import state
@@ -47,7 +47,7 @@ def _speeds(given: Sequence[str], scene: Scene) -> dict[int | str, float]:
 
 
 def _locks(given: Sequence[str] | None, scene: Scene) -> list[Any]:
-    """Links to lock; unless told otherwise those whose motion the scene prescribes."""
+    """Links to lock; by default those whose motion the scene prescribes."""
     if given is None:
         return [link for link, law in scene.drive.items() if isinstance(law, Motion)]
     lock = [options.link(text) for text in given if text != "none"]
@@ -60,23 +60,15 @@ def _joint(scene: Scene, link: Any) -> str:
     return scene.arm.joint_names[scene.arm._link(link[0] if isinstance(link, tuple) else link)]
 
 
-def _mode_rows(modes: Modes, coordinates: Sequence[str], count: int) -> list[dict[str, Any]]:
-    rows = []
-    for k in range(min(count, len(modes.frequencies))):
-        shape = modes.shapes[:, k]
-        rows.append(
-            {
-                "frequency": float(modes.frequencies[k]),
-                "hertz": float(modes.frequencies[k] / (2 * np.pi)),
-                "damping": float(modes.damping[k]),
-                "eigenvalue": [float(modes.eigenvalues[k].real), float(modes.eigenvalues[k].imag)],
-                "largest_in": coordinates[int(modes.participation[:, k].argmax())],
-                "share": float(modes.participation[:, k].max()),
-                "shape_real": np.real(shape).tolist(),
-                "shape_imag": np.imag(shape).tolist(),
-            }
-        )
-    return rows
+def _mode(modes: Modes, k: int) -> dict[str, Any]:
+    """A mode, for JSON."""
+    frequency, s, share = float(modes.frequencies[k]), modes.eigenvalues[k], modes.participation[:, k]
+    return {
+        "frequency": frequency, "hertz": frequency / (2 * np.pi), "damping": float(modes.damping[k]),
+        "eigenvalue": [float(s.real), float(s.imag)], "largest_in": modes.arm.coordinates[int(share.argmax())],
+        "share": float(share.max()), "shape_real": np.real(modes.shapes[:, k]).tolist(),
+        "shape_imag": np.imag(modes.shapes[:, k]).tolist(),
+    }  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,21 +80,13 @@ def run(args: argparse.Namespace) -> int:
     lock = _locks(args.lock, scene)
     q, _ = state(scene.arm, scene.q0, None, scene.drive, scene.loads, float(scene.t[0]))
     modes = scene.arm.modes(q=q, speed=speed, lock=lock)
-    rows = _mode_rows(modes, scene.arm.coordinates, args.count)
-    if args.json:
-        keys = {"scene": scene.name, "speed": speed, "lock": lock, "stable": modes.stable}
-        print(json_text({**keys, "coordinates": list(scene.arm.coordinates), "modes": rows}))
-        return 0
     spin = ", ".join(f"{_joint(scene, k)} at {w:g}" for k, w in speed.items() if w) or "at rest"
     held = f", {', '.join(_joint(scene, k) for k in lock)} locked" if lock else ""
-    shown = empty_table(f"{scene.name}: {spin}{held}", "mode", "rad/s", "Hz", "damping ratio", "most of its energy in")
-    for k, m in enumerate(rows):
-        numbers = [f"{m['frequency']:.6g}", f"{m['hertz']:.6g}", f"{m['damping']:.4g}"]
-        if m["frequency"] == 0:
-            numbers[2] = "grows" if m["eigenvalue"][0] > 0 else "rigid"
-        where = f"{m['largest_in']} ({100 * m['share']:.0f} %)"
-        shown.add_row(str(k), *numbers, where, style=None if m["damping"] >= 0 else "bold red")
-    print_table(shown)
-    if not modes.stable:
-        print("This steady state is not stable: at least one motion grows.")
+    unstable = [] if modes.stable else ["This steady state is not stable: at least one motion grows."]
+    about = {
+        "scene": scene.name, "speed": speed, "lock": lock, "stable": modes.stable,
+        "coordinates": list(scene.arm.coordinates),
+        "modes": [_mode(modes, k) for k in range(min(args.count, len(modes.frequencies)))],
+    }  # fmt: skip
+    options.told(args, about, f"{scene.name}: {spin}{held}", modes_table(modes, args.count), *unstable)
     return 0

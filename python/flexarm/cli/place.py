@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import replace
 
-from .._console import output_folder, write_csv
+from .._console import write_csv
 from ..analysis.placement import place_patch
 from ..arm.arm import Arm
-from ..data.draw import style as plots
 from ..run.scene.scene import load
 from . import options
 
@@ -45,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
     lock: list[int] | None = [] if args.free else None
     given = {"modes": args.modes, "weights": args.weight, "lock": lock}
     found = place_patch(Arm(links), number, patch=patch, progress=True, **given)
-    folder = output_folder(args.output)
+    out = options.Output(args.output)
     names = ["centre (m)", *(f"mode {k} (m/V)" for k in range(args.modes)), "merit"]
-    write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])
-    found.plot().savefig(folder / "placement.png", dpi=plots.DPI)
-    (folder / "placement.txt").write_text(f"{found}\n", encoding="utf-8")
+    write_csv(out.file("placement.csv"), names, [found.x, *found.authority.T, found.merit])
+    out.picture("placement.png", found.plot())
+    out.text("placement.txt", found)
     values = ("best", "best_merit", "best_authority", "frequencies", "weights", "x", "authority", "merit")
     about = {k: v.tolist() if hasattr(v := getattr(found, k), "tolist") else v for k in values}
-    options.told(args, about, f"{scene.name}: {found}", f"\nPicture and data are in {folder}{os.sep}")
+    options.told(args, out.described(about), f"{scene.name}: {found}", f"\nPicture and data are in {out}")
     return 0

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import os
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .._console import complain, empty_table, json_text, output_folder, print_table, write_csv, write_table
-from ..data.draw import style as plots
+from .._console import aligned, write_csv
 from ..model.parts.labels import deflections, joint_coordinates, joint_rates
 from ..run.result import Result
 from ..run.scene.check import check_run
 from ..run.simulation import SimulationError, SimulationInterrupted
 from . import options
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
 SUMMARY = "simulate a scene"
 TEXT = (
     "Writes run.npz (for flexarm.Result.load), run.csv, run.png, summary.txt and summary.json, "
     "and for each [[sensor]] of the scene what it reads, sensor-K-TYPE.csv."
 )
+_EXTREMES = ("minimum", "maximum", "final")
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
@@ -43,66 +38,49 @@ def _quantities(result: Result) -> list[dict[str, Any]]:
     for link, component, label in deflections(result.arm):
         curves.append((f"{label} deflection", "m", result.tip_deflection(link)[:, component]))
     return [
-        {"name": n, "unit": u, "minimum": float(y.min()), "maximum": float(y.max()), "final": float(y[-1])}
+        {"name": n, "unit": u, **dict(zip(_EXTREMES, map(float, (y.min(), y.max(), y[-1])), strict=True))}
         for n, u, y in curves
     ]
-
-
-def _write_run(folder: Path, result: Result, summary: dict[str, Any], shown: Table) -> None:
-    """run.npz, run.csv, run.png, summary.txt, summary.json."""
-    result.save(folder / "run.npz")
-    data = result.to_data()
-    names = [name for name in data if not name.startswith("friction ")]
-    write_csv(folder / "run.csv", ["t", *names], [data.t, *(data[name] for name in names)])
-    result.plot().savefig(folder / "run.png", dpi=plots.DPI)
-    with (folder / "summary.txt").open("w", encoding="utf-8") as f:
-        write_table(f, shown)
-    (folder / "summary.json").write_text(json_text(summary) + "\n", encoding="utf-8")
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulates, writes and prints; 0, or 130 after Ctrl-C, or 1 if the run could not go on."""
     scene = options.read(args.scene, args.tip)
-    folder = output_folder(args.output)
+    out = options.Output(args.output)
     failure: SimulationError | SimulationInterrupted | None = None
     try:
         result = scene.run(progress=True)
     except (SimulationError, SimulationInterrupted) as e:
         failure, result = e, e.result
-    summary: dict[str, Any] = {
-        "scene": scene.name,
-        "complete": failure is None,
-        "error": None if failure is None else str(failure),
-        "time_reached": float(scene.t[-1]) if failure is None else failure.time,
-        "stats": result.stats,
-        "folder": str(folder),
-        "files": [],
-        "quantities": [],
-        "remarks": [] if failure else list(map(str, check_run(scene, result))),
-    }
-    title = f"{scene.name}: {summary['time_reached']:.6g} s simulated"
-    shown = empty_table(title, "", "unit", "minimum", "maximum", "final")
+    reached = float(scene.t[-1]) if failure is None else failure.time
+    remarks = [] if failure else list(map(str, check_run(scene, result)))
+    about: dict[str, Any] = {
+        "scene": scene.name, "complete": failure is None, "error": None if failure is None else str(failure),
+        "time_reached": reached, "stats": result.stats, "remarks": remarks,
+        "quantities": _quantities(result) if len(result.t) else [],
+    }  # fmt: skip
+    lines: list[str] = []
     if len(result.t):
-        summary["quantities"] = _quantities(result)
-        summary["files"] = ["run.npz", "run.csv", "run.png", "summary.txt", "summary.json"]
+        rows = [[c["name"], c["unit"], *(f"{c[k]:.6g}" for k in _EXTREMES)] for c in about["quantities"]]
+        table = aligned([["", "unit", *_EXTREMES], *rows], range(2, 5))
+        shown = "\n".join([f"{scene.name}: {reached:.6g} s simulated", *table])
+        data = result.to_data()
+        names = [name for name in data if not name.startswith("friction ")]
+        result.save(out.file("run.npz"))
+        write_csv(out.file("run.csv"), ["t", *names], [data.t, *(data[name] for name in names)])
+        out.picture("run.png", result.plot())
         for name, reading in scene.readings(result).items():
-            reading.save(folder / f"{name}.csv")
-            summary["files"].append(f"{name}.csv")
-        for c in summary["quantities"]:
-            shown.add_row(c["name"], c["unit"], *(f"{c[k]:.6g}" for k in ("minimum", "maximum", "final")))
-        _write_run(folder, result, summary, shown)
-    if args.json:
-        print(json_text(summary))
-    elif len(result.t):
-        print_table(shown)
+            reading.save(out.file(f"{name}.csv"))
+        out.text("summary.txt", shown)
+        about = out.json("summary.json", about)
         s = result.stats
-        print(f"{s['steps']} steps, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing")
-        print(f"Picture, data and summary are in {folder}{os.sep}")
-    if summary["remarks"] and not args.json:
-        count, tip = len(summary["remarks"]), f" --tip {args.tip}" if args.tip else ""
-        print(f"{count} remark{'s' * (count > 1)}: flexarm check {args.scene}{tip}")
+        lines = [shown, f"{s['steps']} steps, {s['evaluations']} evaluations, {s['wall_time']:.3g} s of computing"]
+        lines.append(f"Picture, data and summary are in {out}")
+    if remarks:
+        tip = f" --tip {args.tip}" if args.tip else ""
+        lines.append(f"{len(remarks)} remark{'s' * (len(remarks) > 1)}: flexarm check {args.scene}{tip}")
+    if lines or args.json:
+        options.told(args, about if out.files else out.described(about), *lines)
     if failure is not None:
-        kept = f"the result up to there is in {folder}{os.sep}" if len(result.t) else "nothing to save"
-        complain(f"{failure}; {kept}")
-        return 130 if isinstance(failure, KeyboardInterrupt) else 1
+        return options.gave_up(failure, f"the result up to there is in {out}" if len(result.t) else "nothing to save")
     return 0

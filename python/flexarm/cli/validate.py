@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import os
 
-from .._console import complain, json_text, output_folder
-from ..data.draw import style as plots
+from .._console import complain
 from ..identify.fit import FitError
 from ..identify.validate.rig import SHIPPED
 from ..identify.validate.validate import RIGS, validate
@@ -36,11 +34,10 @@ def run(args: argparse.Namespace) -> int:
     except FitError as e:
         complain(str(e))
         return 1
-    folder = output_folder(args.output)
-    about = {**found.to_dict(), "folder": str(folder)}
-    (folder / "validate.txt").write_text(f"{found}\n", encoding="utf-8")
-    (folder / "validate.json").write_text(json_text(about) + "\n", encoding="utf-8")
+    out = options.Output(args.output)
+    out.text("validate.txt", found)
     for driven in dict.fromkeys(j.driven for j in found.judged):
-        found.plot(driven).savefig(folder / f"validate-{driven}.png", dpi=plots.DPI)
-    options.told(args, about, found, f"\nPictures and data are in {folder}{os.sep}")
+        out.picture(f"validate-{driven}.png", found.plot(driven))
+    about = out.json("validate.json", found.to_dict())
+    options.told(args, about, found, f"\nPictures and data are in {out}")
     return 0

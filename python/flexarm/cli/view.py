@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from .._console import complain, json_text
 from ..run.result import Result
 from ..run.scene.scene import ROBOTS
 from ..run.simulation import SimulationError, SimulationInterrupted
@@ -54,11 +52,6 @@ def _library() -> None:
         raise ValueError(str(e)) from None
 
 
-def _failed(failure: SimulationError | SimulationInterrupted, shown: str) -> int:
-    complain(f"{failure}; {shown}")
-    return 130 if isinstance(failure, KeyboardInterrupt) else 1
-
-
 def run(args: argparse.Namespace) -> int:
     """Simulates or reads, and shows or writes; 1 if a run could not go on, 130 after Ctrl-C."""
     if args.time is not None and Path(args.output or "").suffix.lower() != ".png":
@@ -68,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     read = [_read(name, args.tip) for name in args.runs]
     for _, result, failure in read:
         if failure is not None and not len(result.t):
-            return _failed(failure, "there is nothing to show")
+            return options.gave_up(failure, "there is nothing to show")
     first, *others = (result for _, result, _ in read)
     view = first.animate(*others, magnify=args.magnify, speed=args.speed, titles=[title for title, _, _ in read])
     file = args.output
@@ -77,13 +70,11 @@ def run(args: argparse.Namespace) -> int:
     else:
         view.save(file, t=args.time)
     frames = max(len(track.t) for track in view.tracks)
-    if args.json:
-        told: dict[str, Any] = {"file": file, "frames": frames, "times": list(view.times)}
-        told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
-        print(json_text(told))
-    elif args.output is not None:
-        print(f"{view.times[0]:g} to {view.times[1]:g} s: {args.output}" if frames > 1 else args.output)
+    about = {"file": file, "frames": frames, "times": list(view.times), "magnify": view.magnify, "speed": view.speed}
+    if args.json or args.output is not None:
+        shown = f"{view.times[0]:g} to {view.times[1]:g} s: {args.output}" if frames > 1 else args.output
+        options.told(args, {**about, "greatest_strain": greatest_strain(view.tracks)}, shown)
     for _, _, failure in read:
         if failure is not None:
-            return _failed(failure, "shown is what there was before")
+            return options.gave_up(failure, "shown is the motion before that")
     return 0

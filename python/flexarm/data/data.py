@@ -144,7 +144,7 @@ class Data(Loaded):
     def resample(self, t: ArrayLike, method: str = "linear", *, antialias: bool = True) -> Data:
         """All columns at other times.
 
-        Where these lie further apart than the rows do, what is faster than half of their rate would be folded back
+        Where these lie further apart than the rows do, motion faster than half of their rate would be folded back
         into slow motion that never was (aliasing). A Butterworth low-pass at 0.8 of half the new rate, run forward and
         backward so that nothing comes later, takes it out before. It smooths steps, too.
 

@@ -185,8 +185,8 @@ def _made(
     left: Mapping[str, str] = NONE, *,
     wanted: Iterable[str] | None, time: str | None, rate: float | None, given: dict[str, str], missing: str,
 ) -> D:  # fmt: skip
-    """Data of columns (heading, unit or None, how to get the values); `left` tells of what is no column why. Refused or
-    ValueError for what is wrong."""
+    """Data of columns (heading, unit or None, how to get the values); `left` has the reasons why others are
+    none. Refused or ValueError for errors."""
     for name in [] if wanted is None else (wanted := list(wanted)):
         if name in left:
             raise Refused(f"columns: '{name}' {left[name]}")

@@ -174,5 +174,3 @@ def columns_of(table: Table) -> list[tuple[str, str | None]]:
     if table.units is None:
         return [(head, None) for head in table.headings]
     return [(head, of or None) for head, of in zip(table.headings, table.units, strict=True)]
-
-

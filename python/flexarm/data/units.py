@@ -126,8 +126,8 @@ def _written(powers: dict[str, int]) -> str:
 
 
 def heading(text: str) -> tuple[str, str]:
-    """Name and unit of a column's heading: "theta [deg]", "theta (deg)", or "theta_deg", "rate_deg_s", where what
-    follows the last underscore is a common unit; "speed_ms" and "a_ms2" are in m/s and m/s2. A unit in
+    """Name and unit of a column's heading: "theta [deg]", "theta (deg)", or "theta_deg", "rate_deg_s", where the
+    part after the last underscore is a common unit; "speed_ms" and "a_ms2" are in m/s and m/s2. A unit in
     brackets may be one that is not known."""
     bare = text.strip()
     found = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", bare)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .looks import mjcf_looks, quaternion_rotation
-from .tree import Mass, Pose, Tree, TreeJoint
+from .._check import Array
+from ..model.parts.look import Look
+from .tree import Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
 from .urdf import parse_xml, read_text
 
 #: a model's count of each feature that an arm does not have
@@ -51,15 +52,15 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path())
     def named(kind: str, k: int) -> str:
         return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k) or f"{kind}_{k}"
 
-    left_out: list[tuple[str, str]] = []
+    left_out: Omissions = []
     bodies = {named("body", 0): Mass()}
     joints: list[TreeJoint] = []
     for k in range(1, model.nbody):
         name, parent = named("body", k), named("body", int(model.body_parentid[k]))
-        at = Pose(model.body_pos[k].copy(), quaternion_rotation(model.body_quat[k]))
+        at = Pose(model.body_pos[k].copy(), _rotation(model.body_quat[k]))
         own = [int(model.body_jntadr[k]) + i for i in range(int(model.body_jntnum[k]))]
         inertia = Mass(float(model.body_mass[k]), np.zeros(3), np.diag(model.body_inertia[k]))
-        bodies[name] = inertia.placed(Pose(model.body_ipos[k].copy(), quaternion_rotation(model.body_iquat[k])))
+        bodies[name] = inertia.placed(Pose(model.body_ipos[k].copy(), _rotation(model.body_iquat[k])))
         if not own:
             joints.append(TreeJoint(f"{name} (fixed)", "fixed", parent, name, at))
         for i in own:  # several joints of a body are a chain with massless bodies
@@ -74,7 +75,7 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path())
             left_out.append((f"{n} {words if n > 1 else words[:-1]}", ""))
     if model.ngeom:
         left_out.append(("shapes to touch (geoms), but for the inertia that they give", ""))
-    looks = mjcf_looks(mujoco, model, folder, [named("body", k) for k in range(model.nbody)], left_out)
+    looks = _looks(mujoco, model, folder, [named("body", k) for k in range(model.nbody)], left_out)
     if model.opt.density or model.opt.viscosity:
         left_out.append(("the fluid around it (option density, viscosity)", ""))
     given = tuple(model.opt.gravity.tolist()) if gravity is None else gravity
@@ -82,7 +83,7 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path())
 
 
 def _joint(
-    mujoco: ModuleType, model: Any, i: int, names: tuple[str, str, str], at: Pose, left_out: list[tuple[str, str]]
+    mujoco: ModuleType, model: Any, i: int, names: tuple[str, str, str], at: Pose, left_out: Omissions
 ) -> TreeJoint:
     name, parent, child = names
     kinds = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
@@ -106,3 +107,50 @@ def _joint(
     place = Pose(at.position + at.rotation @ pos, at.rotation)
     return TreeJoint(name, kind, parent, child, place, model.jnt_axis[i].copy(), Pose(-pos), springs, *limits)
 
+
+def _rotation(quaternion: Array) -> Array:
+    """Rotation matrix of a quaternion (w, x, y, z)."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
+
+
+def _looks(mujoco: ModuleType, model: Any, folder: Path, names: list[str], left_out: Omissions) -> Looks:
+    """Looks of the bodies: their geoms of the groups 0 to 2, which MuJoCo itself shows."""
+    out: Looks = {}
+    for k in range(model.ngeom):
+        if model.geom_group[k] > 2:
+            continue
+        name = names[int(model.geom_bodyid[k])]
+        pose = Pose(model.geom_pos[k].copy(), _rotation(model.geom_quat[k]))
+        for place, look in _geom(mujoco, model, k, folder, name, left_out):
+            out.setdefault(name, []).append((pose @ place, look))
+    return out
+
+
+def _geom(
+    mujoco: ModuleType, model: Any, k: int, folder: Path, body: str, left_out: Omissions
+) -> list[tuple[Pose, Look]]:
+    kinds, kind = mujoco.mjtGeom, mujoco.mjtGeom(int(model.geom_type[k]))
+    material = int(model.geom_matid[k])
+    colour = hex_colour(model.mat_rgba[material] if material >= 0 else model.geom_rgba[k])
+    a, b, c = (float(x) for x in model.geom_size[k])
+    if kind == kinds.mjGEOM_BOX:
+        return [(Pose(), Look("box", [2 * a, 2 * b, 2 * c], colour=colour))]
+    if kind == kinds.mjGEOM_SPHERE:
+        return [(Pose(), Look("ball", [a], colour=colour))]
+    if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        ends = [np.array([0.0, 0.0, z]) for z in (-b, b)] if kind == kinds.mjGEOM_CAPSULE else []
+        tube = (Pose(), Look("cylinder", [a, 2 * b], colour=colour))
+        return [tube, *((Pose(end), Look("ball", [a], colour=colour)) for end in ends)]
+    if kind != kinds.mjGEOM_MESH:
+        left_out.append((f"the look of geoms that are {kind.name.removeprefix('mjGEOM_').lower()}s", body))
+        return []
+    mesh = int(model.geom_dataid[k])
+    path = bytes(model.paths[int(model.mesh_pathadr[mesh]) :]).partition(b"\0")[0].decode()
+    if int(model.mesh_pathadr[mesh]) < 0 or not (file := folder / path).is_file():
+        left_out.append((f"the mesh {path}: there is no such file" if path else "meshes without a file", body))
+        return []
+    # MuJoCo stores a mesh in the axes of its inertia; this pose restores the file's axes
+    own = Pose(model.mesh_pos[mesh].copy(), _rotation(model.mesh_quat[mesh])).inverse
+    return [(own, Look("mesh", model.mesh_scale[mesh].tolist(), file=str(file.resolve()), colour=colour))]

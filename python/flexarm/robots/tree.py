@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from .._check import Array, choice
 from ..model.parts.look import Look
 
 MOVING = ("revolute", "prismatic")
+
+#: Features of a file that an arm does not have: (item, owner).
+Omissions = list[tuple[str, str]]
 
 
 class RobotWarning(UserWarning):
@@ -44,6 +48,18 @@ class Mass:
         """The same body in another frame; `pose` is its frame in that one."""
         R = pose.rotation
         return Mass(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T)
+
+
+#: The looks of bodies by name, each with its pose in the body's frame.
+Looks = dict[str, list[tuple[Pose, Look]]]
+
+
+def hex_colour(rgba: Any) -> str | None:
+    """The "#RRGGBB" of a colour from 0 to 1; None if it is none."""
+    rgb = np.asarray(rgba, dtype=float)[:3]
+    if rgb.shape != (3,) or not np.isfinite(rgb).all():
+        return None
+    return "#" + "".join(f"{round(255 * float(c)):02X}" for c in rgb.clip(0.0, 1.0))
 
 
 def merged(bodies: Iterable[Mass]) -> Mass:
@@ -110,8 +126,8 @@ class Tree:
     bodies: dict[str, Mass]
     joints: list[TreeJoint]
     gravity: tuple[float, float, float]
-    left_out: list[tuple[str, str]] = field(default_factory=list)
-    looks: dict[str, list[tuple[Pose, Look]]] = field(default_factory=dict)
+    left_out: Omissions = field(default_factory=list)
+    looks: Looks = field(default_factory=dict)
     root: str = field(init=False)
     above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint of each body to its parent
     below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: the joints of each body to its children

@@ -1,24 +1,26 @@
-"""URDF files to trees, by ROS' own parser (urdfdom-py)."""
+"""URDF files to trees, with the looks of their links."""
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
-from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
+from urllib.parse import unquote, urlparse
 
 import numpy as np
 
-from .._check import Array
-from .looks import rotation_of, urdf_looks
-from .tree import Mass, Pose, Tree, TreeJoint
+from .._check import Array, choice
+from ..model.parts.look import Look
+from .tree import Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
 
-_NUMBERS = ("origin", "axis", "mass", "inertia", "limit", "dynamics")  #: have no other attributes
-#: the attributes and children that are read of each element; the parser gets no others
+_TYPES = ("unknown", "revolute", "continuous", "prismatic", "floating", "planar", "fixed")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+#: the attributes and children that are read of each element; all but a link's visuals, of which some may be missing
 _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "robot": (("name",), ("link", "joint")),
-    "link": (("name",), ("inertial",)),
+    "robot": (("name",), ("link", "joint", "material")),
+    "link": (("name", "type"), ("inertial", "visual")),
     "joint": (("name", "type"), ("origin", "axis", "parent", "child", "limit", "dynamics", "mimic")),
     "inertial": ((), ("origin", "mass", "inertia")),
     "origin": (("xyz", "rpy"), ()),
@@ -26,7 +28,7 @@ _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "parent": (("link",), ()),
     "child": (("link",), ()),
     "mass": (("value",), ()),
-    "inertia": (("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), ()),
+    "inertia": (_INERTIA, ()),
     "limit": (("lower", "upper", "effort", "velocity"), ()),
     "dynamics": (("damping", "friction"), ()),
     "mimic": (("joint", "multiplier", "offset"), ()),
@@ -55,122 +57,183 @@ def parse_xml(text: str) -> ET.Element:
         raise ValueError(f"line {line}, column {column + 1}: is no XML ({reason})") from None
 
 
-def _parser() -> ModuleType:
-    try:
-        from urdf_parser_py import urdf
-    except ImportError:
-        raise ImportError("from_urdf needs a parser: pip install 'flexarm[urdf]'") from None
-    return urdf  # type: ignore[no-any-return]
-
-
 def read_urdf(path: Any, gravity: Any) -> Tree:
     """The tree of a URDF file."""
-    text = read_text(path)
-    root = parse_xml(text)
+    root = parse_xml(read_text(path))
     if root.tag != "robot":
         raise ValueError(f"<{root.tag}>: must be <robot>" + (" (is this MJCF?)" if root.tag == "mujoco" else ""))
     if any("xacro" in x.tag for x in root.iter()):
         raise ValueError("holds macros (xacro): expand them first, with ROS' own xacro FILE > robot.urdf")
-    left_out: list[tuple[str, str]] = []
-    root.attrib.setdefault("name", "robot")
-    looks = urdf_looks(root, Path(path).parent, left_out)
-    _prune(root, "", left_out)
-    parser = _parser()
-    try:
-        robot = parser.URDF.from_xml_string(ET.tostring(root))
-    except Exception as e:  # the parser's own, and AssertionErrors and KeyErrors of it
-        raise ValueError(" ".join(str(e).split()) or repr(e)) from None
-    _unique("link", [x.name for x in robot.links])
-    _unique("joint", [x.name for x in robot.joints])
-    bodies = {link.name: _mass(link) for link in robot.links}
-    joints = [_joint(j, left_out) for j in robot.joints]
-    return Tree(bodies, joints, gravity, left_out, looks)
+    left_out: Omissions = []
+    _note_unread(root, "", left_out)
+    links, joints = _by_name(root, "link"), _by_name(root, "joint")
+    looks: Looks = {}
+    colours = {m.get("name", ""): c for m in root.findall("material") if (c := _colour(m))}
+    for name, link in links.items():
+        for visual in link.findall("visual"):
+            found = _look(visual, Path(path).parent, colours)
+            if isinstance(found, str):
+                left_out.append((found, name))
+            else:
+                looks.setdefault(name, []).append(found)
+    bodies = {name: _mass(f"link '{name}'", link.find("inertial")) for name, link in links.items()}
+    return Tree(bodies, [_joint(name, x, left_out) for name, x in joints.items()], gravity, left_out, looks)
 
 
-def _prune(node: ET.Element, owner: str, left_out: list[tuple[str, str]]) -> None:
-    """Removes the elements and attributes that are not read, and notes them."""
-    attributes, elements = _READ[node.tag]
-    owner = node.get("name", owner) if node.tag in ("link", "joint") else owner
-    for key in sorted(set(node.attrib) - set(attributes)):
-        if not key.startswith("{") and not (node.tag == "robot" or (node.tag, key) == ("link", "type")):
-            left_out.append((f"attribute {key} of <{node.tag}>", owner))
-        del node.attrib[key]
-    for key, text in node.attrib.items() if node.tag in _NUMBERS else ():
-        many = 3 if key in ("xyz", "rpy") else 1
-        try:
-            fits = len([float(word) for word in text.split()]) == many
-        except ValueError:
-            fits = False
-        if not fits:
-            want = "3 numbers" if many == 3 else "one number"
-            raise ValueError(f'\'{owner}\': <{node.tag} {key}="{text}">: must be {want}')
-    node.text = node.tail = None
-    for inner in list(node):
-        if inner.tag in elements:
-            _prune(inner, owner, left_out)
-            continue
-        node.remove(inner)
-        if inner.tag == "collision":
-            left_out.append(("shapes to touch (<collision>)", owner))
-        elif inner.tag == "visual":
-            continue  # read by urdf_looks
-        elif isinstance(inner.tag, str):
-            left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else owner or inner.get("name", "")))
-
-
-def _unique(kind: str, names: list[str]) -> None:
-    for name, count in Counter(names).items():
-        if count > 1:
+def _by_name(root: ET.Element, kind: str) -> dict[str, ET.Element]:
+    out: dict[str, ET.Element] = {}
+    for x in root.findall(kind):
+        name = _text(x, "name", kind)
+        if name in out:
             raise ValueError(f"{kind} '{name}': is named twice")
-
-
-def _numbers(where: str, values: Any, n: int) -> Array:
-    out = np.zeros(n) if values is None else np.array(values, dtype=float)
-    if out.shape != (n,) or not np.isfinite(out).all():
-        want = f"{n} finite numbers" if n > 1 else "a finite number"
-        raise ValueError(f"{where} = {out.tolist() if n > 1 else out[0]}: must be {want}")
+        out[name] = x
     return out
 
 
-def _pose(where: str, origin: Any) -> Pose:
-    if origin is None:
-        return Pose()
-    rpy = _numbers(f"{where}: rpy", origin.rpy, 3)
-    return Pose(_numbers(f"{where}: xyz", origin.xyz, 3), rotation_of(rpy))
+def _note_unread(node: ET.Element, owner: str, left_out: Omissions) -> None:
+    """Notes the elements and attributes that are not read."""
+    attributes, elements = _READ[node.tag]
+    owner = node.get("name", owner) if node.tag in ("link", "joint") else owner
+    if node.tag != "robot":
+        unread = sorted(k for k in set(node.attrib) - set(attributes) if not k.startswith("{"))
+        left_out += [(f"attribute {key} of <{node.tag}>", owner) for key in unread]
+    for inner in node:
+        if inner.tag in elements:
+            if inner.tag in _READ:
+                _note_unread(inner, owner, left_out)
+        elif inner.tag == "collision":
+            left_out.append(("shapes to touch (<collision>)", owner))
+        elif isinstance(inner.tag, str):
+            left_out.append((f"<{inner.tag}>", owner or inner.get("name", "")))
 
 
-def _mass(link: Any) -> Mass:
-    inertial = link.inertial
+def _text(element: ET.Element | None, key: str, where: str) -> str:
+    found = None if element is None else element.get(key)
+    if found is None:
+        raise ValueError(f"{where}: {key} is missing")
+    return found
+
+
+def _numbers(where: str, element: ET.Element | None, key: str, default: Sequence[float] | None = None) -> Array:
+    """The numbers of an attribute, as many as the default has; one, which must be there, without a default."""
+    text = None if element is None else element.get(key)
+    if element is None or text is None:
+        return np.array([float(_text(element, key, where))] if default is None else default)
+    count = 1 if default is None else len(default)
+    try:
+        out = np.array([float(word) for word in text.split()])
+    except ValueError:
+        out = np.zeros(0)
+    if len(out) != count:
+        want = "one number" if count == 1 else f"{count} numbers"
+        raise ValueError(f'{where}: <{element.tag} {key}="{text}">: must be {want}')
+    if not np.isfinite(out).all():
+        raise ValueError(f"{where}: {element.tag} = {text}: must be finite")
+    return out
+
+
+def _pose(where: str, origin: ET.Element | None) -> Pose:
+    xyz, rpy = (_numbers(where, origin, key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    return Pose(xyz, _rotation(rpy))
+
+
+def _rotation(rpy: Array) -> Array:
+    """Roll, pitch, yaw (rad) about the fixed x, y, z; quarter turns are exact."""
+    c, s = np.cos(rpy), np.sin(rpy)
+    c, s = (np.where(np.abs(x) < 1e-15, 0.0, x) for x in (c, s))
+    x = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
+    y = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
+    z = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
+    return np.asarray(z @ y @ x)
+
+
+def _mass(where: str, inertial: ET.Element | None) -> Mass:
     if inertial is None:
         return Mass()
-    where = f"link '{link.name}'"
-    pose = _pose(f"{where}: inertial", inertial.origin)
-    mass = float(_numbers(f"{where}: mass", [inertial.mass], 1)[0])
-    inertia = np.zeros((3, 3))
-    if inertial.inertia is not None:
-        inertia = np.array(inertial.inertia.to_matrix(), dtype=float)
-        _numbers(f"{where}: inertia", inertia.ravel(), 9)
+    pose, given = _pose(f"{where}: inertial", inertial.find("origin")), inertial.find("inertia")
+    mass = float(_numbers(where, inertial.find("mass"), "value")[0])
     if mass < 0:
         raise ValueError(f"{where}: mass = {mass}: must not be negative")
+    inertia = np.zeros((3, 3))
+    if given is not None:
+        xx, xy, xz, yy, yz, zz = (float(_numbers(where, given, key)[0]) for key in _INERTIA)
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return Mass(mass, np.zeros(3), inertia).placed(pose)
 
 
-def _joint(joint: Any, left_out: list[tuple[str, str]]) -> TreeJoint:
-    where, kind = f"joint '{joint.name}'", joint.type
-    kind = {"continuous": "revolute"}.get(kind, kind)
-    if joint.mimic is not None:
-        kind = f"mimic of '{joint.mimic.joint}'"
-    lower = upper = None
-    if joint.limit is not None:
-        if joint.type in ("revolute", "prismatic"):
-            lower, upper = _numbers(f"{where}: limit", [joint.limit.lower, joint.limit.upper], 2).tolist()
-        left_out.append(("limits of effort and velocity", joint.name))
-    springs = {}
-    if joint.dynamics is not None:
-        values = [joint.dynamics.damping or 0.0, joint.dynamics.friction or 0.0]
-        springs = dict(zip(("damping", "coulomb"), _numbers(f"{where}: dynamics", values, 2).tolist(), strict=True))
-    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else _numbers(f"{where}: axis", joint.axis, 3)
-    origin = _pose(f"{where}: origin", joint.origin)
-    return TreeJoint(
-        joint.name, kind, joint.parent, joint.child, origin, axis, springs=springs, lower=lower, upper=upper
-    )
+def _joint(name: str, joint: ET.Element, left_out: Omissions) -> TreeJoint:
+    where = f"joint '{name}'"
+    given = choice(f"{where}: type", _text(joint, "type", where), _TYPES)
+    kind, mimic = "revolute" if given == "continuous" else given, joint.find("mimic")
+    if mimic is not None:
+        kind = f"mimic of '{_text(mimic, 'joint', where)}'"
+    limits: list[Any] = [None, None]
+    if (limit := joint.find("limit")) is not None:
+        if given in ("revolute", "prismatic"):
+            limits = [float(_numbers(where, limit, key, (0.0,))[0]) for key in ("lower", "upper")]
+        left_out.append(("limits of effort and velocity", name))
+    springs, dynamics = {}, joint.find("dynamics")
+    if dynamics is not None:
+        keys = {"damping": "damping", "coulomb": "friction"}
+        springs = {k: float(_numbers(where, dynamics, key, (0.0,))[0]) for k, key in keys.items()}
+    parent, child = (_text(joint.find(side), "link", f"{where}: {side}") for side in ("parent", "child"))
+    axis, origin = _numbers(where, joint.find("axis"), "xyz", (1.0, 0.0, 0.0)), _pose(where, joint.find("origin"))
+    return TreeJoint(name, kind, parent, child, origin, axis, Pose(), springs, *limits)
+
+
+# -- looks -------------------------------------------------------------------------------------------------------------
+
+
+def _colour(material: ET.Element | None) -> str | None:
+    color = None if material is None else material.find("color")
+    return None if color is None else hex_colour([float(x) for x in color.get("rgba", "").split()])
+
+
+def _look(visual: ET.Element, folder: Path, colours: dict[str, str]) -> tuple[Pose, Look] | str:
+    """The look of a <visual>, or why it cannot be shown, which is no error."""
+    material, shape = visual.find("material"), next(iter(visual.find("geometry") or []), None)
+    named = colours.get(material.get("name", "")) if material is not None else None
+
+    def sizes(*keys: str) -> list[float]:
+        return [float(_numbers("", shape, key)[0]) for key in keys]
+
+    try:
+        pose, colour, kind = _pose("", visual.find("origin")), _colour(material) or named, getattr(shape, "tag", "")
+        if kind == "mesh":
+            name = _text(shape, "filename", "mesh")
+            if (file := mesh_file(name, folder)) is None:
+                return f"the mesh {name}: there is no such file" if name else "a <visual> that is no known shape"
+            scale = _numbers("", shape, "scale", (1.0, 1.0, 1.0)).tolist()
+            return pose, Look("mesh", scale, file=str(file), colour=colour)
+        if kind == "box":
+            return pose, Look("box", _numbers("", shape, "size", (0.0, 0.0, 0.0)).tolist(), colour=colour)
+        if kind == "cylinder":
+            return pose, Look("cylinder", sizes("radius", "length"), colour=colour)
+        if kind == "sphere":
+            return pose, Look("ball", sizes("radius"), colour=colour)
+    except ValueError as e:
+        return f"a <visual> that cannot be read: {str(e).removeprefix(': ')}"
+    return "a <visual> that is no known shape"
+
+
+def mesh_file(name: str, folder: Path) -> Path | None:
+    """The file that a URDF names: package://PACKAGE/..., file://..., or a path from the URDF's folder; None if there is
+    none. Packages are looked for in the folders above the URDF, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH."""
+    url = urlparse(name)
+    if url.scheme in ("package", "model"):
+        candidates = _in_packages(unquote(url.netloc), unquote(url.path).lstrip("/"), folder)
+    elif url.scheme == "file":
+        candidates = iter([Path(unquote(url.netloc + url.path))])
+    else:
+        candidates = iter([folder / name])
+    return next((path.resolve() for path in candidates if path.is_file()), None)
+
+
+def _in_packages(package: str, rest: str, folder: Path) -> Iterator[Path]:
+    above = [folder.resolve(), *folder.resolve().parents]
+    for place in (*above, *(Path(x) for x in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if x)):
+        yield place / package / rest
+        if place.name == package:
+            yield place / rest
+    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        yield Path(prefix) / "share" / package / rest

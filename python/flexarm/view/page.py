@@ -47,13 +47,19 @@ def _plain(value: Any) -> Any:
     return float(f"{value:.7g}") if isinstance(value, float) else value
 
 
+def _scaled(x: Array) -> tuple[NDArray[np.int16], Array, Array]:
+    """Rows of numbers as 16-bit ones, and their scaling: x = centre + scale n."""
+    flat = x.reshape(-1, x.shape[-1]) if x.size else np.zeros((1, x.shape[-1]))
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
+    return np.round((x - centre) / scale).astype("<i2"), centre, scale
+
+
 def _meshes(body: Body, most: int) -> list[dict[str, Any]]:
     """Corners as 16-bit numbers, as frames are."""
     out = []
     for mesh in thinned(body.meshes, most):
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
-        numbers = np.round((mesh.vertices - centre) / scale).astype("<i2")
+        numbers, centre, scale = _scaled(mesh.vertices)
         wide = len(mesh.vertices) > 65_536
         faces = mesh.faces.astype("<u4" if wide else "<u2")
         out.append(
@@ -76,14 +82,12 @@ def _body(body: Body) -> dict[str, Any]:
 
 
 def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
-    """16-bit numbers, a row for each frame, and their scaling: value = centre + scale n."""
+    """16-bit numbers, a row for each frame, and their scaling."""
     rows, about = [], {}
     for name, x in columns.items():
-        flat = x.reshape(-1, x.shape[-1]) if x.size else np.zeros((1, x.shape[-1]))
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
+        numbers, centre, scale = _scaled(x)
         about[name] = {"centre": centre.tolist(), "scale": scale.tolist(), "count": x.shape[1]}
-        rows.append(np.round((x - centre) / scale).astype("<i2").reshape(len(x), -1))
+        rows.append(numbers.reshape(len(x), -1))
     return {"columns": about, "frames": _text(np.hstack(rows))}
 
 

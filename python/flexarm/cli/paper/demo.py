@@ -5,20 +5,17 @@ from __future__ import annotations
 import csv
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..._console import json_text, write_csv, write_table
+from ..._console import json_text, write_csv
 from ...data.draw.style import DPI, Figure
 from ...run.scene.scene import SCENES, load
-from . import control, figures, single_link
+from . import control, figures, single_link, table
 from .single_link import ORDERS, RECONSTRUCTED, Manoeuvre, Spectrum, manoeuvre, spectrum
-from .table import COLUMNS, Row
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from .table import Row
 
 
 @dataclass(frozen=True)
@@ -39,30 +36,10 @@ class Demo:
             for order, f in self.spectrum.frequencies.items()
         }
         rows = [{**asdict(r), "agrees": r.agrees} for r in self.rows]
-        agrees = all(r.agrees is not False for r in self.rows)
         return {
-            "agrees": agrees,
-            "table": rows,
-            "frequencies": frequencies,
-            "note": RECONSTRUCTED,
-            "note_control": control.IDENTIFIED,
-            "folder": str(self.folder),
-            "files": self.files,
-        }
-
-
-def rich_table(rows: Iterable[Row]) -> Table:
-    """The table for a terminal."""
-    from rich import box
-    from rich.table import Table
-
-    title = "The paper's single flexible link (Sec. 5)"
-    table = Table(box=box.SIMPLE_HEAD, title=title, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in COLUMNS:
-        table.add_column(name, justify="left" if name in ("", "unit") else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row.cells(), style="bold red" if row.agrees is False else None)
-    return table
+            "agrees": all(r.agrees is not False for r in self.rows), "table": rows, "frequencies": frequencies,
+            "note": RECONSTRUCTED, "note_control": control.IDENTIFIED, "folder": str(self.folder), "files": self.files,
+        }  # fmt: skip
 
 
 _FILES = {
@@ -83,9 +60,7 @@ _FILES = {
 
 
 def _write_data(folder: Path, s: Spectrum, m: Manoeuvre, rows: list[Row]) -> None:
-    with (folder / "table.txt").open("w", encoding="utf-8") as text:
-        write_table(text, rich_table(rows), 100)
-        text.write(note() + "\n")
+    (folder / "table.txt").write_text(f"{table.text(rows)}\n\n{note()}\n", encoding="utf-8")
     with (folder / "table.csv").open("w", newline="", encoding="utf-8") as f:
         out = csv.writer(f, lineterminator="\n")
         out.writerow(["key", "name", "unit", "flexarm", "paper", "paper_to", "measured", "agrees"])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+from ..._console import aligned
 
 COLUMNS = ("", "unit", "flexarm", "paper", "measured", "agrees")
 
@@ -45,3 +48,9 @@ class Row:
         verdict = {None: "", True: "fitted" if self.fitted else "yes", False: "NO"}[self.agrees]
         measured = "" if self.measured is None else f"{self.measured:.1f}"
         return [self.name, self.unit, text(self.value), paper, measured, verdict]
+
+
+def text(rows: Iterable[Row]) -> str:
+    """The table, for people."""
+    lines = aligned([COLUMNS, *(row.cells() for row in rows)], range(2, len(COLUMNS)))
+    return "\n".join(["The paper's single flexible link (Sec. 5)", *lines])

@@ -136,8 +136,8 @@ class ScenarioFile:
         count: of the scenarios. columns: their arrays, by name, which are written in this order.
         fixed: arrays that are written once, by name, with their titles.
         about: of the file, for JSON; "marks" are of all that the numbers follow from.
-        what: "batch", or what else the file is of. where: what the user calls the path. otherwise: what the user can do
-            instead. rows: the first rows of a file that is laid out anew.
+        kind: "batch" or "sweep". where: the user's name of the path. otherwise: the remedy, for the user. rows: the
+            first rows of a file that is laid out anew.
 
     Attributes:
         damaged: how many scenarios are to be computed again because their data were damaged.
@@ -146,7 +146,7 @@ class ScenarioFile:
 
     def __init__(
         self, path: Path, count: int, columns: Mapping[str, Column], fixed: Mapping[str, tuple[Any, Any]],
-        about: Mapping[str, Any], resume: bool, what: str, where: str, otherwise: str,
+        about: Mapping[str, Any], resume: bool, kind: str, where: str, otherwise: str,
         rows: Iterable[tuple[NDArray[np.int64], Mapping[str, Any]]] = (),
     ) -> None:  # fmt: skip
         self.damaged, self._path, self._where = 0, path, where
@@ -156,11 +156,11 @@ class ScenarioFile:
             check_unused(where, path)
         if not (found and resume):
             self._lay_out(count, fixed, about, rows)
-        with readable(where, path, f"a file of a {what} ({otherwise})"):
+        with readable(where, path, f"a file of a {kind} ({otherwise})"):
             seen = os.stat(path)
             theirs, _, _, self.arrays = _open(path, f"; {otherwise}")
             if theirs["marks"] != about["marks"]:
-                raise Refused(f"holds another {what}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
+                raise Refused(f"holds another {kind}, {difference(theirs['marks'], about['marks'])}; {otherwise}")
         self._open_rows(path)
         try:
             if not os.path.samestat(seen, os.fstat(self._file.id.get_vfd_handle())):

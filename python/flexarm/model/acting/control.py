@@ -22,7 +22,7 @@ from ..parts.chain import Chain
 from ..parts.joints import Prismatic
 from ..parts.link import Link
 from .drive import Motion, Torque, is_patch
-from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
+from .following import along, check_motion, fitted, plus, scalar_law, scaled
 from .motor import Motor
 
 
@@ -258,7 +258,7 @@ class StrainFeedback(PD):
             return plus(law, Torque(self.ks * float(row @ core.at_rest([begin])[0])))
         kinks = followed.breaks if isinstance(followed, _core.PiecewisePolynomial) else np.zeros(0)
         rest = fitted(lambda t: self.ks * (core.at_rest(t) @ row)[:, None], begin, end, kinks)[0]
-        return plus(law, law_of(rest))
+        return plus(law, Torque.of(rest))
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         (law, *others), _ = super()._laws(arm, run)
@@ -315,11 +315,10 @@ class StateFeedback(Controller):
 
 def all_joints(arm: Chain) -> list[int]:
     """The rates of all joints' freedoms. ValueError for ball joints."""
-    rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
-    for i in rates:
+    for i in arm.freedoms:
         if arm.coordinate_of(i) < 0:
             raise ValueError(f"'{arm.coordinates[i]}' is a ball's, which has no angle; use three rotations (Axes)")
-    return rates
+    return arm.freedoms
 
 
 def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,12 +74,22 @@ def standing(law: Any) -> Any:
     return law.standing() if isinstance(law, _core.PiecewisePolynomial) else law
 
 
+_Kind = TypeVar("_Kind", bound="Law")
+
+
 class Law:
     """A function of time: samples, as a piecewise polynomial that C++ evaluates, or a Python callable."""
 
     law: Any
 
     constant = False  # whether the value is the same at all times
+
+    @classmethod
+    def of(cls: type[_Kind], law: Any, constant: bool = False) -> _Kind:
+        """The law of a callable or polynomials, as they are."""
+        made = cls.__new__(cls)
+        made.law, made.constant = law, constant
+        return made
 
     def scaled(self, factor: float) -> Any:
         """The same law, `factor` times as large."""

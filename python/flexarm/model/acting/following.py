@@ -34,31 +34,24 @@ def scalar_law(field: str, value: Any) -> Torque:
     return Torque(times, array(f"{field}: r", r, times.shape))
 
 
-def law_of(law: Any, constant: bool = False) -> Torque:
-    """A law of one number, as a Torque."""
-    made = Torque(0.0)
-    made.law, made.constant = law, constant
-    return made
-
-
 def scaled(one: Torque, factor: float) -> Torque:
     law = one.law
     if isinstance(law, _LAW):
-        return law_of(_LAW(law.breaks, factor * law.coefficients), one.constant)
-    return law_of(lambda t: factor * array(f"reference at t = {t}", law(t), ()).item())
+        return Torque.of(_LAW(law.breaks, factor * law.coefficients), one.constant)
+    return Torque.of(lambda t: factor * array(f"reference at t = {t}", law(t), ()).item())
 
 
 def plus(one: Torque, other: Torque) -> Torque:
     """The sum of two laws; polynomials are split at the breaks of both."""
     both = (one, other)
     if not all(isinstance(x.law, _LAW) for x in both):
-        return law_of(lambda t: one(t) + other(t))
+        return Torque.of(lambda t: one(t) + other(t))
     moving = [x.law for x in both if not x.constant]
     breaks = np.unique(np.concatenate([law.breaks for law in moving])) if moving else one.law.breaks
     degree = max(len(x.law.coefficients) for x in both) - 1
     law = Fitted(breaks, sum(_expanded(x, breaks, degree) for x in both))
     law.kinks = np.unique(np.concatenate([kinks_of(x) for x in moving])) if moving else np.zeros(0)
-    return law_of(law, not moving)
+    return Torque.of(law, not moving)
 
 
 def _expanded(of: Torque, breaks: Array, degree: int) -> Array:
@@ -85,11 +78,11 @@ def along(motion: Motion, by_q: float, by_v: float) -> Torque:
     """by_q q + by_v v of a motion as a law of time."""
     law = motion.law
     if not isinstance(law, _LAW):
-        return law_of(lambda t: float(np.dot((by_q, by_v), array(f"reference at t = {t}", law(t), (3,))[:2])))
+        return Torque.of(lambda t: float(np.dot((by_q, by_v), array(f"reference at t = {t}", law(t), (3,))[:2])))
     c = law.coefficients
     out = by_q * c
     out[1:] += by_v * c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]
-    return law_of(_LAW(law.breaks, out), motion.constant)
+    return Torque.of(_LAW(law.breaks, out), motion.constant)
 
 
 def check_motion(where: str, motion: Motion, times: Array, smooth: bool = False) -> None:
@@ -178,13 +171,6 @@ def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) 
     return laws
 
 
-def _constant_motion(place: float) -> Motion:
-    """A constant position as a motion."""
-    motion = Motion(lambda t: (place, 0.0, 0.0))
-    motion.law, motion.constant = _LAW([0.0, 1.0], [[place]]), True
-    return motion
-
-
 def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
     """A Motion for each named freedom of the joints, from motions or numbers: a list, or a single one for one
     freedom."""
@@ -195,4 +181,4 @@ def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
             f"{', '.join(names)}"
         )
     places = [r if isinstance(r, Motion) else finite_number(f"reference[{k}]", r) for k, r in enumerate(given)]
-    return [r if isinstance(r, Motion) else _constant_motion(r) for r in places]
+    return [r if isinstance(r, Motion) else Motion.of(_LAW([0.0, 1.0], [[r]]), constant=True) for r in places]

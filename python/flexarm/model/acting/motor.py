@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, finite_number, not_negative, positive
+from ..._check import Array
 from ..parts.chain import Chain
-from ..parts.part import Part
+from ..parts.part import Finite, NotNegative, Part, Positive
 
 
 def torque_limits(arm: Chain) -> Array:
@@ -46,24 +46,19 @@ class Motor(Part):
         rotor_inertia: J_r (kg m²); give `reflected_inertia` = n² J_r to the joint.
     """
 
-    torque_constant: float = 1.0
-    gear_ratio: float = 1.0
+    torque_constant: Positive = 1.0
+    gear_ratio: Finite = 1.0
     _: KW_ONLY
-    efficiency: float = 1.0
-    limit: float | None = None
-    resistance: float | None = None
-    rotor_inertia: float = 0.0
+    efficiency: Positive = 1.0
+    limit: Positive | None = None
+    resistance: Positive | None = None
+    rotor_inertia: NotNegative = 0.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("torque_constant", "efficiency", "limit", "resistance"):
-            if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
-        if finite_number("gear_ratio", self.gear_ratio) == 0.0:
+    def _made(self) -> None:
+        if self.gear_ratio == 0.0:
             raise ValueError("gear_ratio = 0.0: must not be zero")
         if self.efficiency > 1.0:
             raise ValueError(f"efficiency = {self.efficiency}: must be at most 1")
-        not_negative("rotor_inertia", self.rotor_inertia)
 
     @property
     def reflected_inertia(self) -> float:

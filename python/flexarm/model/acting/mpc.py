@@ -201,8 +201,7 @@ class MPC(Controller):
 
     def _columns(self, arm: Chain) -> list[Array]:
         given = arm.by_rate("drive", split_drives(self.drive)[0])
-        rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)
-                 if not isinstance(given.get(i), Motion)]  # fmt: skip
+        rates = [i for i in arm.freedoms if not isinstance(given.get(i), Motion)]
         if self.inputs is None and not rates:
             raise ValueError("inputs = None: all joints have a motion in `drive`; name the inputs u")
         return [np.eye(arm.nv)[i] for i in rates] if self.inputs is None else force_columns(arm, self.inputs)
@@ -264,8 +263,7 @@ class MPC(Controller):
     def _limited(self, model: Chain) -> list[Any]:
         """Outputs with soft limits."""
         none = (np.zeros(model.nv), None, 0.0, 0.0)
-        rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)
-                 if model.coordinate_of(i) >= 0]  # fmt: skip
+        rates = [i for i in model.freedoms if model.coordinate_of(i) >= 0]
         out: list[Any] = []
         both, speed = self._given_as["joint_limit"], self._given_as["speed_limit"]
         if both is not None or speed is not None:

@@ -224,7 +224,4 @@ def _shaped_torque(shaper: Shaper, torque: Torque, start: float, before: float) 
     width = np.diff(times)
     third, two_thirds = (np.array([delayed(float(t)) for t in times[:-1] + part * width]) for part in (1 / 3, 2 / 3))
     slope = 3 * (two_thirds - third) / width
-    out = Torque(0.0)
-    out.law = _core.PiecewisePolynomial(times, [slope, 2 * third - two_thirds])
-    out.constant = constant
-    return out
+    return Torque.of(_core.PiecewisePolynomial(times, [slope, 2 * third - two_thirds]), constant)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, is_dataclass
 from functools import cache
 from itertools import zip_longest
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 _BLOCK = re.compile(r"^(?:Args|Attributes):\n((?: .*\n|\n)*)", re.M)
 
@@ -55,13 +55,19 @@ def _own(hint: Any) -> tuple[type, ...]:
 
 
 def members(hint: Any, deep: bool = True) -> Iterator[Any]:
-    """The types that a union allows; if deep, with those of the entries of its lists."""
-    origin = get_origin(hint)
-    if origin in (Union, UnionType) or (deep and origin is Sequence):
-        for inner in get_args(hint):
-            yield from members(inner, deep)
-    else:
-        yield hint
+    """The types that a union allows, without their annotations; if deep, with those of the entries of its lists."""
+    for kind in alternatives(hint):
+        if get_origin(kind) is Annotated:
+            yield from members(kind.__origin__, deep)
+        elif deep and get_origin(kind) is Sequence:
+            yield from members(get_args(kind)[0])
+        else:
+            yield kind
+
+
+def alternatives(hint: Any) -> tuple[Any, ...]:
+    """The types of a union, annotated as they are."""
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
 @cache
@@ -70,7 +76,7 @@ def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
     parameters = inspect.signature(make).parameters
     by_init = isinstance(make, type) and not is_dataclass(make)
     try:
-        hints = get_type_hints(make.__init__ if by_init else make)
+        hints = get_type_hints(make.__init__ if by_init else make, include_extras=True)
     except NameError:  # a user's class may import names for typing only
         hints = {}
     docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # base classes first

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import array, choice, known_keys, number, positive, whole, within
+from ..._check import array, known_keys, number, positive, whole, within
 from .material import Material
-from .part import Part
+from .part import Part, Place, one_of
 from .patch import Patch, core_patches
 from .sections import Section, SectionMatrix
 from .shapes import coefficients, columns, curvature, kept_curvature
@@ -81,7 +81,7 @@ class Beam(Part):
     section: Section | Taper
     material: Material | None = None
     modes: Mapping[str, Any] = None  # type: ignore[assignment]  # must be given
-    basis: str = "clamped-free"
+    basis: Annotated[str, one_of("clamped-free", "legendre", "loaded")] = "clamped-free"
     order: int | str = 2
     _: KW_ONLY
     rotary_inertia: bool = True
@@ -96,8 +96,7 @@ class Beam(Part):
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         damping = array("damping", self.damping)
         if damping.ndim != 2 and (damping.size or not damping.ndim):
             raise ValueError(f"damping has shape {damping.shape}: must be a matrix of the elastic coordinates")
@@ -111,7 +110,6 @@ class Beam(Part):
             raise ValueError("material = None: must be a Material")
         if self.modes is None:
             raise ValueError("modes: missing: how many shape functions of each strain")
-        choice("basis", self.basis, ("clamped-free", "legendre", "loaded"))
         order = self.order if isinstance(self.order, str) else whole("order", self.order)
         if order not in (0, 1, 2, 3, "exact"):
             raise ValueError(f'order = {self.order!r}: must be 0, 1, 2, 3 or "exact"')
@@ -139,7 +137,7 @@ class Beam(Part):
         glued = core_patches(self.patches, self.section, self.length)
         made_of = () if self.material is None else (self.material._core,)
         core: Any = _core.Beam
-        self._set("_core", core(self.length, self.section._core, *made_of, options, glued))
+        return core(self.length, self.section._core, *made_of, options, glued)
 
     def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
         known_keys("modes", self.modes, STRAINS)
@@ -228,15 +226,12 @@ class RigidBody(Part):
     """
 
     mass: float = 0.0
-    com: Vector = (0.0, 0.0, 0.0)
+    com: Place = (0.0, 0.0, 0.0)
     inertia: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
-    end: Vector = (0.0, 0.0, 0.0)
+    end: Place = (0.0, 0.0, 0.0)
     _core: _core.RigidBody = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        com, end = array("com", self.com, (3,)), array("end", self.end, (3,))
-        inertia = inertia_matrix(self.inertia)
-        for name in ("com", "inertia", "end"):
-            self._set(name, as_floats(getattr(self, name)))
-        self._set("_core", _core.RigidBody(self.mass, com, inertia, end))
+    def _made(self) -> Any:
+        made = _core.RigidBody(self.mass, np.array(self.com), inertia_matrix(self.inertia), np.array(self.end))
+        self._set("inertia", as_floats(self.inertia))
+        return made

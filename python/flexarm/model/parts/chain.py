@@ -235,6 +235,11 @@ class Chain:
         return [k for k, link in enumerate(self.links) if link.joint.nv]
 
     @property
+    def freedoms(self) -> list[int]:
+        """The indices in v of all joints' rates, from the base on."""
+        return [i for k in self.movable for i in self.joint_rates(k)]
+
+    @property
     def zero(self) -> Array:
         """All coordinates zero, except the quaternions of balls: 1 0 0 0; (nq,)."""
         return np.array(self._core.zero)

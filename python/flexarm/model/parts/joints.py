@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, number
 from .beam import Vector, as_floats
-from .part import Part, read_name
+from .part import Part, Place, read_name
 
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
@@ -21,12 +21,15 @@ PerFreedom = float | Sequence[float]
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
 
-def _axis(value: Any) -> Vector:
-    if isinstance(value, str):
-        if value not in UNIT:
-            raise ValueError(f'axis = {value!r}: must be "x", "y", "z" or three numbers')
-        return UNIT[value]
-    return value  # type: ignore[no-any-return]
+def _axis(name: str, value: Any) -> str | tuple[float, ...]:
+    if not isinstance(value, str):
+        return tuple(array(name, value, (3,)).tolist())
+    if value not in UNIT:
+        raise ValueError(f'{name} = {value!r}: must be "x", "y", "z" or three numbers')
+    return value
+
+
+Axis = Annotated[str | Vector, _axis]
 
 
 def _rotation(field_name: str, value: Any) -> Array:
@@ -36,6 +39,8 @@ def _rotation(field_name: str, value: Any) -> Array:
         return a
     if a.shape != (3,):
         raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
+    if not a.any():  # as of most joints
+        return np.eye(3)
     from scipy.spatial.transform import Rotation  # slow to import
 
     return np.asarray(Rotation.from_rotvec(a).as_matrix())
@@ -50,16 +55,17 @@ class Placement(Part):
         rotation: a rotation vector (rad), or a 3 x 3 matrix.
     """
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     rotation: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
     _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
-        self._set("position", as_floats(self.position))
+    def _made(self) -> tuple[Array, Array]:
+        made = np.array(self.position), _rotation("rotation", self.rotation)
         self._set("rotation", as_floats(self.rotation))
-        self._set("_core", core)
+        return made
+
+
+_ORIGIN = Placement()
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,10 +120,15 @@ class Joint(Part):
     _core: _core.Joint = field(init=False, repr=False, compare=False)
 
     type: ClassVar[str] = ""
+    #: its elementary motions, in order, besides those of a ball: label, whether a rotation, and its axis; "axis" is the
+    #: argument
+    motions: ClassVar[tuple[tuple[str, bool, str], ...]] = ()
     ball: ClassVar[bool] = False
 
     def _freedoms(self) -> list[_Freedom]:
-        return []
+        own: Any = getattr(self, "axis", "z")
+        axes: dict[str, Vector] = {**UNIT, "axis": UNIT[own] if isinstance(own, str) else own}
+        return [(label, rotates, axes[axis]) for label, rotates, axis in self.motions]
 
     def _per_freedom(self, name: str, n: int) -> list[float]:
         value = getattr(self, name)
@@ -131,11 +142,8 @@ class Joint(Part):
         self._set(name, tuple(array(name, value, (n,)).tolist()))
         return list(getattr(self, name))
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         read_name(self.name)
-        if not isinstance(getattr(self, "axis", ""), str):
-            self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()
         labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
         labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
@@ -143,12 +151,12 @@ class Joint(Part):
         if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
             columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
             forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
-        sides = [(place or Placement())._core for place in (self.inboard, self.outboard)]
+        sides = [(place or _ORIGIN)._core for place in (self.inboard, self.outboard)]
         motions = [(rotates, axis) for _, rotates, axis in freedoms]
-        self._set("_core", _core.Joint(motions, self.ball, labels, forces, *sides))
         units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)
         self._set("labels", tuple(labels))
         self._set("units", tuple(units))
+        return _core.Joint(motions, self.ball, labels, forces, *sides)
 
     def to_dict(self) -> dict[str, Any]:
         """The same structure as in a scene file, without the arguments that have their defaults."""
@@ -189,11 +197,9 @@ class Revolute(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "z"
+    axis: Axis = "z"
     type: ClassVar[str] = "revolute"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("", True, _axis(self.axis))]
+    motions: ClassVar = (("", True, "axis"),)
 
 
 @dataclass(frozen=True, repr=False)
@@ -207,11 +213,9 @@ class Prismatic(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "x"
+    axis: Axis = "x"
     type: ClassVar[str] = "prismatic"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("", False, _axis(self.axis))]
+    motions: ClassVar = (("", False, "axis"),)
 
 
 @dataclass(frozen=True, repr=False)
@@ -222,11 +226,9 @@ class Cylindrical(Joint):
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
 
-    axis: str | Vector = "z"
+    axis: Axis = "z"
     type: ClassVar[str] = "cylindrical"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("translation", False, _axis(self.axis)), ("rotation", True, _axis(self.axis))]
+    motions: ClassVar = (("translation", False, "axis"), ("rotation", True, "axis"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -234,9 +236,7 @@ class Universal(Joint):
     """Rotations (rad) about x, then about the moved y."""
 
     type: ClassVar[str] = "universal"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("x", True, UNIT["x"]), ("y", True, UNIT["y"])]
+    motions: ClassVar = (("x", True, "x"), ("y", True, "y"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -244,9 +244,7 @@ class Planar(Joint):
     """Translations (m) along x and y, then a rotation (rad) about z."""
 
     type: ClassVar[str] = "planar"
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [("x", False, UNIT["x"]), ("y", False, UNIT["y"]), ("rotation", True, UNIT["z"])]
+    motions: ClassVar = (("x", False, "x"), ("y", False, "y"), ("rotation", True, "z"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -264,10 +262,8 @@ class Free(Joint):
     q = (x, y, z, w, x, y, z); v = (rate of the position, angular velocity in the link's axes)."""
 
     type: ClassVar[str] = "free"
+    motions: ClassVar = (("x", False, "x"), ("y", False, "y"), ("z", False, "z"))
     ball: ClassVar[bool] = True
-
-    def _freedoms(self) -> list[_Freedom]:
-        return [(a, False, UNIT[a]) for a in "xyz"]
 
 
 @dataclass(frozen=True, repr=False)

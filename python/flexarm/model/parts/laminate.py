@@ -11,9 +11,9 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import Array, choice, finite_number, positive, tilde
+from ..._check import Array, choice, positive, tilde
 from .material import Material
-from .part import ModelWarning, Part
+from .part import Finite, ModelWarning, Part, Positive
 from .sections import SectionMatrix
 
 _THICK = 1 / 3  # of the width: the largest thickness of a plate
@@ -32,19 +32,15 @@ class Orthotropic(Part):
         G13, G23: shear moduli through the thickness (Pa). None: as G12.
     """
 
-    density: float
-    E1: float
-    E2: float
-    G12: float
+    density: Positive
+    E1: Positive
+    E2: Positive
+    G12: Positive
     nu12: float
-    G13: float | None = None
-    G23: float | None = None
+    G13: Positive | None = None
+    G23: Positive | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("density", "E1", "E2", "G12", "G13", "G23"):
-            if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
+    def _made(self) -> None:
         most = (self.E1 / self.E2) ** 0.5
         if not abs(self.nu12) < most:
             raise ValueError(f"nu12 = {self.nu12}: must lie between -sqrt(E1 / E2) and sqrt(E1 / E2), {most:.4g}")
@@ -61,14 +57,11 @@ class Ply(Part):
             and y where they do along z.
     """
 
-    thickness: float
+    thickness: Positive
     material: Orthotropic | Material
-    angle: float = 0.0
+    angle: Finite = 0.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive("thickness", self.thickness)
-        finite_number("angle", self.angle)
+    def _made(self) -> None:
         if abs(self.angle) > 2 * np.pi:
             warnings.warn(f"angle = {self.angle:g} rad of a ply: is it in degrees?", ModelWarning, stacklevel=3)
         if isinstance(self.material, Material) and not self.material._core.shear_modulus > 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import flexarm._core as _core
 
@@ -40,12 +41,11 @@ class Link(Part):
     looks: Sequence[Look] = ()
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         read_name(self.name)
         self._set("looks", tuple(instance(f"looks[{k}]", look, Look) for k, look in enumerate(self.looks)))
         hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
-        self._set("_core", _core.Link(self.joint._core, hub, beam, tip))  # type: ignore[arg-type]
+        return _core.Link(self.joint._core, hub, beam, tip)  # type: ignore[arg-type]
 
     @property
     def mass(self) -> float:

@@ -6,14 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike, fspath
+from typing import Annotated
 
-from ..._check import array, choice
+from ..._check import array
 from .joints import Placement
-from .part import Part
+from .part import Part, one_of
 
 #: Number of sizes of each shape.
 SIZES = {"mesh": 3, "box": 3, "cylinder": 2, "ball": 1}
-_ON = ("hub", "tip", "base")
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,15 @@ class Look(Part):
         colour: "#RRGGBB"; by default that of the mesh, or grey.
     """
 
-    shape: str = "mesh"
+    shape: Annotated[str, one_of(*SIZES)] = "mesh"
     size: Sequence[float] = ()
     _: KW_ONLY
     file: str | PathLike[str] | None = None
     at: Placement | None = None
-    on: str = "hub"
+    on: Annotated[str, one_of("hub", "tip", "base")] = "hub"
     colour: str | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        count = SIZES[choice("shape", self.shape, tuple(SIZES))]
+    def _made(self) -> None:
         if (self.file is not None) != (self.shape == "mesh"):
             raise ValueError(f"file = {self.file!r}: a mesh has a file, a {self.shape} has none")
         if self.file is not None:
@@ -52,10 +50,9 @@ class Look(Part):
                 raise ValueError(f"file = {self.file!r}: must be a path")
             self._set("file", fspath(self.file))
         given = (1.0,) * 3 if self.shape == "mesh" and not len(self.size) else self.size
-        size = array("size", given, (count,))
+        size = array("size", given, (SIZES[self.shape],))
         if not (size.all() if self.shape == "mesh" else (size > 0).all()):
             raise ValueError(f"size = {size.tolist()}: must be " + ("not 0" if self.shape == "mesh" else "above 0"))
         self._set("size", tuple(size.tolist()))
-        choice("on", self.on, _ON)
         if self.colour is not None and not re.fullmatch(r"#[0-9a-fA-F]{6}", str(self.colour)):
             raise ValueError(f"colour = {self.colour!r}: must be '#RRGGBB', such as '#8A8F98'")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import flexarm._core as _core
 
@@ -26,7 +27,5 @@ class Material(Part):
     shear_modulus: float | None = None
     _core: _core.Material = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        made = _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus)
-        self._set("_core", made)
+    def _made(self) -> Any:
+        return _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
-from typing import Any
+from typing import Annotated, Any, get_origin
 
-from ..._check import flag, number, plain, whole
-from .arguments import arguments, members, with_inherited
+from ..._check import array, choice, finite_number, flag, not_negative, number, plain, positive, whole
+from .arguments import alternatives, arguments, with_inherited
+
+#: A check of an argument, which returns the value to be kept: (name, value) -> value.
+Check = Callable[[str, Any], Any]
 
 
 class ModelWarning(UserWarning):
@@ -35,9 +38,26 @@ def read_name(value: Any) -> str | None:
     return value
 
 
+def _place(name: str, value: Any) -> tuple[float, ...]:
+    return tuple(array(name, value, (3,)).tolist())
+
+
+def one_of(*known: str) -> Check:
+    """The check of a word."""
+    return lambda name, value: choice(name, value, known)
+
+
+# Types of arguments with the checks that belong to them; a Place is three numbers.
+Finite = Annotated[float, finite_number]
+Positive = Annotated[float, positive]
+NotNegative = Annotated[float, not_negative]
+Place = Annotated[Sequence[float], _place]
+
+
 class Part:
-    """Holds the core's counterpart in `_core`, outside equality, printing and pickling. Bad arguments raise ValueError,
-    which names the field and its value."""
+    """A dataclass whose arguments are checked by their annotated types, and then together by `_made`, which returns the
+    core's counterpart. That is held in `_core`, outside equality, printing and pickling. Bad arguments raise
+    ValueError, which names the field and its value."""
 
     _core: Any
 
@@ -48,8 +68,12 @@ class Part:
         """Checks each argument by its type, and converts NumPy's numbers to Python's, so that parts compare, print and
         save alike."""
         kind: Any = type(self)
-        for name, read in _readers(kind).items():
+        for name, read in _checks(kind).items():
             self._set(name, read(name, getattr(self, name)))
+        self._set("_core", self._made())
+
+    def _made(self) -> Any:
+        return None
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # dataclasses here are frozen
@@ -72,25 +96,28 @@ class Part:
         return out
 
 
-_SIMPLE: dict[Any, Callable[[str, Any], Any]] = {float: number, int: whole, bool: flag}
+_SIMPLE: dict[Any, Check] = {float: number, int: whole, bool: flag}
 
 
 @cache
-def _readers(cls: Callable[..., Part]) -> dict[str, Callable[[str, Any], Any]]:
-    """A check of each argument: of a number, a flag, or a part, and whether it may be None."""
-    return {name: _reader([*members(a.hint, deep=False)]) for name, a in arguments(cls).items()}
+def _checks(cls: Callable[..., Part]) -> dict[str, Check]:
+    """A check of each argument: that of its annotated type, of a number, a flag, or a part, and whether it may be
+    None."""
+    return {name: _check(alternatives(a.hint)) for name, a in arguments(cls).items()}
 
 
-def _reader(kinds: list[Any]) -> Callable[[str, Any], Any]:
+def _check(kinds: Sequence[Any]) -> Check:
     given, optional = [k for k in kinds if k is not type(None)], type(None) in kinds
     parts = tuple(k for k in given if isinstance(k, type) and issubclass(k, Part))
-    simple = _SIMPLE.get(given[0]) if len(given) == 1 else None
+    own: Check | None = None
+    if len(given) == 1:
+        own = given[0].__metadata__[0] if get_origin(given[0]) is Annotated else _SIMPLE.get(given[0])
 
     def read(name: str, value: Any) -> Any:
         if value is None and optional:
             return None
-        if simple is not None:
-            return simple(name, value)
+        if own is not None:
+            return own(name, plain(value))
         if parts and len(parts) == len(given) and not isinstance(value, parts):
             words = [f"a{'n' * (k.__name__[0] in 'AEIO')} {k.__name__}" for k in parts]
             raise ValueError(f"{name} = {value!r}: must be {' or '.join(words + ['None'] * optional)}")

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
 import flexarm._core as _core
 
-from ..._check import array, choice, finite_number, known_keys, not_negative
-from .part import Part
+from ..._check import array, known_keys
+from .part import Finite, NotNegative, Part, one_of
 from .shapes import coefficients
-
-FACES = ("y", "+y", "-y", "z", "+z", "-z")
 
 
 @dataclass(frozen=True)
@@ -44,10 +42,9 @@ class Piezo(Part):
     d32: float = 0.0
     _core: _core.Piezo = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         names = ("youngs_modulus", "poisson_ratio", "density", "d31", "d32", "d15", "permittivity")
-        self._set("_core", _core.Piezo(*(getattr(self, name) for name in names)))
+        return _core.Piezo(*(getattr(self, name) for name in names))
 
 
 @dataclass(frozen=True)
@@ -85,29 +82,23 @@ class Patch(Part):
         ValueError: naming the field and the value; the beam checks that the patch fits it.
     """
 
-    start: float
-    end: float
-    width: float
-    thickness: float
+    start: NotNegative
+    end: Finite
+    width: Finite
+    thickness: Finite
     material: Piezo
-    face: str = "y"
+    face: Annotated[str, one_of("y", "+y", "-y", "z", "+z", "-z")] = "y"
     _: KW_ONLY
-    angle: float = 0.0
+    angle: Finite = 0.0
     profile: Any = None
-    offset: float | None = None
-    pair: str = "opposed"
+    offset: Finite | None = None
+    pair: Annotated[str, one_of("opposed", "same")] = "opposed"
     stiffness: bool = True
     mass: bool = True
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("end", "width", "thickness", "angle", *(("offset",) if self.offset is not None else ())):
-            finite_number(name, getattr(self, name))
-        not_negative("start", self.start)
+    def _made(self) -> None:
         if not self.end > self.start:
             raise ValueError(f"end = {self.end}: must be beyond the start, {self.start}")
-        choice("face", self.face, FACES)
-        choice("pair", self.pair, ("opposed", "same"))
         if self.pair == "same" and len(self.face) == 2:
             raise ValueError(f"pair = 'same': needs two faces, 'y' or 'z', not {self.face!r}")
         if self.profile is not None:

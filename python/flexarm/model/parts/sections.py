@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -19,11 +19,14 @@ Face = _core.Face
 
 
 def _pair(name: str, value: Any) -> float | tuple[float, float]:
-    if not isinstance(value, (tuple, list, np.ndarray)):
+    if not isinstance(value, (tuple, list)):
         return number(name, value)
-    if np.shape(value) != (2,):
+    if len(value) != 2:
         raise ValueError(f"{name} = {value!r}: must be one number, or two, along y and along z")
     return number(name, value[0]), number(name, value[1])
+
+
+Pair = Annotated[float | Sequence[float], _pair]  # one number, or two, along y and along z
 
 
 def _both(value: float | Sequence[float]) -> tuple[float, float]:
@@ -33,8 +36,6 @@ def _both(value: float | Sequence[float]) -> tuple[float, float]:
 
 class Section(Part):
     """A section of a beam."""
-
-    _core: Any
 
     def at(self, place: float) -> Any:
         """The section at a place along the beam (m): itself, unless it is a Taper."""
@@ -65,19 +66,16 @@ class SymmetricSection(Section):
 class Shape(SymmetricSection):
     """A symmetric section whose integrals follow from its sides."""
 
-    #: the core's maker; its arguments of one number, and those of one or two, apart from the shear correction
-    _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
-    shear_correction: float | Sequence[float] | None
+    type: ClassVar[str]  #: the name of the core's maker, too
+    shear_correction: Pair | None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        maker, numbers, pairs = self._shape
-        for f in (*pairs, "shear_correction"):
-            if f in pairs or getattr(self, f) is not None:
-                self._set(f, _pair(f, getattr(self, f)))
-        sizes = [*(getattr(self, f) for f in numbers), *(_both(getattr(self, f)) for f in pairs)]
+    def _sizes(self) -> list[Any]:
+        """The arguments as the core's maker takes them, apart from the shear correction."""
+        return [x for name, x in self._arguments().items() if name != "shear_correction"]
+
+    def _made(self) -> Any:
         k = None if self.shear_correction is None else _both(self.shear_correction)
-        self._set("_core", getattr(_core.Section, maker)(*sizes, k))
+        return getattr(_core.Section, self.type)(*self._sizes(), k)
 
     @property
     def area(self) -> float:
@@ -117,9 +115,8 @@ class Rectangle(Shape):
 
     y: float
     z: float
-    shear_correction: float | Sequence[float] = 5 / 6
+    shear_correction: Pair = 5 / 6
     type: ClassVar[str] = "rectangle"
-    _shape: ClassVar = ("rectangle", ("y", "z"), ())
 
 
 @dataclass(frozen=True)
@@ -134,9 +131,8 @@ class Circle(Shape):
 
     radius: float
     inner_radius: float = 0.0
-    shear_correction: float | Sequence[float] = 9 / 10
+    shear_correction: Pair = 9 / 10
     type: ClassVar[str] = "circle"
-    _shape: ClassVar = ("circle", ("radius", "inner_radius"), ())
 
 
 @dataclass(frozen=True)
@@ -152,9 +148,8 @@ class Tube(Shape):
 
     radius: float
     thickness: float
-    shear_correction: float | Sequence[float] | None = None
+    shear_correction: Pair | None = None
     type: ClassVar[str] = "tube"
-    _shape: ClassVar = ("tube", ("radius", "thickness"), ())
 
 
 @dataclass(frozen=True)
@@ -169,9 +164,8 @@ class Ellipse(Shape):
 
     y: float
     z: float
-    shear_correction: float | Sequence[float] | None = None
+    shear_correction: Pair | None = None
     type: ClassVar[str] = "ellipse"
-    _shape: ClassVar = ("ellipse", ("y", "z"), ())
 
 
 @dataclass(frozen=True)
@@ -193,10 +187,12 @@ class Box(Shape):
 
     y: float
     z: float
-    thickness: float | Sequence[float]
-    shear_correction: float | Sequence[float] | None = None
+    thickness: Pair
+    shear_correction: Pair | None = None
     type: ClassVar[str] = "box"
-    _shape: ClassVar = ("box", ("y", "z"), ("thickness",))
+
+    def _sizes(self) -> list[Any]:
+        return [self.y, self.z, _both(self.thickness)]
 
 
 @dataclass(frozen=True)
@@ -220,9 +216,8 @@ class IBeam(Shape):
     z: float
     flange: float
     web: float
-    shear_correction: float | Sequence[float] | None = None
+    shear_correction: Pair | None = None
     type: ClassVar[str] = "i_beam"
-    _shape: ClassVar = ("i_beam", ("y", "z", "flange", "web"), ())
 
 
 @dataclass(frozen=True)
@@ -241,15 +236,12 @@ class GeneralSection(SymmetricSection):
     second_moment_y: float
     second_moment_z: float
     torsion_constant: float
-    shear_correction: float | Sequence[float] = 5 / 6
+    shear_correction: Pair = 5 / 6
     type: ClassVar[str] = "general"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set("shear_correction", _pair("shear_correction", self.shear_correction))
-        k = _both(self.shear_correction)
+    def _made(self) -> Any:
         sizes = (self.area, self.second_moment_y, self.second_moment_z, self.torsion_constant)
-        self._set("_core", _core.Section(*sizes, k))
+        return _core.Section(*sizes, _both(self.shear_correction))
 
 
 _ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
@@ -280,12 +272,11 @@ class SectionMatrix(Section):
     type: ClassVar[str] = "matrix"
     _core: _core.SectionMatrix = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         matrices = [array(name, getattr(self, name), (6, 6)) for name in ("stiffness", "inertia")]
         for name, matrix in zip(("stiffness", "inertia"), matrices, strict=True):
             self._set(name, tuple(tuple(row) for row in matrix.tolist()))
-        self._set("_core", _core.SectionMatrix(*matrices))
+        return _core.SectionMatrix(*matrices)
 
     @classmethod
     def of(

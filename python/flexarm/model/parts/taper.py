@@ -48,8 +48,7 @@ class Taper(Part):
     at: Callable[[float], Any] = field(init=False, repr=False, compare=False)
     _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _made(self) -> Any:
         x = array("x", self.x)
         if x.ndim != 1 or x.size < 2 or x[0] != 0.0 or not (np.diff(x) > 0).all():
             raise ValueError(f"x = {self.x!r}: must be two or more places, increasing from 0")
@@ -71,4 +70,4 @@ class Taper(Part):
             return cls(*(None if c is None else _between(place, x, c) for c in columns))
 
         self._set("at", at)
-        self._set("_core", law(lambda place: at(place)._core, x[1:-1].tolist()))
+        return law(lambda place: at(place)._core, x[1:-1].tolist())

@@ -31,7 +31,7 @@ def from_urdf(
 
     Each moving joint, with its child link and all links fixed to that, becomes one link of the arm, with the URDF's
     frames and the URDF's names of link and joint. Origins, axes, inertias, damping and (dry) friction are kept. The
-    arm's world is the base's frame. It needs `pip install 'flexarm[urdf]'`.
+    arm's world is the base's frame.
 
     Args:
         path: of the file.
