@@ -22,6 +22,29 @@ constexpr double kStill = 1e-10;             // twice a kinetic energy that does
 constexpr double kSame = 1e-3;               // of the length of a step, by which a matrix still serves
 constexpr double kTurned = 1e-3;             // of a matrix, by which slopes of friction may be off
 constexpr int kChords = 4, kIterations = 25;
+constexpr Index kColumns = 32, kLarge = 128;  // of a product at once; rows, from which on it is one
+
+/// f of columns of x and of `to`, few at a time: larger products of Eigen's, and solutions, take memory of the heap.
+template <class X, class To, class F>
+void by_columns(const X& x, To&& to, const F& f) {
+  const Index n = x.cols();
+  if (x.rows() > kLarge)
+    for (Index j = 0; j < n; ++j) f(x.col(j), to.col(j));
+  else
+    for (Index j = 0; j < n; j += kColumns)
+      f(x.middleCols(j, std::min(kColumns, n - j)), to.middleCols(j, std::min(kColumns, n - j)));
+}
+/// to += factor A x
+template <class X, class To>
+void add(double factor, const MatrixXd& A, const X& x, To&& to) {
+  by_columns(x, to, [&](const auto& some, auto&& sum) { sum.noalias() += factor * A * some; });
+}
+/// to = factor A x
+template <class X, class To>
+void multiply(double factor, const MatrixXd& A, const X& x, To&& to) {
+  to.setZero();
+  add(factor, A, x, to);
+}
 
 /// Of the arm with 1 kg at its end.
 Problem with_a_kilogram(Problem problem) {
@@ -158,7 +181,7 @@ void PredictiveStep::residual(const VectorXd& a, double h) {
 Status PredictiveStep::differentiate(Stage& stage, double h) {
   const auto by_rates = [this](const MatrixXd& dq, MatrixXd& out) {
     if (balls_)
-      out.noalias() = dq * E_;
+      multiply(1.0, dq, E_, out);
     else
       out = dq;
   };
@@ -183,7 +206,7 @@ Status PredictiveStep::differentiate(Stage& stage, double h) {
   stage.by_v.diagonal() += damping_;
   stage.S = s_.ws.M + h * stage.by_v;
   if (balls_)
-    stage.S.noalias() += h * h * stage.by_q * stage.turn;
+    add(h * h, stage.by_q, stage.turn, stage.S);
   else
     stage.S += h * h * stage.by_q;
   if (!stage.S.allFinite()) return Status::not_finite;
@@ -317,22 +340,22 @@ void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
       if (stage.cut[k]) by_.row(s_.ws.limits[k].rate).segment(2 * n, nu) -= columns_.row(s_.ws.limits[k].rate);
     by_.rightCols(np) -= stage.by_p;
     keep_given(by_);
-    first_.noalias() = stage.factor.solve(by_);
+    by_columns(by_, first_, [&](const auto& some, auto&& x) { x.noalias() = stage.factor.solve(some); });
   };
   const auto turned = [&] {  // du_ to dq_, of the second stage
     if (!balls_) {
       dq_ = du_;
       dq_.leftCols(n).diagonal().array() += 1.0;
     } else {
-      dq_.noalias() = two.turn * du_;
+      multiply(1.0, two.turn, du_, dq_);
       dq_.leftCols(n) += two.back;
     }
     keep_given(dq_);
   };
   by_.rightCols(nu + np).setZero();
   if (balls_) {
-    by_.leftCols(n).noalias() = -one.by_q * one.back;
-    by_.middleCols(n, n).noalias() = -g * one.by_q * one.turn;
+    multiply(-1.0, one.by_q, one.back, by_.leftCols(n));
+    multiply(-g, one.by_q, one.turn, by_.middleCols(n, n));
   } else {
     by_.leftCols(n) = -one.by_q;
     by_.middleCols(n, n) = -g * one.by_q;
@@ -344,9 +367,8 @@ void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
   du_ = (rest * g) * first_ + g * dv_;
   du_.middleCols(n, n).diagonal().array() += rest;
   turned();
-  by_.setZero();
-  by_.noalias() -= two.by_q * dq_;
-  by_.noalias() -= two.by_v * dv_;
+  multiply(-1.0, two.by_q, dq_, by_);
+  add(-1.0, two.by_v, dv_, by_);
   accelerate(two);
   dv_ += g * first_;
   du_ += g * g * first_;
@@ -357,9 +379,9 @@ void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
   B.topRows(n) = dq_.rightCols(nu + np);
   B.bottomRows(n) = dv_.rightCols(nu + np);
   if (!more_) return;
-  bend_.noalias() = kilogram_by_q_ * dq_;
-  bend_.noalias() += kilogram_by_v_ * dv_;
-  bend_.noalias() += kilogram_ * first_;
+  multiply(1.0, kilogram_by_q_, dq_, bend_);
+  add(1.0, kilogram_by_v_, dv_, bend_);
+  add(1.0, kilogram_, first_, bend_);
 }
 
 VectorXd PredictiveStep::memory() const {

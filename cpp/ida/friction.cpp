@@ -239,7 +239,9 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
     const auto add_all = [&from = part.events[k], &to = out.events[k]](auto... lists) {
       ((to.*lists).insert((to.*lists).end(), (from.*lists).begin(), (from.*lists).end()), ...);
     };
-    add_all(&EventLog::t, &EventLog::q, &EventLog::v, &EventLog::a, &EventLog::q_by, &EventLog::v_by);
+    add_all(&EventLog::t, &EventLog::a, &EventLog::q_by, &EventLog::v_by);
+    out.events[k].q.append(part.events[k].q);
+    out.events[k].v.append(part.events[k].v);
   }
   add(part.stats, out.stats);
   out.reached = part.reached;

@@ -75,12 +75,14 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   q_ = Eigen::MatrixXd::Zero(arm.nq(), s_);
   v_ = a_ = tau_ = a_before_ = u_ = du_ = Eigen::MatrixXd::Zero(arm.nv(), s_);
   qs_ = middle_ = q0_;
-  vs_ = as_ = v0_;
+  vs_ = as_ = product_ = v0_;
   rate_by_q_.resize(arm.nq(), arm.nq());
   rate_by_v_.resize(arm.nq(), arm.nv());
   M_all_ = C_all_ = K_all_ = Eigen::MatrixXd::Zero(arm.nv(), arm.nv());
+  once_ = twice_ = Eigen::VectorXd::Zero(s_);
   rub_ = v0_;
   contact_.resize(static_cast<std::size_t>(arm.nv()), Tape::free);
+  was_ = contact_;
   if (!rubs(arm).empty()) rests_.emplace("rk4", arm, 1.0, ImplicitOptions{}, DryFriction::left_to_caller);
   for (const Link& link : arm.links()) mass_ += link.mass();
 }
@@ -89,6 +91,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
                               const Eigen::VectorXd& tau) {
   if (!rests_)
     if (const Status status = forward_dynamics(*arm_, ws, q, v, tau); status != Status::ok) return status;
+  ws.M.resize(arm_->nv(), arm_->nv());
   std::vector<Load> loads;
   for (const AppliedLoad& l : ws.loads) loads.push_back(l.load);
   derivatives_.emplace(*arm_, loads);
@@ -97,9 +100,23 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   contraction_ = best_ = 1.0;
   h_factored_ = scale_ = peak_ = 0.0;
   fresh_ = false;
-  movable_ = ws.free;
-  if (chooses()) prepare_judgement(ws);
-  choose_free();
+  free_ = ws.free;
+  free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
+  for (int i = 0; i < arm_->nv(); ++i)
+    if (const int k = arm_->coordinate_of(i); k >= 0 && !std::binary_search(free_.begin(), free_.end(), i))
+      free_q_[static_cast<std::size_t>(k)] = false;
+  const auto n = static_cast<Eigen::Index>(free_.size());
+  M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
+  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
+  lu_ = Eigen::PartialPivLU<Eigen::MatrixXd>(s_ * n);
+  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
+  moved_ = Eigen::MatrixXd::Zero(n, s_);
+  if (chooses()) {
+    prepare_judgement(ws);
+    damping_ = Eigen::MatrixXd::Identity(n, n);
+    damped_ = decltype(damped_)(n);
+    error_of_ = missed_force_ = Eigen::VectorXd::Zero(n);
+  }
   a_.colwise() = ws.a;
   q_.colwise() = q;
   return jump(ws, q, v, tau);
@@ -110,8 +127,10 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
   h_ = 0.0;  // nothing to extrapolate
   if (!rests_) return Status::ok;
   if (const Status status = rests_->start(ws, q, v, tau); status != Status::ok) return status;
+  was_ = contact_;
   rests_->contacts(v, true, contact_.data());
-  choose_free();
+  for (std::size_t i = 0; i < contact_.size(); ++i)
+    if ((contact_[i] == Tape::held) != (was_[i] == Tape::held)) fresh_ = false;
   a_.colwise() = ws.a;
   rub_ = rests_->friction();
   for (Eigen::Index i = 0; i < v.size(); ++i)
@@ -120,28 +139,6 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
       v_.row(i).setZero();
     }
   return Status::ok;
-}
-
-/// Chooses the free rates, now that friction holds some and lets others go.
-void CollocationStep::choose_free() {
-  std::vector<int> now;
-  for (int i : movable_)
-    if (contact_[static_cast<std::size_t>(i)] != Tape::held) now.push_back(i);
-  if (now == free_ && !free_q_.empty()) return;
-  free_ = std::move(now);
-  free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
-  for (int i = 0; i < arm_->nv(); ++i)
-    if (const int k = arm_->coordinate_of(i); k >= 0 && !std::binary_search(free_.begin(), free_.end(), i))
-      free_q_[static_cast<std::size_t>(k)] = false;
-  const auto n = static_cast<Eigen::Index>(free_.size());
-  M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
-  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
-  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
-  if (chooses()) {
-    damping_ = Eigen::MatrixXd::Identity(n, n);
-    error_of_ = missed_force_ = Eigen::VectorXd::Zero(n);
-  }
-  fresh_ = false;
 }
 
 /// Places that are looked at: each link's end, and the middle of its beam; and the part of an error that shows there.
@@ -213,13 +210,13 @@ void CollocationStep::judge(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::
       for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
       as_[row] = sum;
     }
-    for (std::size_t i = 0; i < contact_.size(); ++i)
-      if (contact_[i] == Tape::held) as_[static_cast<Eigen::Index>(i)] = 0.0;
+    for (Eigen::Index i = 0; i < as_.size(); ++i)
+      if (held(static_cast<int>(i))) as_[i] = 0.0;
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
     for (Eigen::Index k = 0; k < n; ++k) {
       const int row = free_[static_cast<std::size_t>(k)];
-      missed_force_[k] = h * h * missed_ * (tau[row] + rub_[row] - ws.tau[row]);
+      missed_force_[k] = held(row) ? 0.0 : h * h * missed_ * (tau[row] + rub_[row] - ws.tau[row]);
     }
     error_of_ = damped_.solve(missed_force_);
     for (Eigen::Index row = 0; row < moves_.rows(); ++row) {
@@ -301,15 +298,16 @@ void CollocationStep::differentiate(Workspace& ws) {
   h_factored_ = 0.0;
 }
 
-/// To the free rates.
+/// To the free rates. Those that dry friction holds have an equation of their own: they do not accelerate.
 void CollocationStep::reduce() {
   const Eigen::Index n = M_.rows();
   for (Eigen::Index k = 0; k < n; ++k)
     for (Eigen::Index l = 0; l < n; ++l) {
       const int i = free_[static_cast<std::size_t>(k)], j = free_[static_cast<std::size_t>(l)];
-      M_(k, l) = M_all_(i, j);
-      C_(k, l) = C_all_(i, j);
-      K_(k, l) = K_all_(i, j);
+      const bool still = held(i) || held(j);
+      M_(k, l) = still ? (k == l ? 1.0 : 0.0) : M_all_(i, j);
+      C_(k, l) = still ? 0.0 : C_all_(i, j);
+      K_(k, l) = still ? 0.0 : K_all_(i, j);
     }
 }
 
@@ -340,13 +338,13 @@ bool CollocationStep::believable(double h, Workspace& ws) {
   const auto fastest = [&](const Eigen::MatrixXd& M) {
     vs_ = v0_;
     vs_.noalias() += h * (a_ * b_);
-    double most = vs_.dot(M * vs_);
-    for (int i = 0; i < s_; ++i) most = std::max(most, v_.col(i).dot(M * v_.col(i)));
+    double most = form(M, vs_);
+    for (int i = 0; i < s_; ++i) most = std::max(most, form(M, v_.col(i)));
     return most;
   };
   const double peak = kForget * peak_, free_fall = mass_ * fall * fall;
   const double reached = fastest(M_all_);
-  if (!(reached <= kFar * (std::max(peak, v0_.dot(M_all_ * v0_)) + free_fall))) {  // look closer
+  if (!(reached <= kFar * (std::max(peak, form(M_all_, v0_)) + free_fall))) {  // look closer
     double allowed = 0.0;
     for (int i = 0; i < s_; ++i) {
       qs_ = q0_;
@@ -361,10 +359,8 @@ bool CollocationStep::believable(double h, Workspace& ws) {
       ++counts_.evaluations;
       if (forward_dynamics(*arm_, ws, qs_, vs_, as_) != Status::ok) return false;
       as_ = ws.a;
-      if (i == 0) {
-        composite_mass_matrix(*arm_, ws, qs_);
-      }
-      allowed = std::max(allowed, vs_.dot(ws.M * vs_) + h * h * as_.dot(ws.M * as_));
+      if (i == 0) composite_mass_matrix(*arm_, ws, qs_);
+      allowed = std::max(allowed, form(ws.M, vs_) + h * h * form(ws.M, as_));
     }
     if (!(fastest(ws.M) <= kFar * (std::max(peak, allowed) + free_fall))) return false;
   }
@@ -382,9 +378,10 @@ void CollocationStep::set_forces(int i, Workspace& ws) const {
 
 /// Whether the last correction is below the digits of the coordinates: at rest, in balance, there is no motion to
 /// compare it with.
-bool CollocationStep::lost(double h) const {
+bool CollocationStep::lost(double h) {
   const Eigen::Map<const Eigen::MatrixXd> turns(correction_.data(), M_.rows(), s_);
-  return h * h * (turns * A2_.transpose()).cwiseAbs().maxCoeff() <= kVanishing * q_.cwiseAbs().maxCoeff();
+  moved_.noalias() = turns * A2_.transpose();
+  return h * h * moved_.cwiseAbs().maxCoeff() <= kVanishing * q_.cwiseAbs().maxCoeff();
 }
 
 Status CollocationStep::iterate(double h, Workspace& ws) {
@@ -416,7 +413,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) {
         const int row = free_[static_cast<std::size_t>(k)];
-        residual_[i * n + k] = tau_(row, i) + rub_[row] - ws.tau[row];
+        residual_[i * n + k] = held(row) ? 0.0 : tau_(row, i) + rub_[row] - ws.tau[row];
       }
     }
     correction_ = lu_.solve(residual_);
@@ -425,8 +422,8 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     for (int i = 0; i < s_; ++i) {
       const auto turn = correction_.segment(i * n, n);
       for (Eigen::Index k = 0; k < n; ++k) a_(free_[static_cast<std::size_t>(k)], i) += turn[k];
-      work += b_[i] * turn.dot(M_ * turn);
-      motion += b_[i] * (v_.col(i).dot(M_all_ * v_.col(i)) + h * h * a_.col(i).dot(M_all_ * a_.col(i)));
+      work += b_[i] * form(M_, turn);
+      motion += b_[i] * (form(M_all_, v_.col(i)) + h * h * form(M_all_, a_.col(i)));
     }
     if (!std::isfinite(work) || !std::isfinite(motion))  // at once: the state is at fault; later: the iteration
       return iteration == 1 && !fresh_ ? Status::not_finite : Status::not_converged;
@@ -515,9 +512,6 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
 }
 
 void CollocationStep::recalled() {
-  const bool fresh = fresh_;
-  choose_free();
-  fresh_ = fresh;
   reduce();
   if (h_factored_ == 0.0) return;
   factor(h_factored_);

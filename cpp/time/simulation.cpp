@@ -24,6 +24,8 @@ std::unique_ptr<Step> Method::on(const Arm& arm, double step) const {
 }
 
 struct Simulation::Motion {
+  static constexpr std::size_t kLogged = 100;  // occurrences of an event, for which there is memory from the start
+
   /// Inputs that replace the problem's functions; nan: not set.
   struct Inputs {
     std::vector<double> force, reference;
@@ -72,6 +74,11 @@ struct Simulation::Motion {
         seen(way.s, problem.events, events, nullptr, method->interpolates() ? method.get() : nullptr),
         anchor(t) {
     events.events.resize(problem.events.size());
+    for (EventLog& log : events.events) {
+      log.t.reserve(kLogged);
+      log.q.reserve(kLogged, way.s.q.size());
+      log.v.reserve(kLogged, way.s.v.size());
+    }
     if (!std::isfinite(t)) bad_value("t", t, "must be finite");
     way.begin();
     status = way.start();

@@ -74,6 +74,44 @@ Stages stages_of(const GeneralisedAlpha<Engine>& m) {
   return out;
 }
 
+template <class Row>
+Stages stages_of(const RungeKutta<Engine, Row>&) {
+  constexpr int s = Row::stages;
+  Stages out;
+  out.in_turn = true;
+  out.c.resize(s + 1);
+  out.v_by_a = Eigen::MatrixXd::Zero(s + 1, s);
+  for (int i = 0; i < s; ++i) {
+    out.c[i] = Row::times[i];
+    if (i > 0) out.v_by_a(i, i - 1) = Row::times[i];
+    out.v_by_a(s, i) = Row::weights[i] / Row::sum;
+  }
+  out.c[s] = 1.0;
+  out.q_by_a = out.v_by_a * out.v_by_a.topRows(s);
+  out.v_by_start = out.q_by_start = Eigen::MatrixXd::Zero(s + 1, 2);
+  return out;
+}
+
+// Of a method that remembers nothing, and divides no step.
+template <class Method>
+void begin_again(Method&, const Tape::Switch&) {}
+template <class Method>
+void note_beginning(const Method&, double, Tape::Switch&) {}
+template <class Method>
+void scalars(Method&, const std::function<void(double&)>&) {}
+template <class Method>
+double lag_of(const Method&, double) {
+  return 1.0;
+}
+template <class Method>
+const double* accelerations_of(const Method&) {
+  return nullptr;
+}
+template <class Method>
+bool divided(const Method&) {
+  return false;
+}
+
 /// Copies into the numbers of a step's beginning, or from these.
 template <class To, class From>
 void copy(const From& from, To* to) {
@@ -94,36 +132,13 @@ void note_beginning(const GeneralisedAlpha<Engine>& m, double h, Tape::Switch& o
   out.alpha0 = all(m.lagged);
   out.gain = m.continued(h) * (all(m.a0) - all(m.a_before));
 }
-void begin_again(RungeKutta4<Engine>&, const Tape::Switch&) {}
-void note_beginning(const RungeKutta4<Engine>&, double, Tape::Switch&) {}
-
 /// Numbers beside the arrays that a method remembers.
 void scalars(GeneralisedAlpha<Engine>& m, const std::function<void(double&)>& visit) {
   for (double* x : {&m.h_before, &m.newton.contraction, &m.scale, &m.contacts.left}) visit(*x);
 }
-void scalars(RungeKutta4<Engine>&, const std::function<void(double&)>&) {}
-
 double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
 const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
 bool divided(const GeneralisedAlpha<Engine>& m) { return m.divided; }
-
-double lag_of(const RungeKutta4<Engine>&, double) { return 1.0; }
-const double* accelerations_of(const RungeKutta4<Engine>&) { return nullptr; }
-bool divided(const RungeKutta4<Engine>&) { return false; }
-
-Stages stages_of(const RungeKutta4<Engine>&) {
-  Stages out;
-  out.in_turn = true;
-  out.c.resize(5);
-  out.c << 0.0, 0.5, 0.5, 1.0, 1.0;
-  out.v_by_a = Eigen::MatrixXd::Zero(5, 4);
-  out.v_by_a(1, 0) = out.v_by_a(2, 1) = 0.5;
-  out.v_by_a(3, 2) = 1.0;
-  out.v_by_a.row(4) << 1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0;
-  out.q_by_a = out.v_by_a * out.v_by_a.topRows(4);
-  out.v_by_start = out.q_by_start = Eigen::MatrixXd::Zero(5, 2);
-  return out;
-}
 
 }  // namespace
 

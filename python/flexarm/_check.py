@@ -120,7 +120,7 @@ def array(
         asked = "; does its function return what it computes?" if " at t = " in field else ""
         raise ValueError(f"{field} = None: must be {want}{asked}")
     try:
-        if np.iscomplexobj(value):
+        if getattr(value, "dtype", None) != np.float64 and np.iscomplexobj(value):
             raise TypeError
         out = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):

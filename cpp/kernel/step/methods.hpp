@@ -29,7 +29,7 @@
 #pragma once
 
 #include "step/alpha.hpp"
-#include "step/rk4.hpp"
+#include "step/runge_kutta.hpp"
 
 namespace {
 
@@ -52,7 +52,7 @@ struct MethodTable {
   }
 };
 
-/// A further method has its row here.
+/// A further method has its row here. (What derivatives of its steps need is in step.cpp.)
 using Methods = MethodTable<Implicit, Rk4>;
 
 }  // namespace

@@ -26,7 +26,8 @@ TRUNCATION = 1e-6
 _RESOLVED = 1.0
 
 
-_BOUNDS: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
+_BOUNDS: WeakKeyDictionary[_core.Arm, Array] = WeakKeyDictionary()  # every run asks
+_ALWAYS = 1e-300  # limit of a bound that says nothing
 
 
 def _places(beam: Beam) -> Array:
@@ -91,20 +92,19 @@ def _within_bounds(arm: Chain, q: Array) -> bool:
     """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
     are within their ranges."""
     if (known := _BOUNDS.get(arm._core)) is None:
-        rows, limits = [], []
+        rows = []
         for _, beam, at, _ in arm.beams():
             most = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
-            bounds = [(_turns(beam)[1], -1.0 if beam.order == "exact" and beam.gauss_points is not None else most)]
+            bounds = [(_turns(beam)[1], _ALWAYS if beam.order == "exact" and beam.gauss_points is not None else most)]
             bounds += [(_stretches(beam)[1], np.nextafter(1.0, 0.0))] if "extension" in beam.counts else []
             for sizes, limit in bounds:
                 row = np.zeros(arm.nq)
-                row[at] = sizes
+                row[at] = sizes / limit
                 rows.append(row)
-                limits.append(limit)
-        known = _BOUNDS[arm._core] = np.reshape(rows, (len(rows), arm.nq)), np.array(limits)
-    if not len(q):
+        known = _BOUNDS[arm._core] = np.reshape(rows, (len(rows), arm.nq))
+    if not len(known) or not len(q):
         return True
-    return bool(np.logical_and.reduce(known[0].dot(np.maximum.reduce(np.abs(q))) <= known[1]))  # all(), max(): slower
+    return bool(np.maximum.reduce(known.dot(np.maximum.reduce(np.abs(q)))) <= 1.0)  # max(): slower
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:

@@ -45,7 +45,12 @@ class Integrator:
     @property
     def core(self) -> _core.Integrator:
         """It, as the core takes it."""
-        return _core.Integrator(self.name, **vars(self))
+        return _core_of(self)
+
+
+@lru_cache(64, typed=True)
+def _core_of(integrator: Integrator) -> _core.Integrator:
+    return _core.Integrator(integrator.name, **integrator.options)
 
 
 @dataclass(frozen=True)

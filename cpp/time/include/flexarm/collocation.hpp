@@ -56,7 +56,7 @@ class CollocationStep final : public Step {
   struct Ball {
     Eigen::Index q, v;  ///< its first coordinate and rate
   };
-  void choose_free();
+  bool held(int rate) const { return contact_[static_cast<std::size_t>(rate)] == Tape::held; }
   void reduce();
   bool place(double h);
   bool turn_balls(double h);
@@ -65,7 +65,13 @@ class CollocationStep final : public Step {
   bool factor(double h);
   void set_forces(int i, Workspace& ws) const;
   bool believable(double h, Workspace& ws);
-  bool lost(double h) const;
+  bool lost(double h);
+  /// x^T M x
+  template <class X>
+  double form(const Eigen::MatrixXd& M, const X& x) {
+    product_.head(x.size()).noalias() = M * x;
+    return x.dot(product_.head(x.size()));
+  }
   Status iterate(double h, Workspace& ws);
   void prepare_judgement(Workspace& ws);
   void see_places(Workspace& ws);
@@ -78,11 +84,11 @@ class CollocationStep final : public Step {
   Eigen::VectorXd c_, b_;             ///< points and weights of the step
   Eigen::MatrixXd A_, A2_;            ///< integrals to the points, once and twice
   Eigen::MatrixXd monomials_;         ///< column j: the Lagrange polynomial of point j, lowest power first
-  std::vector<int> movable_;          ///< rates that are not prescribed
-  std::vector<int> free_;             ///< of these, those that dry friction does not hold
+  std::vector<int> free_;             ///< rates that are not prescribed
   std::vector<bool> free_q_;          ///< whether a coordinate is
   std::optional<OneStep> rests_;      ///< dry friction at an instant
   std::vector<signed char> contact_;  ///< of each rate, see Tape::Contact
+  std::vector<signed char> was_;      ///< the same before the last switch
   Eigen::VectorXd rub_;               ///< friction of sliding rates (nv)
   std::vector<Ball> balls_;
   Eigen::MatrixXd turn_weights_;  ///< A less half the weights of the step, which end at the middle
@@ -100,7 +106,8 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd rate_by_q_, rate_by_v_;
   Eigen::MatrixXd newton_;
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
-  Eigen::VectorXd residual_, correction_;
+  Eigen::VectorXd residual_, correction_, product_;
+  Eigen::MatrixXd moved_;  ///< places, by a correction
   bool fresh_ = false;
   double h_ = 0.0;            ///< of the last step
   double h_factored_ = 0;     ///< of the matrix

@@ -24,7 +24,7 @@ struct Method {
 };
 
 /// After its construction it allocates, locks and throws nothing, as long as the problem's functions do not. (A sampled
-/// controller allocates a few numbers when it samples.)
+/// controller allocates a few numbers when it samples; an event may occur a hundred times.)
 class Simulation {
  public:
   /// At the problem's start.

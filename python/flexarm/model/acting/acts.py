@@ -79,20 +79,21 @@ class Acts:
         """The core's problem of one run from `start` (q0, v0, tau). `onward`: sampled laws are constant outside their
         samples. `weak`: it holds no function of these acts, which live as long as it."""
         both, nv = self.both, self.both.nv
-        own = _weak if weak else (lambda x: x)
 
         def law(x: Any) -> Any:
-            return own(standing(x) if onward else self._law(x))
+            taken = standing(x) if onward else self._law(x)
+            return _weak(taken) if weak else taken
 
         drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
                   for d in self.drives]  # fmt: skip
         loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.loads, strict=True)]
         feedback = [Feedback(f.column, f.by_q, f.by_v, law(f.reference), f.limit) for f in self.feedback]
-        sizes = {"q0": both.nq, "v0": nv, "tau": nv}
         return _core.Problem(
-            arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in start.items()}, drives=drives,
-            loads=loads, feedback=feedback, events=[_core.Event(own(e.value), e.terminal, e.direction) for e in events],
-            samplers=[_core.Sampler(s.first, s.period, s.delay, own(s.law)) for s in self.sampled],
+            arm=both._core, t=self.times, q0=padded(start["q0"], both.nq), v0=padded(start["v0"], nv),
+            tau=padded(start["tau"], nv), drives=drives, loads=loads, feedback=feedback,
+            events=[_core.Event(_weak(e.value), e.terminal, e.direction) for e in events] if weak else list(events),
+            samplers=[_core.Sampler(s.first, s.period, s.delay, _weak(s.law)) for s in self.sampled] if weak
+            else self.sampled,
         )  # fmt: skip
 
     def _law(self, law: Any) -> Any:

@@ -286,7 +286,7 @@ def is_patch(key: Any) -> bool:
 
 def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
     """The drives of joints, and those of patches."""
-    if not isinstance(drive, Mapping):
+    if drive is None or not isinstance(drive, Mapping):
         return drive, {}
     joints = {k: law for k, law in drive.items() if not is_patch(k)}
     return joints, {k: law for k, law in drive.items() if is_patch(k)}

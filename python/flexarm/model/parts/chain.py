@@ -310,7 +310,7 @@ class Chain:
 
     def _posed(self, q: Any) -> Any:
         """q; a dictionary is converted by `pose`."""
-        return self.pose(q) if isinstance(q, Mapping) else q
+        return self.pose(q) if q is not None and isinstance(q, Mapping) else q
 
     def _place(self, field: str, q: Any) -> Array:
         """q (nq,): `zero` for None, the `pose` of a dictionary; quaternions are not checked."""
@@ -344,7 +344,7 @@ class Chain:
 
     def check_balls(self, field: str, q: Array) -> None:
         """Raises ValueError if a quaternion in q (..., nq) has zero length, or a length whose square overflows."""
-        for k, at in self.quaternions():
+        for k, at in self.quaternions() if self.nq != self.nv else ():
             size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
             for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
                 if bad.any():

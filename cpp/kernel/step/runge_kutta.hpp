@@ -1,5 +1,5 @@
-// The classical Runge-Kutta method of fourth order; whatever rubs goes on as it does all through a step. See
-// methods.hpp for its engine and its interface.
+// Explicit Runge-Kutta methods each of whose stages follows from the one before it; whatever rubs goes on as it does
+// all through a step. See methods.hpp for their engine and their interface.
 #pragma once
 
 #include "door/kernels.hpp"
@@ -12,8 +12,10 @@ using flexarm::lanes::MethodOptions;
 using flexarm::lanes::MethodTraits;
 using flexarm::lanes::Work;
 
-template <class Engine>
-struct RungeKutta4 {
+/// @tparam Row  the method's coefficients: of each stage its time, which is a multiple of half a step, and its weight,
+///              in parts of their sum
+template <class Engine, class Row>
+struct RungeKutta {
   using S = typename Engine::Scalar;
   using L = Lanes<S>;
   using Mask = typename L::Mask;
@@ -48,7 +50,8 @@ struct RungeKutta4 {
   }
   template <class Given>
   Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
-    constexpr double times[] = {0.0, 0.5, 0.5, 1.0}, weights[] = {1.0, 2.0, 2.0, 1.0};
+    constexpr auto& times = Row::times;
+    constexpr auto& weights = Row::weights;
     Mask good = L::none_of(skip);
     for (int i = 0; i < nq; ++i) {
       q0[i] = q[i];
@@ -58,7 +61,7 @@ struct RungeKutta4 {
       v0[i] = v[i];
       v_sum[i] = S{};
     }
-    for (int stage = 0; stage < 4; ++stage) {
+    for (int stage = 0; stage < Row::stages; ++stage) {
       if (stage > 0) {
         for (int i = 0; i < nq; ++i) q[i] = q0[i] + (times[stage] * h) * dq[i];
         for (int i = 0; i < nv; ++i) v[i] = v0[i] + (times[stage] * h) * x[i];
@@ -71,8 +74,8 @@ struct RungeKutta4 {
       for (int i = 0; i < nq; ++i) q_sum[i] += weights[stage] * dq[i];
       for (int i = 0; i < nv; ++i) v_sum[i] += weights[stage] * x[i];
     }
-    for (int i = 0; i < nq; ++i) q[i] = q0[i] + (h / 6.0) * q_sum[i];
-    for (int i = 0; i < nv; ++i) v[i] = v0[i] + (h / 6.0) * v_sum[i];
+    for (int i = 0; i < nq; ++i) q[i] = q0[i] + (h / Row::sum) * q_sum[i];
+    for (int i = 0; i < nv; ++i) v[i] = v0[i] + (h / Row::sum) * v_sum[i];
     given(1.0);
     engine.normalise(q);
     return good;
@@ -83,10 +86,13 @@ struct RungeKutta4 {
   }
 };
 
+/// The classical method of fourth order.
 struct Rk4 {
   static constexpr MethodTraits traits{"rk4", false, false, false, 2.83};
+  static constexpr int stages = 4;
+  static constexpr double times[] = {0.0, 0.5, 0.5, 1.0}, weights[] = {1.0, 2.0, 2.0, 1.0}, sum = 6.0;
   template <class Engine>
-  using On = RungeKutta4<Engine>;
+  using On = RungeKutta<Engine, Rk4>;
 };
 
 }  // namespace
