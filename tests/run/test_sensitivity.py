@@ -473,7 +473,7 @@ def test_long_derivatives_tell_how_far_they_are(integrator: fa.Integrator) -> No
     shares = [share for share, _ in told]
     assert shares == sorted(shares) and 0 < shares[0] and shares[-1] < 1
     if integrator.fixed:
-        assert any(f"{k} of {len(paths)} parameters" in text for k in range(3) for _, text in told)
+        assert told[-1][1] == "by parameters"
         told.clear()
         gradient = run.gradient({"q": np.ones_like(run.q)}, paths, progress=lambda *x: told.append(x))
         assert [x for x in told if x[0] >= 1 / 3] == [(1 / 3, "backwards through the run"), (2 / 3, "by parameters")]

@@ -16,7 +16,8 @@ from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
 
 _MOST_SWITCHES = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
-_FOLLOWED_BY_GAUSS = 1.0  # step times frequency of a mode that the points of Radau keep
+_FOLLOWED_BY_GAUSS = 1.0  # step times frequency of a mode that the points of Radau keep, to 1e-6 in a step
+_DAMPED_BY_GAUSS = 4.0  # and from which on they damp it at once, by 2 % in a step and soon by half
 _RINGS = 40.0  # phase (rad) over which a vibration must ring to matter
 _MOST_STRUCK = 1.5  # switches times share of what they strike: of 90 drawn runs those below it were right to 4e-4
 _FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be halved: a pulse or a start costs some
@@ -150,7 +151,7 @@ class Struck:
         except (ValueError, LinAlgError):
             return Struck()
         w = np.sqrt(np.maximum(squares, 0.0))
-        fast = w * step > _FOLLOWED_BY_GAUSS
+        fast = w * step > _DAMPED_BY_GAUSS
         damping = np.einsum("ik,ij,jk->k", shapes, G, shapes)[fast] / (2.0 * w[fast])
         found = [Struck()]
         for k, i in enumerate(free.tolist()):
