@@ -136,7 +136,7 @@ def test_samples_do_not_cost_the_fixed_step_a_restart() -> None:
     control = fa.Sampled(lambda t, y: 0.8 * (0.2 - y[0]) - 0.08 * y[1], 1000.0, [("joint", 0), ("rate", 0)])
     implicit = fa.simulate(arm, t, control=control, integrator="implicit", step=1e-3)
     assert implicit.stats["steps"] == 200 and implicit.stats["evaluations"] < 1500
-    ida = fa.simulate(arm, t, control=control)
+    ida = fa.simulate(arm, t, control=control, integrator="ida")
     assert ida.stats["steps"] > 1000
     gauss = fa.simulate(arm, t, control=control, integrator="gauss", step=1e-3)
     assert gauss.stats["steps"] == 200
