@@ -3,7 +3,7 @@
 Shows: `fa.from_urdf(..., flexible=)`, names of links and joints, poses by name, equilibrium under gravity, a picture.
 You see: by how much the tube of this robot's forearm sags in several poses, and its frequencies there; the robot in 3-D
 with its sag drawn 20 times as large. Put your own file in place of 04_your_robot.urdf.
-Takes: 2 s.
+Takes: 2 s. Needs: nothing besides flexarm.
 
     python 04_your_robot.py [--output DIR]
 """
