@@ -100,7 +100,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
         )  # fmt: skip
         switches = out["stats"].get("switches", 0)
         chatters = switches_too_often(integrator.name, step, switches, out["hasty"])
-        if switches and not chatters and integrator.name == "gauss":
+        if switches and not chatters and integrator.name == "gauss" and integrator.fixed:
             chatters = Struck.of(run.arm, step, run.start["q0"], run.prescribed).warning(step, switches)
         often = None
         if integrator.fixed and not loop:
