@@ -7,9 +7,9 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
-#include "place_error.hpp"
 #include "space/ball.hpp"
 #include "step/newton.hpp"
+#include "step_error.hpp"
 #include "turning.hpp"
 
 namespace flexarm {
@@ -111,7 +111,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   moved_ = Eigen::MatrixXd::Zero(n, s_);
   if (chooses()) {
-    places_ = std::make_unique<PlaceError>(*arm_, ws, free_, c_, rests_.has_value(), options_.tolerance);
+    seen_ = std::make_unique<StepError>(*arm_, ws, free_, c_, rests_.has_value(), options_.tolerance);
     missed_force_ = Eigen::VectorXd::Zero(n);
   }
   a_.colwise() = ws.a;
@@ -150,7 +150,7 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
                             const Given& given) {
   error_ = 0.0;
   if (M_.rows() == 0) return;
-  for (double x : places_->asked()) {
+  for (double x : seen_->asked()) {
     inside(x, q, v);
     if (given) given(x);
     as_ = ws.a;
@@ -162,7 +162,7 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
     for (Eigen::Index k = 0; k < missed_force_.size(); ++k) missed_force_[k] = missing(k, tau, ws);
-    error_ = std::max(error_, (*places_)(missed_force_));
+    error_ = std::max(error_, (*seen_)(missed_force_, M_all_, v, as_, 0.5 * fastest_));
   }
 }
 
@@ -232,7 +232,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
   reduce();
-  if (places_) places_->look(ws, qs_, vs_);
+  if (seen_) seen_->look(ws, qs_, vs_);
   fresh_ = true;
   h_factored_ = 0.0;
 }
@@ -261,7 +261,7 @@ bool CollocationStep::factor(double h) {
     }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
-  if (places_) places_->factor(h, M_, C_, K_);
+  if (seen_) seen_->factor(h, M_, C_, K_);
   h_factored_ = h;
   ++counts_.factorisations;
   return true;
@@ -279,7 +279,7 @@ bool CollocationStep::believable(double h, Workspace& ws) {
     return most;
   };
   const double peak = kForget * peak_, free_fall = mass_ * fall * fall;
-  const double reached = fastest(M_all_);
+  const double reached = fastest_ = fastest(M_all_);
   if (!(reached <= kFar * (std::max(peak, form(M_all_, v0_)) + free_fall))) {  // look closer
     double allowed = 0.0;
     for (int i = 0; i < s_; ++i) {
@@ -408,7 +408,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   }
   h_before_ = h_;
   h_ = h;
-  if (places_) judge(ws, q, v, tau, given);
+  if (seen_) judge(ws, q, v, tau, given);
   inside(1.0, q, v);
   if (given) given(1.0);
   if (tape_) {
@@ -429,7 +429,7 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);
-  if (places_) places_->memory(visit);
+  if (seen_) seen_->memory(visit);
   for (double* x : {&h_, &h_factored_, &contraction_, &best_, &scale_, &peak_}) visit(*x);
   double fresh = fresh_ ? 1.0 : 0.0;
   visit(fresh);

@@ -160,8 +160,8 @@ def simulate(
             is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the
             last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
             `v_events` alone.
-        integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places, the default; by fixed
-            steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of coordinates,
+        integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places and energy, the
+            default; by fixed steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of coordinates,
             `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time loops, or
             `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
             or "ida", stands for the object with its defaults. None is "ida" where rtol, atol, max_order or

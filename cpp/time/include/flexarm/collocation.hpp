@@ -10,15 +10,15 @@
 
 namespace flexarm {
 
-class PlaceError;  // of steps that are chosen
+class StepError;  // of steps that are chosen
 
 struct CollocationOptions {
   int stages = 4;  ///< 1 to 4; the order is twice that
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   double rtol = 1e-12;
   int max_iterations = 30;
-  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, and of angles (rad);
-  /// 0: steps are as long as they are given.
+  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, of angles (rad), and of
+  /// energy, in parts of the largest kinetic energy; 0: steps are as long as they are given.
   double tolerance = 0.0;
 };
 
@@ -117,9 +117,10 @@ class CollocationStep final : public Step {
   double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
   double peak_ = 0.0;         ///< the same of its velocities alone
   double mass_ = 0.0;         ///< of the arm (kg)
+  double fastest_ = 0.0;      ///< v^T M v: the largest in the last step (J)
   double error_ = 0.0, h_before_ = 0.0;
-  std::unique_ptr<PlaceError> places_;  ///< of steps that are chosen
-  Eigen::VectorXd missed_force_;        ///< of the free rates, between the points
+  std::unique_ptr<StepError> seen_;  ///< of steps that are chosen
+  Eigen::VectorXd missed_force_;     ///< of the free rates, between the points
 };
 
 }  // namespace flexarm
