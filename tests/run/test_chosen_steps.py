@@ -45,7 +45,7 @@ CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "loop": (two_links, {"control": [fa.PD(8.0, 0.4, link="upper", reference=0.5)]}),
     "sampled": (two_links, {"control": [fa.LinearController.pid(4.0, 2.0, 0.2, reference=0.3, rate=200)]}),
     "limit": (lambda: two_links(torque_limit=0.4), {"control": [fa.PD(8.0, 0.4, link="upper", reference=0.5)]}),
-    "stop": (lambda: two_links(upper=0.2, limit_stiffness=500.0, limit_damping=2.0), {"drive": {"upper": SAMPLES}}),
+    "stop": (lambda: two_links(upper=0.02, limit_stiffness=500.0, limit_damping=2.0), {"drive": {"upper": SAMPLES}}),
     "friction": (lambda: two_links(coulomb=0.1, stiction=0.15), {"drive": {"upper": SAMPLES}}),
     "load": (two_links, {"loads": [fa.Load(-1, force=np.outer([0, 1, 0, 0], [0, 1, 0]), t=[0, 0.2, 0.21, 1.0])]}),
 }
