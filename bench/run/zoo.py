@@ -28,6 +28,7 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
+from flexarm.run.scene.scene import tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "bench" / "speed"))
@@ -166,9 +167,9 @@ def other(animal: Animal, default: Run) -> Other:
 def exudyn(animal: Animal, default: Run) -> dict[str, Any] | None:
     """What the worker reports at the error of the default run, or at the least that is looked for; and the largest
     distance of its answer from the arm's, over a quarter of the run."""
-    command = [python_of("exudyn"), ROOT / "bench" / "run" / "zoo_exudyn.py", ARMS[animal.name]]
-    wanted = str(max(default.error, LEAST))
-    out = subprocess.run([*command, wanted], env={**os.environ, **ONE_THREAD}, capture_output=True, text=True)
+    scene = json.dumps(tomllib.loads(ARMS[animal.name].read_text(encoding="utf-8")))
+    command = [python_of("exudyn"), ROOT / "bench" / "run" / "zoo_exudyn.py", str(max(default.error, LEAST))]
+    out = subprocess.run(command, input=scene, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True)
     if out.returncode:
         print(f"Exudyn failed: {out.stderr.strip()[-2000:]}", file=sys.stderr, flush=True)
         return None
@@ -219,8 +220,8 @@ def table_of_others(rows: list[Row]) -> str:
         name = animal.name.replace("_", " ")
         cells.append([name, f"{1e3 * default.seconds:.2g}", *cheap, f"{default.seconds / of.seconds:.1f}", ratio])
     return lines(
-        "| arm | default (ms) | coordinates | cheapest model | its integrator | ms | error | time of the default over it "
-        "| Exudyn over the default |",
+        "| arm | default (ms) | coordinates | cheapest model | its integrator | ms | error | time of the default over "
+        "it | Exudyn over the default |",
         cells,
     )
 
@@ -229,16 +230,16 @@ def draw(rows: list[Row], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, 3, figsize=(10, 6), layout="constrained")
-    for ax, (animal, default, ida, _, of) in zip(axes.flat, rows, strict=False):
+    for ax, (animal, default, ida, _, more) in zip(axes.flat, rows, strict=False):
         for kind, mark in (("gauss", "o-"), ("implicit", "s-")):
             of = sorted((x.seconds * 1e3, x.error) for x in animal.runs if x.what.startswith(kind))
             ax.plot(*zip(*of, strict=True), mark, ms=3, lw=0.7, label=f'"{kind}" in fixed steps')
         ax.plot(default.seconds * 1e3, default.error, "k*", ms=13, label="default")
         if ida:
             ax.plot(ida.seconds * 1e3, ida.error, "rD", label='"ida"')
-        if of.exudyn:
-            ax.plot(of.exudyn["seconds"] * 1e3, of.exudyn["error"], "P", color="tab:green", label="Exudyn")
-            ax.legend(fontsize=7)
+        if found := more.exudyn:
+            peer = ax.plot(found["seconds"] * 1e3, found["error"], "P", color="tab:green", label="Exudyn")
+            ax.legend(handles=peer, fontsize=7)
         ax.axhline(1e-5, color="0.7", lw=0.7)
         ax.set(xscale="log", yscale="log", title=animal.name.replace("_", " "), xlim=(3, 5000))
         ax.xaxis.set_minor_formatter("")

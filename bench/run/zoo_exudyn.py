@@ -1,12 +1,12 @@
 """Worker of bench/run/zoo.py: the whip in Exudyn, a chain of planar, geometrically exact beams (quadratic elements).
 
-    python zoo_exudyn.py SCENE ERROR
+    python zoo_exudyn.py ERROR < SCENE
 
-Reads the scene file and runs it in steps that are halved until the answer, extrapolated to step zero, is known; then in
-the step whose error is ERROR. An error is the largest distance of a beam's end, over all output times, in parts of the
+Reads the scene as JSON and runs it in steps that are halved, to extrapolate the answer to step zero; then in the step
+whose error is ERROR. An error is the largest distance of a beam's end, over all output times, in parts of the
 chain's length, from that answer of the same elements. Damping of the beams is Kelvin and Voigt's, with the scene's
-ratio at the first frequency of each, clamped. Generalised-alpha, spectral radius 0.95, index 3, modified Newton; no step
-enters Python. Prints one line of JSON. Needs Exudyn and NumPy only.
+ratio at the first frequency of each, clamped. Generalised-alpha, spectral radius 0.95, index 3, modified Newton; no
+step enters Python. Prints one line of JSON. Needs Exudyn and NumPy only.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import json
 import math
 import sys
 import time
-import tomllib
-from pathlib import Path
 from typing import Any
 
 import exudyn as exu
@@ -68,8 +66,8 @@ class Chain:
         places = [self.length + k * l / 2 for k in range(2 * ELEMENTS + 1)]
         nodes = [self.mbs.AddNode(eu.NodeRigidBody2D(referenceCoordinates=[0, y, 0])) for y in places]
         for k in range(ELEMENTS):
-            three = nodes[2 * k : 2 * k + 3]
-            of = eu.ObjectBeamGeometricallyExact2D(nodeNumbers=three, length=l, bendingDamping=damping, **stiff, **inert)
+            three = {"nodeNumbers": nodes[2 * k : 2 * k + 3], "length": l}
+            of = eu.ObjectBeamGeometricallyExact2D(**three, **stiff, **inert, bendingDamping=damping)
             body = self.mbs.AddMarker(eu.MarkerBodyMass(bodyNumber=add(of)))
             down = [0, -self.scene["gravity"][2], 0]
             self.mbs.AddLoad(eu.LoadMassProportional(markerNumber=body, loadVector=down))
@@ -101,7 +99,8 @@ class Chain:
                 )
             return value
 
-        law = eu.CreateSymbolicUserFunction(self.mbs, offset, "offsetUserFunction", itemTypeName="ObjectConnectorCoordinate")
+        kind = "ObjectConnectorCoordinate"
+        law = eu.CreateSymbolicUserFunction(self.mbs, offset, "offsetUserFunction", itemTypeName=kind)
         self.kept.append(law)
         markers = [self.ground, self._marker(node, 2)]
         self.mbs.AddObject(eu.CoordinateConstraint(markerNumbers=markers, offsetUserFunction=law))
@@ -125,7 +124,7 @@ class Chain:
 
 
 def main() -> None:
-    scene, wanted = tomllib.loads(Path(sys.argv[1]).read_text(encoding="utf-8")), float(sys.argv[2])
+    scene, wanted = json.load(sys.stdin), float(sys.argv[1])
     exu.config.printToConsole = False
     runs = {}
     for k in range(3, HALVINGS):

@@ -161,9 +161,9 @@ def simulate(
             last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
             `v_events` alone.
         integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places and energy, the
-            default; by fixed steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of coordinates,
-            `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time loops, or
-            `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
+            default; by fixed steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of
+            coordinates, `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time
+            loops, or `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
             or "ida", stands for the object with its defaults. None is "ida" where rtol, atol, max_order or
             linear_solver are given, where a torque, a voltage, a load or a reference is a Python function, whose leaps
             it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.

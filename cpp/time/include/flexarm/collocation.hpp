@@ -17,8 +17,8 @@ struct CollocationOptions {
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   double rtol = 1e-12;
   int max_iterations = 30;
-  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, of angles (rad), and of
-  /// energy, in parts of the largest kinetic energy; 0: steps are as long as they are given.
+  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, of angles (rad), and
+  /// of energy, in parts of the largest kinetic energy; 0: steps are as long as they are given.
   double tolerance = 0.0;
 };
 
