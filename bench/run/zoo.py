@@ -226,6 +226,19 @@ def table_of_others(rows: list[Row]) -> str:
     )
 
 
+def table_of_swings() -> str:
+    """Of an undamped beam on a spring, by the default run: the energy at all output times, over that at the start."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), fa.Material(7850, 209e9, 0.3), {"bending_y": 2})
+    arm = fa.Arm([fa.Link(fa.Revolute("z", stiffness=5.0), fa.RigidBody(0.3, inertia=(1e-3,) * 3), beam)])
+    cells = []
+    for angle in (0.1, 0.03, 0.01, 1e-3, 1e-4):
+        run = fa.simulate(arm, np.linspace(0.0, 2.0, 401), [angle, 0.0, 0.0])
+        kinetic, potential = run.energy()
+        off = np.abs(kinetic + potential - potential[0]).max() / potential[0]
+        cells.append([f"{angle:g}", str(run.stats["steps"]), written(off)])
+    return lines("| swing (rad) | steps | error of energy |", cells)
+
+
 def draw(rows: list[Row], path: Path) -> None:
     import matplotlib.pyplot as plt
 
@@ -255,7 +268,7 @@ def page(rows: list[Row]) -> None:
     draw(rows, ROOT / "docs" / "figures" / "zoo.png")
     path = ROOT / "docs" / "zoo.md"
     text = path.read_text(encoding="utf-8")
-    for mark, of in (("table", table(rows)), ("others", table_of_others(rows))):
+    for mark, of in (("table", table(rows)), ("others", table_of_others(rows)), ("swings", table_of_swings())):
         before, rest = text.split(f"<!-- {mark} -->")
         text = f"{before}<!-- {mark} -->\n\n{of}\n\n<!-- end -->{rest.split('<!-- end -->', 1)[1]}"
     path.write_text(text, encoding="utf-8")
