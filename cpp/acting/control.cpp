@@ -64,19 +64,31 @@ void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vect
   }
 }
 
-Eigen::VectorXd LinearLaw::sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                  const Eigen::VectorXd& a) {
-  Eigen::VectorXd e = reference(t), y = read ? read(t, q, v, a) : Eigen::VectorXd(by_q * q + by_v * v);
+const Eigen::VectorXd& LinearLaw::sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                         const Eigen::VectorXd& a) {
+  reference(t, e);
+  if (read) {
+    read(t, q, v, a, y);
+  } else {
+    y.noalias() = by_q * q;
+    y.noalias() += by_v * v;
+  }
   if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
   if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
   e -= y;
-  w = u0 + C * x + D * e;
+  w = u0;
+  w.noalias() += C * x;
+  w.noalias() += D * e;
   if (limit.size() != w.size() || reach.size() != w.size())
     bad_value("limit", limit.size(), "numbers; must be one for each of " + std::to_string(w.size()) + " outputs");
-  const Eigen::VectorXd u = w.cwiseMax(-limit).cwiseMin(limit);
+  u = w.cwiseMax(-limit).cwiseMin(limit);
   if (w.hasNaN() || !u.allFinite())
     bad_value("control at t = " + std::to_string(t), "nan or inf", "must give finite numbers");
-  x = A * x + B * e + windup * (w.cwiseMax(-reach).cwiseMin(reach) - w);
+  cut_off = w.cwiseMax(-reach).cwiseMin(reach) - w;
+  next.noalias() = A * x;
+  next.noalias() += B * e;
+  next.noalias() += windup * cut_off;
+  x.swap(next);
   return u;
 }
 
@@ -94,8 +106,10 @@ Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, 
     : feedback_(std::move(feedback)), held_(Eigen::VectorXd::Zero(nv)) {
   for (Sampler& s : samplers) {
     positive("period", s.period);
-    if (!(s.delay >= 0.0)) bad_value("delay", s.delay, "must be zero or positive");
-    lines_.push_back({std::move(s), 0, {}, held_});
+    if (!(s.delay >= 0.0 && std::isfinite(s.delay)))
+      bad_value("delay", s.delay, "must be zero or positive, and finite");
+    const auto most = static_cast<std::size_t>(s.delay / s.period) + 2;  // on their way at once
+    lines_.push_back({std::move(s), std::vector<Eigen::VectorXd>(most, held_), held_});
   }
 }
 
@@ -112,26 +126,23 @@ double Control::next(double from) const {
 }
 
 bool Control::due(double t) const {
-  return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) {
-    return l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t ||
-           (!l.coming.empty() && l.coming.front().first <= t);
-  });
+  return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) { return l.looks(t) || l.changes(t); });
 }
 
 bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
   bool changed = false;
   for (Line& l : lines_) {
-    while (l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t) {
-      const double at = l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period;
-      l.coming.emplace_back(at + l.sampler.delay, l.sampler.law(at, q, v, a));
-      ++l.sampled;
+    const auto act = [&] {
+      const Eigen::VectorXd& force = l.at(l.acted++);
+      changed = changed || force != l.force;
+      held_ += force - l.force;
+      l.force = force;
+    };
+    for (; l.looks(t); ++l.sampled) {
+      if (l.sampled - l.acted == static_cast<long>(l.forces.size())) act();  // it was to act before this sample
+      l.sampler.law(l.sample(l.sampled), q, v, a, l.at(l.sampled));
     }
-    while (!l.coming.empty() && l.coming.front().first <= t) {
-      changed = changed || l.coming.front().second != l.force;
-      held_ += l.coming.front().second - l.force;
-      l.force = l.coming.front().second;
-      l.coming.pop_front();
-    }
+    while (l.changes(t)) act();
   }
   return changed;
 }

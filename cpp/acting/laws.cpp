@@ -53,9 +53,9 @@ LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double l
     if (loop.column[l.rate] != 0.0) law.reach[0] = std::min(law.reach[0], l.most / std::abs(loop.column[l.rate]));
   const auto* numbers = reference.target<PolynomialValue>();
   if (reference && !numbers)
-    law.reference = [reference](double t) { return Eigen::VectorXd::Constant(1, reference(t)); };
+    law.reference = [reference](double t, Eigen::VectorXd& r) { r.setConstant(1, reference(t)); };
   else
-    law.reference = PolynomialValues<Eigen::VectorXd>{{numbers ? numbers->of : PiecewisePolynomial::constant(0.0)}};
+    law.reference = PolynomialValues{{numbers ? numbers->of : PiecewisePolynomial::constant(0.0)}};
   law.windup = s.windup;
   return law;
 }

@@ -49,11 +49,10 @@ Sampler held(const BatchProblem& p, Index scenario) {
     if (std::abs(t[k + 1] - t[k] - period) > kEven * period)
       bad_value("tau", "forces that are held", "need equal steps of t, in scenarios that run one by one");
   const auto law = [&p, scenario, first, period, last, nv](double now, const Eigen::VectorXd&, const Eigen::VectorXd&,
-                                                           const Eigen::VectorXd&) {
+                                                           const Eigen::VectorXd&, Eigen::VectorXd& force) {
     const Index k = std::min(static_cast<Index>(std::lround((now - first) / period)), last);
-    Eigen::VectorXd force = Eigen::VectorXd::Zero(nv);
+    force.setZero(nv);
     force.head(p.row_v()) = Eigen::Map<const Eigen::VectorXd>(p.tau.at(scenario, k), p.row_v());
-    return force;
   };
   return {first, period, 0.0, law};
 }

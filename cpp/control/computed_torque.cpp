@@ -167,30 +167,35 @@ Status ComputedTorque::forces() {
 
 TorqueLaw::TorqueLaw(std::shared_ptr<const Arm> own, std::vector<ComputedTorque::Axis> axes, bool sags,
                      std::vector<Place> at, int count)
-    : arm(std::move(own)), of(*arm, std::move(axes), sags), places(std::move(at)), rates(count) {
+    : arm(std::move(own)),
+      of(*arm, std::move(axes), sags),
+      places(std::move(at)),
+      rates(count),
+      own_q(arm->zero()),
+      own_v(Eigen::VectorXd::Zero(arm->nv())) {
   if (places.size() != of.axes().size()) bad_value("places", places.size(), "must be one for each axis");
   for (const Place& x : places)
     if (x.q < 0 || x.v < 0 || x.v >= rates) bad_value("place of an axis", x.v, "must be a rate of the arm");
 }
 
 void TorqueLaw::check(Status status, double t) {
+  if (status == Status::ok) return;
   const std::string where = "computed torque at t = " + std::to_string(t);
   if (status == Status::not_converged)
     bad_value(where, "no static balance", "the elastic coordinates find none there; take elastic=\"zero\"");
-  if (status != Status::ok) bad_value(where, "nan or inf", "q, v and the reference must be finite");
+  bad_value(where, "nan or inf", "q, v and the reference must be finite");
 }
 
-Eigen::VectorXd TorqueLaw::operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                      const Eigen::VectorXd&) {
-  Eigen::VectorXd own_q = arm->zero(), own_v = Eigen::VectorXd::Zero(arm->nv()), out = Eigen::VectorXd::Zero(rates);
+void TorqueLaw::operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd&,
+                           Eigen::VectorXd& force) {
   for (std::size_t k = 0; k < places.size(); ++k) {
     const int rate = of.axes()[k].rate;
     own_q[arm->coordinate_of(rate)] = q[places[k].q];
     own_v[rate] = v[places[k].v];
   }
   check(of(t, own_q, own_v), t);
-  for (std::size_t k = 0; k < places.size(); ++k) out[places[k].v] = of.tau[of.axes()[k].rate];
-  return out;
+  force.setZero(rates);
+  for (std::size_t k = 0; k < places.size(); ++k) force[places[k].v] = of.tau[of.axes()[k].rate];
 }
 
 }  // namespace flexarm

@@ -52,7 +52,9 @@ class Laws {
     VectorXd out = VectorXd::Zero(width());
     LinearLaw* law = linear(s);
     if (law) law->x = from;
-    out.head(nv_) = s.law(look.t, now.q, now.v, now.a);
+    VectorXd force(nv_);
+    s.law(look.t, now.q, now.v, now.a, force);
+    out.head(nv_) = force;
     if (law) out.segment(nv_, law->x.size()) = law->x;
     return out;
   }
@@ -80,13 +82,15 @@ class Laws {
     } else {
       VectorXd state[] = {now.q, now.v, now.a};
       MatrixXd by[3];
+      VectorXd force(nv_);
       for (int k = 0; k < 3; ++k) {
         by[k] = MatrixXd::Zero(width(), state[k].size());
         for (Index i = 0; i < state[k].size(); ++i) {
           const double here = state[k][i], h = kMoved * (1.0 + std::abs(here));
           for (int j = 0; j < 4; ++j) {
             state[k][i] = here + kSteps[j] * h;
-            by[k].col(i).head(nv_) += kWeights[j] / h * s.law(look.t, state[0], state[1], state[2]);
+            s.law(look.t, state[0], state[1], state[2], force);
+            by[k].col(i).head(nv_) += kWeights[j] / h * force;
           }
           state[k][i] = here;
         }

@@ -163,9 +163,8 @@ void fields(Node& a, std::optional<PiecewisePolynomial>& x) {
 namespace {
 
 PiecewisePolynomial& numbers_of(PiecewisePolynomial& law) { return law; }
-PiecewisePolynomial& numbers_of(PolynomialValue& law) { return law.of; }
-template <class Vector>
-std::vector<PiecewisePolynomial>& numbers_of(PolynomialValues<Vector>& law) {
+template <class Law>
+auto& numbers_of(Law& law) {
   return law.of;
 }
 
@@ -202,7 +201,7 @@ void fields(Node& a, LoadDrive& x) {
   a("link", link);
   a("world_axes", x.load.world_axes);
   a("points", x.load.points);
-  law_of_time<PolynomialValues<Vec6<double>>>(a, "wrench", x.wrench);
+  law_of_time<PolynomialWrench>(a, "wrench", x.wrench);
   a("breaks", x.breaks);
   x.load.link = static_cast<std::size_t>(link);
 }
@@ -220,9 +219,10 @@ void fields(Node& a, LinearLaw& x) {
   if (x.read) a.wrong("read", "a function", "a file holds numbers: give what is measured by by_q and by_v");
   a("A", x.A);
   a.limits("limit", x.limit);
-  law_of_time<PolynomialValues<Eigen::VectorXd>>(a, "reference", x.reference);
+  law_of_time<PolynomialValues>(a, "reference", x.reference);
   if (!x.reference) a.wrong("reference", "null", "must be a list of polynomials, one for each number that is measured");
-  const Eigen::Index nx = x.A.rows(), nu = x.limit.size(), ny = x.reference(0.0).size();
+  x.reference(0.0, x.e);
+  const Eigen::Index nx = x.A.rows(), nu = x.limit.size(), ny = x.e.size();
   a.sized("B", x.B, nx, ny);
   a.sized("C", x.C, nu, nx);
   a.sized("D", x.D, nu, ny);
@@ -342,7 +342,7 @@ void complete(Node& a, Scene& scene) {
   each("loads", p.loads, [&](LoadDrive& x) {
     if (x.load.link >= arm.size()) throw std::invalid_argument("link: there is no such link");
     if (!x.wrench) throw std::invalid_argument("wrench = null: must be a list of six polynomials");
-    check_size("wrench", static_cast<Eigen::Index>(x.wrench.target<PolynomialValues<Vec6<double>>>()->of.size()), 6);
+    check_size("wrench", static_cast<Eigen::Index>(x.wrench.target<PolynomialWrench>()->of.size()), 6);
     for (Load::Point& point : x.load.points) point.slice = arm.link(x.load.link).slice_at(point.slice.X);
   });
   each("samplers", p.samplers, [&](const Sampler& x) {

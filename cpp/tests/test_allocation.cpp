@@ -9,8 +9,10 @@
 
 #include "arms.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/computed_torque.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/laws.hpp"
 #include "flexarm/simulation.hpp"
 #include "flexarm/step.hpp"
 #include "watch.hpp"
@@ -261,6 +263,33 @@ TEST_CASE("steps that end at switches of dry friction ask nothing of the system"
     CHECK(sim.events()[0].t.size() > 0);
     CHECK(sim.steps() > (method.tolerance > 0.0 ? 1000 : 1005));  // some end at switches
     if (method.tolerance > 0.0) CHECK(sim.failed_steps() > 5);    // are taken back
+  }
+}
+
+TEST_CASE("controllers that sample, with delays, ask nothing of the system") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  Problem problem(arm);
+  const PiecewisePolynomial ramp(Eigen::Vector2d(0.0, 1.0), Eigen::Vector2d(0.3, 0.1));
+  PidGains gains{2.0, 1.0, 0.05};
+  gains.limit = 0.4;
+  std::vector<ComputedTorque::Axis> axes;
+  std::vector<TorqueLaw::Place> places;
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    for (int i = arm.first(n); i < arm.first(n) + arm.link(n).joint().nv(); ++i) {
+      axes.push_back({i, ramp, 20.0, 4.0, 0.3});
+      places.push_back({arm.coordinate_of(i), i});
+    }
+  const TorqueLaw torques(std::make_shared<const Arm>(arm), axes, true, places, arm.nv());
+  problem.samplers = {{0.0, 1e-3, 2.5e-3, pid(arm, 0, gains, 1e-3, PolynomialValue{ramp})}, {5e-4, 2e-3, 0.0, torques}};
+  for (const Method& method : methods({"implicit", "rk4", "gauss"})) {
+    CAPTURE(method.tolerance);
+    Simulation sim(problem, method, method.name == "rk4" ? 5e-6 : 5e-4);
+    Status status = sim.step();
+    check_nothing(method.name.c_str(), [&] {
+      while (status == Status::ok && sim.t() < 0.02) status = sim.step();
+    });
+    CHECK(status == Status::ok);
+    CHECK(sim.t() >= 0.02);
   }
 }
 

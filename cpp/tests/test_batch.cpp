@@ -113,12 +113,12 @@ TEST_CASE("each scenario has its own sampled laws, events and times of its steps
   for (Eigen::Index b = 0; b < kScenarios; ++b) {
     auto one = std::make_shared<Problem>(*p.problems[static_cast<std::size_t>(b)]);
     one->v0 = flexarm_test::wave(nv, static_cast<double>(b));
-    one->samplers = {
-        {0.0, b < 8 ? 0.0073 : 0.01, 0.002,
-         [nv, sum = 0.0](double, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) mutable {
-           sum += q[1];
-           return Eigen::VectorXd((-5.0 * sum - 0.1 * v[1] - 1e-4 * a[1]) * Eigen::VectorXd::Unit(nv, 1));
-         }}};
+    one->samplers = {{0.0, b < 8 ? 0.0073 : 0.01, 0.002,
+                      [nv, sum = 0.0](double, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                      const Eigen::VectorXd& a, Eigen::VectorXd& force) mutable {
+                        sum += q[1];
+                        force = (-5.0 * sum - 0.1 * v[1] - 1e-4 * a[1]) * Eigen::VectorXd::Unit(nv, 1);
+                      }}};
     one->events = {{[](double, const Eigen::VectorXd& q, const Eigen::VectorXd&) { return q[1] - 1e-3; }, 2, 1}};
     p.problems[static_cast<std::size_t>(b)] = one;
   }

@@ -156,9 +156,10 @@ TEST_CASE(
 
 TEST_CASE("samples come at their times, and their forces after the delay") {
   std::vector<double> asked;
-  const auto law = [&asked](double t, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
+  const auto law = [&asked](double t, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&,
+                            Eigen::VectorXd& force) {
     asked.push_back(t);
-    return Eigen::VectorXd(Eigen::VectorXd::Constant(1, 1.0 + static_cast<double>(asked.size())));
+    force[0] = 1.0 + static_cast<double>(asked.size());
   };
   Control control({}, {{0.0, 0.1, 0.15, law}}, 1);
   double time = 0.0;
@@ -172,9 +173,7 @@ TEST_CASE("samples come at their times, and their forces after the delay") {
   CHECK(control.run(0.16, none, none, none));
   CHECK(control.held()[0] == 2.0);
   CHECK_FALSE(control.due(0.19));
-  const auto same = [](double, const auto&, const auto&, const auto&) -> Eigen::VectorXd {
-    return Eigen::VectorXd::Constant(1, 2.0);
-  };
+  const auto same = [](double, const auto&, const auto&, const auto&, Eigen::VectorXd& force) { force[0] = 2.0; };
   Control held({}, {{0.0, 0.1, 0.0, same}}, 1);
   CHECK(held.run(0.0, none, none, none));
   CHECK_FALSE(held.run(0.1, none, none, none));  // the force held before

@@ -125,7 +125,7 @@ TEST_CASE("a sampled linear law at its limit leads its states back") {
   law.A = law.B = law.C = law.D = law.columns = law.by_q = Eigen::MatrixXd::Ones(1, 1);
   law.by_v = Eigen::MatrixXd::Zero(1, 1);
   law.limit = law.reach = Eigen::VectorXd::Constant(1, 1.0);
-  law.reference = [](double) { return Eigen::VectorXd::Constant(1, 2.0); };
+  law.reference = [](double, Eigen::VectorXd& r) { r.setConstant(1, 2.0); };
   law.u0 = Eigen::VectorXd::Constant(1, 0.25);
   law.windup = Eigen::MatrixXd::Constant(1, 1, 0.5);
   law.x = Eigen::VectorXd::Zero(1);
@@ -133,7 +133,7 @@ TEST_CASE("a sampled linear law at its limit leads its states back") {
   double x = 0.0;
   for (int k = 0; k < 5; ++k) {
     const double w = 0.25 + x + 2.0;
-    CHECK(law(0.0, none, none, none)[0] == std::min(w, 1.0));
+    CHECK(law.sample(0.0, none, none, none)[0] == std::min(w, 1.0));
     x += 2.0 + 0.5 * (std::min(w, 1.0) - w);
     CHECK(law.x[0] == doctest::Approx(x));
   }
@@ -151,13 +151,13 @@ TEST_CASE("PID: the trapezoidal recursion by hand, led back at its limit") {
     const double e = r(h * k) - q[0];
     integral += 0.5 * h * ki * (e + e_before);
     slope = ((2.0 * tf - h) * slope + 2.0 * kd * (e - e_before)) / (2.0 * tf + h);
-    CHECK(law(h * k, q, v, v)[0] == doctest::Approx(kp * e + integral + slope).epsilon(1e-12));
+    CHECK(law.sample(h * k, q, v, v)[0] == doctest::Approx(kp * e + integral + slope).epsilon(1e-12));
     e_before = e;
   }
   // e = 1 for ever: held at its limit, w settles where ki e = (w - limit) / tt, that is at limit + ki tt
   law = pid(arm, 0, {kp, ki, kd, tf, tt, most}, h, [](double) { return 1.0; });
   q[0] = 0.0;
-  for (int k = 0; k < 1000; ++k) CHECK(law(h * k, q, v, v)[0] == most);
+  for (int k = 0; k < 1000; ++k) CHECK(law.sample(h * k, q, v, v)[0] == most);
   CHECK((law.C * law.x + law.D)(0, 0) == doctest::Approx(most + ki * tt).epsilon(1e-9));
 }
 
@@ -172,7 +172,7 @@ TEST_CASE("a filter of positive position feedback peaks where it is meant to, sa
   Eigen::VectorXd q = Eigen::VectorXd::Zero(arm.nq()), f;
   const Eigen::VectorXd v = Eigen::VectorXd::Zero(arm.nv());
   q[1] = 0.9;
-  for (int k = 0; k < 400; ++k) f = law(h * k, q, v, v);
+  for (int k = 0; k < 400; ++k) law(h * k, q, v, v, f);
   CHECK(f[1] == doctest::Approx(2.0 * gain * (0.9 - 0.5)));  // gain (y - reference), by the column
   CHECK(f.norm() == doctest::Approx(std::abs(f[1])));
 }
@@ -185,10 +185,10 @@ TEST_CASE("integral resonant control: its pole by Tustin's rule, its static gain
   CHECK(law.A(0, 0) == doctest::Approx((1.0 - 0.5 * h * k * d) / (1.0 + 0.5 * h * k * d)).epsilon(1e-14));
   const Eigen::VectorXd q = Eigen::VectorXd::Ones(1), v = Eigen::VectorXd::Zero(1);
   double u = 0.0;
-  for (int n = 0; n < 300; ++n) u = law(h * n, q, v, v)[0];
+  for (int n = 0; n < 300; ++n) u = law.sample(h * n, q, v, v)[0];
   CHECK(u == doctest::Approx((1.0 - 0.25) / d));
   law = integral_resonant(arm, loop, {k, d, 0.25, 1.5}, h);
-  for (int n = 0; n < 300; ++n) u = law(h * n, q, v, v)[0];
+  for (int n = 0; n < 300; ++n) u = law.sample(h * n, q, v, v)[0];
   CHECK(u == -1.5);
 }
 

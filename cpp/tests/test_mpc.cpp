@@ -25,7 +25,7 @@ TEST_CASE("derivatives of a prediction through sampled laws are those of differe
                   MatrixXd::Zero(2, arm.nq()),
                   MatrixXd::Zero(2, n),
                   VectorXd::Constant(2, 50.0),
-                  [](double) { return Eigen::Vector2d(0.1, 9.0); },
+                  [](double, VectorXd& r) { r = Eigen::Vector2d(0.1, 9.0); },
                   {}};
     law.columns(2, 0) = law.columns(4, 1) = law.by_q(0, 2) = law.by_v(1, 4) = 1.0;
     law.limit[1] = 1.0;

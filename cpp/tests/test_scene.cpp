@@ -78,8 +78,7 @@ Scene whole() {
   p.drives.push_back({second, pieces(1.0), {}, pieces(1.0).breaks()});
   p.drives.push_back({0, {}, PolynomialValue{pieces(2.0, -3.0)}, pieces(1.0).breaks()});
   p.drives.push_back({-1, {}, PolynomialValue{pieces(50.0, -1.0)}, pieces(1.0).breaks(), arm.patch_matrix().col(0)});
-  const PolynomialValues<Vec6<double>> wrench{
-      {pieces(1.0), pieces(-2.0), pieces(0.5), pieces(0.1), pieces(0.2), pieces(0.3)}};
+  const PolynomialWrench wrench{{pieces(1.0), pieces(-2.0), pieces(0.5), pieces(0.1), pieces(0.2), pieces(0.3)}};
   p.loads.push_back({Load::along(arm, 0, 0.1, 0.3, true), wrench, pieces(1.0).breaks()});
   p.loads.push_back({Load::at_slice(arm, 2, 0.123, false), wrench, pieces(1.0).breaks()});
   p.loads.push_back({Load::at_end(arm, 1, true), wrench, pieces(1.0).breaks()});
@@ -237,7 +236,9 @@ TEST_CASE("functions cannot be saved, and are named") {
   one.problem.feedback[0].reference = [](double t) { return t; };
   CHECK(refused(one).find("feedback[0].reference" + why) == 0);
   one = scene;
-  one.problem.samplers[0].law = [](double, const VectorXd&, const VectorXd& v, const VectorXd&) { return v; };
+  one.problem.samplers[0].law = [](double, const VectorXd&, const VectorXd& v, const VectorXd&, VectorXd& force) {
+    force = v;
+  };
   CHECK(refused(one).find("samplers[0].law" + why) == 0);
   one = scene;
   one.problem.events.push_back({[](double t, const VectorXd&, const VectorXd&) { return t; }});

@@ -36,7 +36,9 @@ void bind_laws(py::module_& m) {
             for (const auto& x : law.places)
               if (x.q >= q.size() || x.v >= v.size())
                 bad_value("lengths of q and v", std::min(q.size(), v.size()), "must be the arm's");
-            return law(t, q, v, v);
+            Eigen::VectorXd force;
+            law(t, q, v, v, force);
+            return force;
           },
           py::arg("t"), py::arg("q"), py::arg("v"), py::arg("a") = py::none())
       .def(

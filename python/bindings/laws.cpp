@@ -95,7 +95,7 @@ LoadDrive make_load(const PyLoad& given, const Eigen::VectorXd& times, AllAsked&
   if (py::isinstance<py::tuple>(law)) {
     const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
     d.breaks = parts.at(0).breaks();
-    d.wrench = PolynomialValues<Vec6<double>>{parts};
+    d.wrench = PolynomialWrench{parts};
   } else {
     d.wrench = [f = make_law<6>(law, times, all, "Load", "must give six numbers")](double t) {
       return Vec6<double>(Eigen::Map<const Vec6<double>>(f(t).data()));
@@ -122,19 +122,18 @@ Sampler make_sampler(const PySampler& given, int nv) {
 #ifdef FLEXARM_MPC
   if (py::isinstance<MpcLaw>(law))
     return {first, period, delay,
-            [shared = law.cast<std::shared_ptr<MpcLaw>>()](double t, const Vector& q, const Vector& v, const Vector&) {
-              return (*shared)(t, q, v);
-            }};
+            [shared = law.cast<std::shared_ptr<MpcLaw>>()](double t, const Vector& q, const Vector& v, const Vector&,
+                                                           Vector& force) { force = (*shared)(t, q, v); }};
 #endif
-  return {
-      first, period, delay,
-      [shared = std::make_shared<py::object>(law), nv](double t, const Vector& q, const Vector& v, const Vector& a) {
-        const Locked lock;
-        const auto force = call(*shared, t, q, v, a).cast<Vector>();
-        if (force.size() != nv || !force.allFinite())
-          bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
-        return force;
-      }};
+  return {first, period, delay,
+          [shared = std::make_shared<py::object>(law), nv](double t, const Vector& q, const Vector& v, const Vector& a,
+                                                           Vector& force) {
+            const Locked lock;
+            force = call(*shared, t, q, v, a).cast<Vector>();
+            if (force.size() != nv || !force.allFinite())
+              bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length",
+                        "must give finite numbers");
+          }};
 }
 
 Event make_event(std::size_t k, const PyEvent& given) {

@@ -104,12 +104,12 @@ void bind_time(py::module_& m) {
                        const Eigen::VectorXd& reach) {
              LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}, u0, windup, reach};
              if (py::isinstance<py::function>(reference))
-               law.reference = [r = std::make_shared<py::object>(reference)](double t) {
+               law.reference = [r = std::make_shared<py::object>(reference)](double t, Eigen::VectorXd& out) {
                  const Locked lock;
-                 return call(*r, t).cast<Eigen::VectorXd>();
+                 out = call(*r, t).cast<Eigen::VectorXd>();
                };
              else {
-               PolynomialValues<Eigen::VectorXd> values;
+               PolynomialValues values;
                if (py::isinstance<py::list>(reference))
                  for (const auto& part : reference.cast<std::vector<PiecewisePolynomial>>())
                    values.of.push_back(part.standing());
@@ -120,9 +120,10 @@ void bind_time(py::module_& m) {
              }
              if (!read.is_none())
                law.read = [r = std::make_shared<py::object>(read)](double t, const Eigen::VectorXd& q,
-                                                                   const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
+                                                                   const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                                                                   Eigen::VectorXd& y) {
                  const Locked lock;
-                 return call(*r, t, q, v, a).cast<Eigen::VectorXd>();
+                 y = call(*r, t, q, v, a).cast<Eigen::VectorXd>();
                };
              return law;
            }),

@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <deque>
 #include <functional>
 #include <limits>
 #include <utility>
@@ -76,31 +75,37 @@ void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vect
 /// A law that samples the state and holds its force until the next sample.
 struct Sampler {
   double first, period, delay;  ///< first sample; between samples; from a sample to its force (s)
-  /// Generalised forces (nv) from t, q, v and a.
-  std::function<Eigen::VectorXd(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a)>
+  /// Writes generalised forces (nv) from t, q, v and a; `force` has its size, and may hold other numbers before.
+  std::function<void(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                     Eigen::VectorXd& force)>
       law;
 };
 
 /// A sampled linear law with memory: e = reference(t) - y, w = u0 + C x + D e, u is w within -limit .. limit, x+ = A x
 /// + B e + windup (u' - w), u' being w within -reach .. reach; its force is columns * u. y is read by `read`, or is
-/// by_q q + by_v v.
+/// by_q q + by_v v. It allocates nothing, if these functions do not.
 struct LinearLaw {
   Eigen::MatrixXd A, B, C, D, columns, by_q, by_v;
-  Eigen::VectorXd limit;  ///< of each u
-  std::function<Eigen::VectorXd(double)> reference;
-  std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&)> read;
+  Eigen::VectorXd limit;                                        ///< of each u
+  std::function<void(double t, Eigen::VectorXd& r)> reference;  ///< writes r
+  /// Writes y from t, q, v and a.
+  std::function<void(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                     Eigen::VectorXd& y)>
+      read;
   Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
   Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< effect of a limit on the states
   Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and its motors' limits
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
-  Eigen::VectorXd w = Eigen::VectorXd::Zero(C.rows());  ///< of the last sample
+  Eigen::VectorXd e = Eigen::VectorXd::Zero(B.cols()), y = e;  ///< of the last sample, as w and u
+  Eigen::VectorXd w = Eigen::VectorXd::Zero(C.rows()), u = w, cut_off = w, next = x;
 
   /// u, and x behind it.
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite
-  Eigen::VectorXd sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  const Eigen::VectorXd& sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
   /// Its force.
-  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
-    return columns * sample(t, q, v, a);
+  void operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                  Eigen::VectorXd& force) {
+    force.noalias() = columns * sample(t, q, v, a);
   }
   /// Small changes of x (in place) and u by changes of x and e at the last sample, one in each column.
   void slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::MatrixXd& du) const;
@@ -129,9 +134,14 @@ class Control {
  private:
   struct Line {
     Sampler sampler;
-    long sampled = 0;                                       ///< number of samples
-    std::deque<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of delayed samples
-    Eigen::VectorXd force;
+    std::vector<Eigen::VectorXd> forces;  ///< of sample k at place k modulo their number, until it acts
+    Eigen::VectorXd force;                ///< that acts
+    long sampled = 0, acted = 0;          ///< numbers of samples: taken; whose force acts, or has acted
+
+    double sample(long k) const { return sampler.first + static_cast<double>(k) * sampler.period; }
+    bool looks(double t) const { return sample(sampled) <= t; }
+    bool changes(double t) const { return acted < sampled && sample(acted) + sampler.delay <= t; }
+    Eigen::VectorXd& at(long k) { return forces[static_cast<std::size_t>(k) % forces.size()]; }
   };
   std::vector<Feedback> feedback_;
   std::vector<Line> lines_;

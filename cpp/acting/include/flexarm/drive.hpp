@@ -37,13 +37,20 @@ struct PolynomialValue {
   PiecewisePolynomial of;
   double operator()(double t) const { return of(t).q; }
 };
-/// Several, as a vector.
-template <class Vector>
+/// Several, written into a vector.
 struct PolynomialValues {
   std::vector<PiecewisePolynomial> of;
-  Vector operator()(double t) const {
-    Vector out(static_cast<Eigen::Index>(of.size()));
+  void operator()(double t, Eigen::VectorXd& out) const {
+    out.resize(static_cast<Eigen::Index>(of.size()));
     for (std::size_t k = 0; k < of.size(); ++k) out[static_cast<Eigen::Index>(k)] = of[k](t).q;
+  }
+};
+/// Six, as a wrench [f; m] (N, N m).
+struct PolynomialWrench {
+  std::vector<PiecewisePolynomial> of;
+  Eigen::Matrix<double, 6, 1> operator()(double t) const {
+    Eigen::Matrix<double, 6, 1> out;
+    for (std::size_t k = 0; k < 6; ++k) out[static_cast<Eigen::Index>(k)] = of[k](t).q;
     return out;
   }
 };

@@ -76,8 +76,9 @@ struct TorqueLaw {
   /// @throws std::invalid_argument naming the field and the value
   TorqueLaw(std::shared_ptr<const Arm> arm, std::vector<ComputedTorque::Axis> axes, bool sags,
             std::vector<Place> places, int rates);
-  /// Forces (`rates`). @throws std::invalid_argument where it gives none
-  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// Writes forces (`rates`); allocates nothing. @throws std::invalid_argument where there are none
+  void operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                  Eigen::VectorXd& force);
   /// @throws std::invalid_argument saying why there are no forces
   static void check(Status status, double t);
 
@@ -85,6 +86,7 @@ struct TorqueLaw {
   ComputedTorque of;
   std::vector<Place> places;
   int rates;
+  Eigen::VectorXd own_q, own_v;  ///< of its arm
 };
 
 }  // namespace flexarm

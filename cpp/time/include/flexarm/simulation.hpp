@@ -23,8 +23,8 @@ struct Method {
   std::unique_ptr<Step> on(const Arm& arm, double step) const;
 };
 
-/// After its construction it allocates, locks and throws nothing, as long as the problem's functions do not. (A sampled
-/// controller allocates a few numbers when it samples; an event may occur a hundred times.)
+/// After its construction it allocates, locks and throws nothing, as long as the problem's functions do not (an event
+/// may occur a hundred times).
 class Simulation {
  public:
   /// At the problem's start.
