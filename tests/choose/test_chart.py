@@ -17,7 +17,6 @@ from flexarm.choose.chart_search import ChartSearch
 from flexarm.choose.models import Models
 from flexarm.choose.trials import LINES, Run, line_options
 from flexarm.cli import main
-from flexarm.data.draw.tradeoff import Kind, model_styles
 from messages import refuses
 
 SWING = """
@@ -194,12 +193,6 @@ def test_the_picture(chart: fa.results.Chart) -> None:
         assert np.isclose(drawn[:, 0], row.time, rtol=1e-12).any()
     listed = "\n".join(text.get_text() for text in chart.plot().axes[1].texts)
     assert all(f"{k}  {row.label}" in listed for k, row in enumerate(chart.front, 1)) and len(chart.front) > 1
-
-
-def test_every_model_of_the_picture_has_a_look_of_its_own() -> None:
-    kinds = [Kind(order, str(n), basis) for order in (0, 1, 2, 3, "exact") for n in range(1, 21) for basis in ("", "b")]
-    looks = model_styles(kinds)
-    assert len({(s["color"], str(s["marker"]), s["fillstyle"]) for s in looks.values()}) == len(kinds) == 200
 
 
 def notes_in(ax: Any) -> str:

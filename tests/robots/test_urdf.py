@@ -290,7 +290,8 @@ def test_long_chains_take_work_in_proportion(tmp_path: Path) -> None:
     calls = []
     for n in (50, 100, 200):
         links = [f'<link name="link{k}"><inertial><mass value="1"/>{ball}</inertial></link>' for k in range(n + 1)]
-        joints = [f'<joint name="joint{k}" type="continuous"><parent link="link{k}"/><child link="link{k + 1}"/></joint>'
+        joints = [f'<joint name="joint{k}" type="continuous"><parent link="link{k}"/><child link="link{k + 1}"/>'
+                  '</joint>'
                   for k in range(n)]  # fmt: skip
         (tmp_path / "chain.urdf").write_text(f'<robot name="chain">{"".join(links + joints)}</robot>')
         count = 0
