@@ -54,16 +54,6 @@ struct Plane {
     p += 2 * w;
     return r;
   }
-  static Rot read_rotation(const double*& p) {
-    const Lin a = read(p);
-    return {a.x, a.y};
-  }
-  static Sym read_symmetric(const double*& p) {
-    Sym J{Lanes<S>::load(p)};
-    p += Lanes<S>::width;
-    return J;
-  }
-  static Ang read_angular(const double*& p) { return {read_symmetric(p).zz}; }
   static Lin cross(const Ang& w, const Lin& r) { return {-w.z * r.y, w.z * r.x}; }
   static Ang cross(const Ang&, const Ang&) { return {S{}}; }
   static Ang moment(const Lin& r, const Lin& f) { return {r.x * f.y - r.y * f.x}; }

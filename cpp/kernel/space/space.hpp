@@ -44,15 +44,6 @@ struct Space {
     p += 3 * w;
     return r;
   }
-  static Rot read_rotation(const double*& p) {
-    const Lin a = read(p), b = read(p), c = read(p);
-    return {a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z};
-  }
-  static Sym read_symmetric(const double*& p) {
-    const Lin a = read(p), b = read(p);
-    return {a.x, a.y, a.z, b.x, b.y, b.z};
-  }
-  static Ang read_angular(const double*& p) { return read(p); }
   static Lin cross(const Lin& a, const Lin& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
   }
