@@ -26,7 +26,7 @@ def clamped(modes: dict[str, int], order: int | str = 2, tip: fa.RigidBody | Non
 def stiffness(arm: fa.Arm) -> np.ndarray:
     """dh/dq at rest, (nv, nv)."""
     zero = np.zeros(arm.nv)
-    return arm._core.inverse_derivatives(arm.zero, zero, zero)[0]
+    return arm.inverse_derivatives(arm.zero, zero, zero)[0]
 
 
 # -- order 1 above its critical speed ---------------------------------------------------------------------------------
