@@ -33,7 +33,7 @@ KERNEL_ROOMS = {
     "arm": "beam space wide door",
     "step": "arm wide door",
     "slopes": "arm door",
-    "setup": "door wide",
+    "setup": "door space wide",
 }
 TESTS = Path(__file__).parent
 PUBLIC = set("flexarm cli env errors jax results sections sensors tasks torch".split())

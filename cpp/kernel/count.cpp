@@ -64,20 +64,14 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 #include "arm/composite.hpp"
 #include "arm/elimination.hpp"
 #include "setup/single.hpp"
-#include "setup/written.hpp"
 
 namespace flexarm {
 namespace lanes {
 
 namespace {
 
-/// Whether a record has as many numbers of set-up as of kernels.
-template <class Sp, template <class> class Record>
-constexpr bool alike = sizeof(Record<Sp>) == sizeof(Record<Written<Sp::planar>>);
-
 template <class Sp>
 long count(const KernelArm& arm) {
-  static_assert(alike<Sp, records::Seat> && alike<Sp, records::CutCoordinate>, "all their vectors and matrices");
   using C = Chain<Sp, Counted>;
   const std::size_t nv = static_cast<std::size_t>(arm.layout().nv);
   const Memory memory(C::memory_needed(arm.layout()));

@@ -142,7 +142,7 @@ void put_space(ArmBuilder& b, const Link& link, const Stations& at) {
   MatrixXd Mee = MatrixXd::Zero(ne, ne);
   for (int d = 0; d < node.quadratic.directed; ++d) {
     const auto with = [&](int axis) { return at.rest_of(at.rest.row(axis), at.linear.col(d)); };
-    b.put(records::SpaceCoordinate<Written<false>>{at.rest_of(one, at.linear.col(d)), {{with(0), with(1), with(2)}}});
+    b.put(records::SpaceCoordinate<::Space<double>>{at.rest_of(one, at.linear.col(d)), {with(0), with(1), with(2)}});
     for (int g = 0; g < node.quadratic.directed; ++g) {
       const double L = at.rest_of(at.linear.col(d), at.linear.col(g));
       b.put(L);

@@ -112,14 +112,6 @@ struct Plane {
   static Inertia rotate(int, const S& s, const S& c, const Inertia& M) { return rotate(Rot{c, s}, M); }
   static Sym scaled(const S& k, const Sym& a) { return {k * a.zz}; }
   static void add(Sym& a, const Sym& b) { a.zz += b.zz; }
-  static void add(Inertia& a, const Inertia& b) {
-    a.A.xx += b.A.xx;
-    a.A.yy += b.A.yy;
-    a.A.xy += b.A.xy;
-    a.B.x += b.B.x;
-    a.B.y += b.B.y;
-    a.D.zz += b.D.zz;
-  }
   static Force<Plane> column(const Inertia& M, bool about, int axis) {
     if (about) return {M.B, {M.D.zz}};
     return axis == 0 ? Force<Plane>{{M.A.xx, M.A.xy}, {M.B.x}} : Force<Plane>{{M.A.xy, M.A.yy}, {M.B.y}};

@@ -160,19 +160,6 @@ struct Space {
     a.xz += b.xz;
     a.yz += b.yz;
   }
-  static void add(Inertia& a, const Inertia& b) {
-    add(a.A, b.A);
-    add(a.D, b.D);
-    a.B.xx += b.B.xx;
-    a.B.xy += b.B.xy;
-    a.B.xz += b.B.xz;
-    a.B.yx += b.B.yx;
-    a.B.yy += b.B.yy;
-    a.B.yz += b.B.yz;
-    a.B.zx += b.B.zx;
-    a.B.zy += b.B.zy;
-    a.B.zz += b.B.zz;
-  }
   /// Column of a freedom along, or about, an axis.
   static Force<Space> column(const Inertia& M, bool about, int axis) {
     if (!about) return {apply(M.A, unit(axis)), unrotate(M.B, unit(axis))};
