@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from arms import STEEL, pendulum
 from flexarm.choose.chart_search import ChartSearch
+from flexarm.choose.trials import CHOSEN, line_options
 from flexarm.cli import main
 from messages import refuses
 
@@ -62,7 +63,7 @@ def rerun(chart: fa.results.Chart, **change: object) -> fa.Result:
     wanted = change.get("order", it.model.order), change.get("shift", it.model.shift), it.model.basis
     alike = [r.model for r in chart.rows if (r.model.order, r.model.shift, r.model.basis) == wanted]
     factor = change.get("value", it.value) / it.value
-    options = {k: factor * x if k in ("rtol", "atol", "step") else x for k, x in it.options.items()}
+    options = {k: factor * x if k in ("rtol", "atol", "step", "tolerance") else x for k, x in it.options.items()}
     return chart.scene_of(replace(it, model=alike[0], options=options)).run()
 
 
@@ -164,7 +165,21 @@ def test_poor_models_are_poor_and_kept(chart: fa.results.Chart) -> None:
     alike = [r for r in chart.rows if r.value == chart.truth.row.value and r.model.basis == it.basis]
     rich = {r.model.order: r.error for r in alike if r.model.shift == it.shift - 2}
     assert rich[0] > 5 * rich[2] > 4 * rich["exact"]
-    assert {r.choice for r in chart.rows if r.status == "ok"} == {"ida", "ida, BDF 2", "implicit", "gauss", "rk4"}
+    lines = {"ida", "ida, BDF 2", "implicit", "gauss", CHOSEN, "rk4"}
+    assert {r.choice for r in chart.rows if r.status == "ok"} == lines
+
+
+def test_the_default_run_is_a_line(chart: fa.results.Chart) -> None:
+    """The tolerance of steps that are chosen: tighter ones take more steps, and the scene of a row has it."""
+    rows = [r for r in chart.rows if r.choice == CHOSEN and r.status == "ok"]
+    assert {r.setting for r in rows} == {"tolerance"} and "tolerance 0.01" in rows[0].label
+    for model in {r.model for r in rows}:
+        of = sorted((r for r in rows if r.model == model), key=lambda r: -r.value)
+        assert of[0].value == 1e-2 and of[-1].steps >= of[0].steps
+    assert chart.scene_of(rows[0]).options == {"integrator": "gauss", "tolerance": 1e-2}
+    given = replace(chart.scene, options={"integrator": "gauss", "step": 0.1, "tolerance": 1e-7, "stages": 3})
+    assert line_options(given, CHOSEN, 1e-4) == {"integrator": "gauss", "stages": 3, "tolerance": 1e-4}
+    assert line_options(given, "gauss", 0.01) == {"integrator": "gauss", "stages": 3, "step": 0.01}
 
 
 def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.results.Chart) -> None:
