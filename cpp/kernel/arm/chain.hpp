@@ -93,7 +93,7 @@ struct Chain {
     typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
     if (!node.coincident) {
       s.frame.r = Sp::read(p);
-      if (node.turned) seat = Sp::read_rotation(p);
+      if (node.turned) seat = read<typename Sp::Rot, S>(p);
       if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
     }
     if (node.coincident) {
@@ -188,10 +188,8 @@ struct Chain {
   /// visit(x, n) for the numbers that `bend_sampled` finds.
   template <class Visit>
   static void body_numbers(const Node& node, State<Sp>& s, const Visit& visit) {
-    const auto one = [&](auto& x) { visit(reinterpret_cast<S*>(&x), sizeof(x) / sizeof(S)); };
-    const auto list = [&](auto* x, int n) {
-      visit(reinterpret_cast<S*>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S));
-    };
+    const auto one = [&](auto& x) { visit(view<S>(&x), sizeof(x) / sizeof(S)); };
+    const auto list = [&](auto* x, int n) { visit(view<S>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S)); };
     Elastic<Sp>& e = s.elastic;
     one(s.body);
     one(s.body_force);
@@ -233,9 +231,7 @@ struct Chain {
 
   template <bool rates>
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Force<Sp>& F) {
-    const S m = next<S>(p);
-    const Lin c = Sp::read(p);
-    const typename Sp::Sym J = Sp::read_symmetric(p);
+    const auto [m, c, J] = read<records::Body<Sp>>(p);
     body = {m, c, J};
     if constexpr (!rates) return;
     F = {Sp::cross(w, Sp::cross(w, c)), Sp::cross(w, Sp::apply(J, w))};

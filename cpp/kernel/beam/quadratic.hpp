@@ -25,7 +25,7 @@ void bend(const Node& node, const double* constants, const double* points, const
           P* scratch) {
   const quadratic::Parts<Plane<P>> parts(node);
   const quadratic::Sums<Plane<P>> packs(scratch, node.ne);
-  S* lanes = reinterpret_cast<S*>(scratch);
+  S* lanes = view<S>(scratch);
   if (node.passes > 0) {
     quadratic::sum_positions<again>(node, points, q, dq, w.z, scratch + parts.slopes, packs);
     sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
@@ -46,7 +46,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   quadratic::sum_positions<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
   quadratic::sum_rotations<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
   quadratic::sum_columns<again>(node, parts, scratch, packs);
-  S* lanes = reinterpret_cast<S*>(scratch);
+  S* lanes = view<S>(scratch);
   sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
   quadratic::finish<again>(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, F, out);
 }
@@ -59,7 +59,7 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   out.frame.r = Sp::read(p);
   S turn{}, rate{}, y_dot{}, slope[kMostElastic], bias{};
   for (int k = 0; k < node.ne; ++k) {
-    const S l = next<S>(p), t = next<S>(p);
+    const auto [l, t] = read<records::PlaneSlope<S>>(p);
     slope[k] = S{};
     out.frame.r.y += l * q[k];
     y_dot += l * dq[k];

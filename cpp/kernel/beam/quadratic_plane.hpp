@@ -63,14 +63,12 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
             typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out) {
   using Sp = Plane<S>;
   const Moments<Sp>& body = *sums.body;
-  const S m = next<S>(p);
-  typename Sp::Lin c = Sp::read(p);
-  typename Sp::Sym J = Sp::read_symmetric(p);
+  auto [m, c, J] = read<records::Body<Sp>>(p);
   c.x += body.c;
   J.zz += body.J;
   S c_y_rate{}, swirl{};  // the swirl is the integral of y dy/dt
   for (int k = 0; k < node.ne; ++k) {
-    const S cl = next<S>(p), ex = next<S>(p), ey = next<S>(p), rotary = next<S>(p);
+    const auto [cl, ex, ey, rotary] = read<records::PlaneCoordinate<S>>(p);
     S my = ey, my_dot{};  // l_k is paired with y here
     for (int j = 0; j < node.ne; ++j) {
       const S L = next<S>(p);

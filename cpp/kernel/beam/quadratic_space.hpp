@@ -36,7 +36,7 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
   using Lin = typename Pt::Lin;
   const int rows = parts.rows;
   P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
-  Position<P>* place = reinterpret_cast<Position<P>*>(scratch + parts.positions);
+  Position<P>* place = view<Position<P>>(scratch + parts.positions);
   Lin c = Pt::zero(), c_rate = c, bias = c, n = c;
   typename Pt::Sym xx = Pt::none();
   for (int a = 0; a < node.passes; ++a) {
@@ -132,7 +132,7 @@ template <bool again, class S, class P>
 void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
-  typename Pt::Rot* turns = reinterpret_cast<typename Pt::Rot*>(scratch + parts.turns);
+  typename Pt::Rot* turns = view<typename Pt::Rot>(scratch + parts.turns);
   typename Pt::Lin n = Pt::zero();
   typename Pt::Sym J = Pt::none();
   for (int a = 0; a < node.rotary; ++a) {
@@ -156,8 +156,8 @@ void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
   const P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
-  const Position<P>* place = reinterpret_cast<const Position<P>*>(scratch + parts.positions);
-  const typename Pt::Rot* turns = reinterpret_cast<const typename Pt::Rot*>(scratch + parts.turns);
+  const Position<P>* place = view<const Position<P>>(scratch + parts.positions);
+  const typename Pt::Rot* turns = view<const typename Pt::Rot>(scratch + parts.turns);
   for (int k = 0; k < node.ne; ++k) {
     const P *column = slopes + k * parts.rows, *of_turns = column + 3 * node.passes;
     P e{};
@@ -193,8 +193,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
   const bool stretches = node.stretching > 0;
   for (int d = 0; d < node.quadratic.directed; ++d) {
     const int k = node.quadratic.which[d];
-    const S cl = next<S>(p);
-    const typename Sp::Lin rest = Sp::read(p);
+    const auto [cl, rest] = read<records::SpaceCoordinate<Sp>>(p);
     S mx{}, my{}, mz{}, mx_dot{}, my_dot{}, mz_dot{};  // l_k is paired with x, y and z here
     for (int g = 0; g < node.quadratic.directed; ++g) {
       const S L = next<S>(p), Lq = L * q[node.quadratic.which[g]], Ld = L * dq[node.quadratic.which[g]];
@@ -269,9 +268,7 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
     out.M_er[k].force = sums.M_linear[k];
     out.M_er[k].moment = sums.M_angular[k];
   }
-  const S m = next<S>(p);
-  const Lin c = Sp::read(p);
-  const typename Sp::Sym J_rest = Sp::read_symmetric(p);
+  const auto [m, c, J_rest] = read<records::Body<Sp>>(p);
   Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero(), Sp::zero()};
   add_linear<again>(node, p, q, dq, w, whole, out);
   const typename Sp::Sym& xx = whole.xx;

@@ -67,9 +67,9 @@ void bend(const Node& node, const double* constants, const double* points, const
   for (int k = 0; k < size; ++k) at[k] = P{};
   const Sums<Pt> sums(at, node.ne);
   typename Pt::Ang wide;
-  for (int c = 0; c < Sp::angular; ++c) reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
+  for (int c = 0; c < Sp::angular; ++c) view<P>(&wide)[c] = widen(view<const S>(&w)[c], P{});
   sum_slices<again>(node, rows, s, dq, wide, sums, at + size);
-  S* total = reinterpret_cast<S*>(at);
+  S* total = view<S>(at);
   sum_lanes(at, size, total);
   finish<again>(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, F, out);
   end_slice(node, rows, q, dq, s, out.end);

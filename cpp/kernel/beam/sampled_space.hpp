@@ -41,7 +41,7 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
   const bool shears = node.sampled.turning < node.ne;  // or stretches
   for (int i = 0; i < rows.points; ++i) {
     const auto w = s.spin(i);
-    auto t = rows.length * s.R[0](i), rate = Sp::zero();
+    auto t = rows.span.length * s.R[0](i), rate = Sp::zero();
     if (shears) {
       const auto g = s.shear(i), g_rate = s.shear_rate(i);
       t += g.y * s.R[1](i) + g.z * s.R[2](i);
@@ -138,7 +138,7 @@ void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, con
   else
     third_order_places(node, rows, integral, dq, s);
   if (again && node.sampled.exact) return;
-  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
+  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.span.origin + s.place.value(i));
 }
 
 /// The slice at the end, after `place_points`.
@@ -198,7 +198,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   out.frame.r = Sp::read(p);
   // sums by the weights of the integral from 0 to X: of x' and its bias, theta' (or the quaternion's slope) and its
   // bias, then of derivatives of x' and theta'
-  Lin* sum = reinterpret_cast<Lin*>(s.end);
+  Lin* sum = view<Lin>(s.end);
   for (int k = 0; k < 5 + 2 * ne; ++k) sum[k] = Space<P>::zero();
   for (int i = 0; i < rows.points; ++i) {
     const P w = next<P>(p);
@@ -228,7 +228,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
       }
     }
   }
-  S* total = reinterpret_cast<S*>(s.end);
+  S* total = view<S>(s.end);
   sum_lanes(s.end, 3 * (5 + 2 * ne), total);
   const auto of = [&](int k) { return typename Sp::Lin{total[3 * k], total[3 * k + 1], total[3 * k + 2]}; };
   out.frame.r += of(0);

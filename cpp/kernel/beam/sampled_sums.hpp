@@ -25,7 +25,7 @@ typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
 /// A column's number at point i, which is in lane i.
 template <class S, class P>
 S lane_of(const P* column, int i) {
-  return reinterpret_cast<const S*>(column)[i];
+  return view<const S>(column)[i];
 }
 
 /// The most that an arm has: of one arm, in any lane.
@@ -79,7 +79,7 @@ auto columns_of(const Field<Sp>& f) {
 
 template <class S, class P>
 void put_lane(P* column, int i, const S& x) {
-  reinterpret_cast<S*>(column)[i] = x;
+  view<S>(column)[i] = x;
 }
 /// One point's value.
 template <class To, class Sp>
@@ -138,13 +138,11 @@ struct Rows {
   using P = typename Sp::Scalar;
   static constexpr int width = Lanes<P>::width;
   int points, stations;
-  P length;
-  typename Sp::Lin origin;  ///< of the beam, in the link
+  records::Span<Sp> span;
   const double *strain, *turn, *rest, *mass, *inertia, *further;
 
   Rows(const Node& node, const double* p) : points(points_of(node)), stations(stations_of(node)) {
-    length = next<P>(p);
-    origin = Sp::read(p);
+    span = read<records::Span<Sp>>(p);
     const auto rows = [&](int count, int length_of) {
       const double* here = p;
       p += count * length_of * width;
@@ -194,11 +192,11 @@ struct Sums {
   typename Sp::Ang* M_angular;
   T* M;
 
-  Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
-    e = reinterpret_cast<T*>(body + 1);
-    M_linear = reinterpret_cast<typename Sp::Lin*>(e + ne);
-    M_angular = reinterpret_cast<typename Sp::Ang*>(M_linear + ne);
-    M = reinterpret_cast<T*>(M_angular + ne);
+  Sums(T* at, int ne) : body(view<Body>(at)) {
+    e = view<T>(body + 1);
+    M_linear = view<typename Sp::Lin>(e + ne);
+    M_angular = view<typename Sp::Ang>(M_linear + ne);
+    M = view<T>(M_angular + ne);
   }
 };
 
@@ -420,9 +418,7 @@ template <bool again, class Sp, class S>
 void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
             typename Sp::Rigid& M, Force<Sp>& F, Elastic<Sp>& out) {
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
-  const S m = next<S>(p);  // all of it
-  const typename Sp::Lin c = Sp::read(p);
-  const typename Sp::Sym J = Sp::read_symmetric(p);
+  const auto [m, c, J] = read<records::Body<Sp>>(p);  // m is all of it
   M = {m, c + sums.body->c, J};
   Sp::add(M.J, sums.body->J);
   F.force = sums.body->f + Sp::cross(w, Sp::cross(w, c));

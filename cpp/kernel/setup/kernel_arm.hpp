@@ -77,9 +77,6 @@ class KernelArm {
   Numbers load_numbers_;
 };
 
-/// The numbers of a vector, and of a rotation, in the axes that the arm moves in.
-void put(const Layout& layout, const Eigen::Vector3d& r, Numbers& out);
-void put(const Layout& layout, const Eigen::Matrix3d& R, Numbers& out);
 /// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.
 void put_slice(const Layout& layout, const Node& node, const Eigen::Vector3d& rest, const SliceTable& table,
                Numbers& out);

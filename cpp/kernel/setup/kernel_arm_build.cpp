@@ -114,9 +114,8 @@ void ArmBuilder::add_motion(const Link& link, std::size_t n, std::size_t i) {
   set(node.stops, std::isfinite(f.lower) || std::isfinite(f.upper));
   set(node.passive, node.stops || f.stiffness != 0.0 || f.damping != 0.0 || f.reflected_inertia != 0.0);
   if (!node.passive) return;
-  for (double x : {f.stiffness, f.rest, f.damping, f.reflected_inertia}) put(x);
-  if (node.stops)
-    for (double x : {f.lower, f.upper, f.limit_stiffness, f.limit_damping}) put(x);
+  put(records::Spring<double>{f.stiffness, f.rest, f.damping, f.reflected_inertia});
+  if (node.stops) put(records::Stops<double>{f.lower, f.upper, f.limit_stiffness, f.limit_damping});
 }
 
 void ArmBuilder::add_ball(const Link& link, std::size_t n) {
@@ -138,13 +137,12 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
     set(one.passive, passive);
     set(one.stops, std::isfinite(forces[0].upper));
     if (k > 0 || !passive) continue;
-    put(forces[0].stiffness);
-    for (const JointForce& f : forces) {
-      put(f.damping);
-      put(f.reflected_inertia);
-    }
-    if (!one.stops) continue;
-    for (double x : {forces[0].upper, forces[0].limit_stiffness, forces[0].limit_damping}) put(x);
+    const JointForce &x = forces[0], &y = forces[1], &z = forces[2];
+    put(records::BallSpring<double>{x.stiffness,
+                                    {x.damping, x.reflected_inertia},
+                                    {y.damping, y.reflected_inertia},
+                                    {z.damping, z.reflected_inertia}});
+    if (one.stops) put(records::BallStop<double>{x.upper, x.limit_stiffness, x.limit_damping});
   }
   turn.setIdentity();
 }
