@@ -170,9 +170,7 @@ class Slopes {
       value_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
             value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
-            if (bodies_->has(i))
-              bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_, dual_->state[i], q_ + node.qe,
-                                q_ + nq_ + node.ve);
+            if (bodies_->has(i)) bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_);
           });
   }
 
