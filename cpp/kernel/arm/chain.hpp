@@ -175,9 +175,9 @@ struct Chain {
       if (few ? none : all) continue;
       const Node& on = few ? *node.sampled.few : node;
       const double* points = numbers + on.points;
-      sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
+      sampled::sample(Sp{}, on, points, q, dq, scratch);
       if constexpr (forces)
-        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
+        sampled::bend(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
       else
         sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
       if constexpr (Lanes<S>::width > 1)
@@ -214,21 +214,6 @@ struct Chain {
     body_numbers(node, s, [&](S* x, std::size_t n) {
       for (std::size_t i = 0; i < n; ++i) x[i] = Lanes<S>::select(where, *at++, x[i]);
     });
-  }
-
-  /// Of other rates, after `bend_body` of this node's points: forces without the elastic ones and, of a sampled body,
-  /// how its end moves.
-  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Force<Sp>& F,
-                  Elastic<Sp>& e) {
-    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.sampled.few : node;
-    const double* points = numbers + on.points;
-    typename Sp::Rigid body;
-    if (node.body == Node::sampled_beam) {
-      sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
-      sampled::bend<true>(on, constants, points, q, dq, w, body, F, e, scratch);
-    } else {
-      bend<true>(node, constants, points, q, dq, w, body, F, e, scratch);
-    }
   }
 
   template <bool rates>
