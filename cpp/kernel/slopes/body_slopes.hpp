@@ -23,10 +23,10 @@ Any* make_chain(const Layout& layout, const double* numbers, Arena& arena) {
 
 template <class Sp>
 class BodySlopes {
-  static constexpr int kAtOnce = 4;  ///< coordinates by which a body is differentiated
+  static constexpr int kAtOnce = kFew;  ///< coordinates by which a body is differentiated
   using One = typename SpaceOf<Sp, double>::type;
   using Value = Chain<One, Pack>;
-  using Bent = Chain<typename SpaceOf<Sp, Dual<double, double, kAtOnce>>::type, Dual<Pack, Pack, kAtOnce>>;
+  using Bent = Chain<typename SpaceOf<Sp, Few>::type, FewPacks>;
   using B = typename Bent::S;
   static constexpr int kForce = Sp::linear + Sp::angular;
 
@@ -242,13 +242,13 @@ class BodySlopes {
     for (int k = 0; k < Sp::angular; ++k) reinterpret_cast<B*>(&s.w)[k] = B{} + reinterpret_cast<const double*>(&w)[k];
     for (int first = 0; first < ne; first += kAtOnce) {
       const int count = ne - first < kAtOnce ? ne - first : kAtOnce;
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 1.0;
+      for (int k = 0; k < count; ++k) q[first + k].d[0].v[k] = 1.0;
       bent_->template bend_body<true>(node, constants, Bent::Space::zero(), q, dq, s);
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 0.0;
+      for (int k = 0; k < count; ++k) q[first + k].d[0].v[k] = 0.0;
       double* row = table_[i].by_q + first;
       for_parts(s, ne, [&](const B* x, int n) {
         for (int r = 0; r < n; ++r, row += ne)
-          for (int k = 0; k < count; ++k) row[k] = x[r].d[k];
+          for (int k = 0; k < count; ++k) row[k] = x[r].d[0].v[k];
       });
     }
   }
