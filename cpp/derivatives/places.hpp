@@ -45,15 +45,7 @@ class Places {
     if (!rubs_.empty()) refuse_balls(*of.arm, "derivatives of a run with dry friction");
   }
 
-  /// Forces at place e: see Balance. Moves the workspace there.
-  void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
-    move(e);
-    inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
-    inverse_ = s_.ws.tau;
-    add_feedback(s_.ws, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
-    balance(e, inverse_, needed, applied);
-  }
-  /// The same where the workspace is, of inverse dynamics without feedback.
+  /// Forces at place e, where the workspace is, of inverse dynamics without feedback: see Balance.
   void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
     if (static_cast<Index>(tape_.sides.size()) != tape_.points() * limits())
       bad_value("torque_limit or limit", limits(), "has no derivative where the run has none");
@@ -159,7 +151,6 @@ class Places {
   Control control_;
   System s_;
   const std::vector<LoadDrive>& loads_;
-  VectorXd inverse_;
   std::optional<InverseDerivatives> made_;  // when first asked for: a balance needs none
   std::vector<Rub> rubs_;
 };
