@@ -80,12 +80,11 @@ class Places {
     add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
-    const MatrixXd needed = by_turns(e, slopes.dq);
-    out.K = by_turns(e, out.K);
+    if (balls()) out.K = by_turns(e, out.K);
     if (whole) {
-      out.K_needed = needed;
+      out.K_needed = by_turns(e, slopes.dq);
       out.C_needed = slopes.dv;
-      out.K_applied = needed - out.K;
+      out.K_applied = out.K_needed - out.K;
       out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
@@ -226,7 +225,7 @@ class Ahead {
   Places& places() { return *places_.front(); }
 
  private:
-  static constexpr int kFewest = 16, kRates = 4096;  // places that a thread makes at a time, and their rates
+  static constexpr int kFewest = 16, kRates = 1024;  // places that a thread makes at a time, and their rates
 
   void make() {
     std::exception_ptr wrong;
