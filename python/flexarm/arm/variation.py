@@ -304,8 +304,11 @@ class Variation:
         return self._memo(where, tree, i, lambda k: self._build(where, part, tree, k))
 
     def _build(self, where: str, part: Any, tree: _Tree, i: int) -> Any:
-        old = fields_of(part)
-        new = {name: self._rebuilt(f"{where}.{name}", old[name], below, i) for name, below in tree.items()}
+        old = None if isinstance(part, (Part, tuple)) else fields_of(part)
+        new = {}
+        for name, below in tree.items():
+            was = old[name] if old is not None else part[int(name)] if isinstance(part, tuple) else getattr(part, name)
+            new[name] = self._rebuilt(f"{where}.{name}", was, below, i)
         try:
             return _replaced(part, new)
         except ValueError as e:
@@ -322,6 +325,8 @@ def _values_at(tree: Any, i: int) -> Iterator[bytes]:
 
 def _leaf(where: str, old: Any, value: Any, i: int) -> Any:
     """The value of scenario i, as the field it replaces has it."""
+    if isinstance(old, float) and isinstance(value, float):  # NumPy's are, and shapes are slow
+        return float(value)
     if old is not None and np.shape(old) != np.shape(value):
         want = f"(B, {', '.join(str(n) for n in np.shape(old))})" if np.ndim(old) else "(B,)"
         raise ValueError(f"parameters['{where}'] has entries of shape {np.shape(value)}: must be {want}")
