@@ -77,7 +77,7 @@ class Part:
         kind: Any = type(self)
         if kind.__post_init__ is not Part.__post_init__:  # which checks more
             return replace(self, **new)  # type: ignore[type-var]
-        out = object.__new__(kind)
+        out: Part = object.__new__(kind)
         for name, read in _checks(kind).items():
             out._set(name, read(name, new[name]) if name in new else getattr(self, name))
         out._set("_core", out._made())
