@@ -9,23 +9,20 @@
 #include "flexarm/quadrature.hpp"
 #include "space/ball.hpp"
 #include "step/newton.hpp"
+#include "step_error.hpp"
 #include "turning.hpp"
 
 namespace flexarm {
 
 namespace {
 
-constexpr double kSlow = 0.25;   // contraction above which the Jacobians are made anew
-constexpr double kFails = 0.7;   // contraction at which even new ones are made anew, where the iteration now is
-constexpr double kBest = 0.02;   // contraction that is believed without having been measured in the same step
-constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
-constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
-constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kSeen = 0.15;   // periods over 2 pi in a step: faster modes count by their size, not by their force
-constexpr double kAlmost = 1.0 - 1e-6;  // part of a step: its end, before a force may leap there
-constexpr double kOfRun = 0.25;         // of the tolerance, for a step: the errors of a run's steps add up
-constexpr double kOfRubbing = 0.03;     // of an arm with dry friction, whose switches pass errors of its forces on
-constexpr double kOfPlaces = 1e-3;      // of the tolerance of places, to which the equations are solved
+constexpr double kSlow = 0.25;    // contraction above which the Jacobians are made anew
+constexpr double kFails = 0.7;    // contraction at which even new ones are made anew, where the iteration now is
+constexpr double kBest = 0.02;    // contraction that is believed without having been measured in the same step
+constexpr int kGivenUp = 3;       // corrections that grew, after which an iteration is given up
+constexpr double kFloor = 1e-8;   // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kGrown = 1.5;    // ratio of a step to the one before, above which nothing is extrapolated
+constexpr double kSolved = 1e-3;  // of the tolerance of places, to which the equations are solved
 constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 
 /// The quaternion at `k` of p0, turned by u, into p.
@@ -87,6 +84,8 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   for (const Link& link : arm.links()) mass_ += link.mass();
 }
 
+CollocationStep::~CollocationStep() = default;
+
 Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                               const Eigen::VectorXd& tau) {
   if (!rests_)
@@ -112,10 +111,8 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   moved_ = Eigen::MatrixXd::Zero(n, s_);
   if (chooses()) {
-    prepare_judgement(ws);
-    damping_ = Eigen::MatrixXd::Identity(n, n);
-    damped_ = decltype(damped_)(n);
-    error_of_ = missed_force_ = Eigen::VectorXd::Zero(n);
+    seen_ = std::make_unique<StepError>(*arm_, ws, free_, c_, rests_.has_value(), options_.tolerance);
+    missed_force_ = Eigen::VectorXd::Zero(n);
   }
   a_.colwise() = ws.a;
   q_.colwise() = q;
@@ -141,89 +138,31 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
   return Status::ok;
 }
 
-/// Places that are looked at: each link's end, and the middle of its beam; and the part of an error that shows there.
-/// Between its points the accelerations of a step are off by a polynomial that is zero at these.
-void CollocationStep::prepare_judgement(Workspace& ws) {
-  seen_.clear();
-  move_arm(*arm_, ws, arm_->zero(), Eigen::VectorXd::Zero(arm_->nv()));
-  Eigen::Vector3d before = Eigen::Vector3d::Zero();
-  length_ = 0.0;
-  for (std::size_t n = 0; n < arm_->size(); ++n) {
-    seen_.emplace_back(*arm_, n);
-    if (const auto& beam = arm_->link(n).beam()) seen_.emplace_back(*arm_, n, 0.5 * beam->length());
-    const Eigen::Vector3d end = slice_pose(ws, n).p;
-    length_ += (end - before).norm();
-    before = end;
-  }
-  if (length_ == 0.0) length_ = 1.0;
-  moves_.setZero(6 * static_cast<Eigen::Index>(seen_.size()) + arm_->nv(), arm_->nv());
-  jacobian_.setZero(6, arm_->nv());
-  Eigen::VectorXd zeros = Eigen::VectorXd::Zero(s_ + 1);  // of the polynomial: its coefficients, lowest power first
-  zeros[0] = 1.0;
-  for (int j = 0; j < s_; ++j)
-    for (int k = s_; k >= 0; --k) zeros[k] = (k > 0 ? zeros[k - 1] : 0.0) - c_[j] * zeros[k];
-  const double at_start = std::abs(zeros[0]);
-  missed_ = 0.0;
-  for (int n = 1; n <= 64; ++n) {
-    double twice = 0.0;
-    for (int k = s_; k >= 0; --k) twice = twice * n / 64.0 + zeros[k] / ((k + 1.0) * (k + 2.0));
-    missed_ = std::max(missed_, std::abs(twice) * n * n / 4096.0 / at_start);
-  }
-  seen_at_ = rests_ ? Eigen::VectorXd(Eigen::VectorXd::Zero(1)) : Eigen::VectorXd(Eigen::Vector2d(0.0, kAlmost));
+/// What is missing in the equation of motion of the free rate k, after the sweep.
+double CollocationStep::missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau,
+                                const Workspace& ws) const {
+  const int row = free_[static_cast<std::size_t>(k)];
+  return held(row) ? 0.0 : tau[row] + rub_[row] - ws.tau[row];
 }
 
-/// What each coordinate moves, at the workspace's state.
-void CollocationStep::see_places(Workspace& ws) {
-  const double tolerance = options_.tolerance * (rests_ ? kOfRubbing : kOfRun);
-  move_arm(*arm_, ws, qs_, vs_);
-  Eigen::Index row = 0;
-  for (const PlacedSlice& at : seen_) {
-    slice_jacobian(*arm_, ws, at, jacobian_);
-    moves_.middleRows<3>(row) = jacobian_.topRows<3>() / (length_ * tolerance);
-    if (!at.on_beam()) moves_.middleRows<3>(row + 3) = jacobian_.bottomRows<3>() / tolerance;
-    row += 6;
-  }
-  for (std::size_t n = 0; n < arm_->size(); ++n) {
-    const Joint& joint = arm_->link(n).joint();
-    Eigen::Index i = arm_->first(n);
-    for (const auto& motion : joint.motions()) {
-      moves_(row + i, i) = 1.0 / (tolerance * (motion.rotation ? 1.0 : length_));
-      ++i;
-    }
-  }
-}
-
-/// The error of the step that has been taken, from that of the equations of motion where they were not solved. What the
-/// matrix of a damped step makes of it are displacements: of modes that are slow, in proportion to h^2; of modes that
-/// are too fast to be seen, their own size.
-void CollocationStep::judge(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+/// The error of the step that has been taken, from the forces that it misses between its points.
+void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                             const Given& given) {
   error_ = 0.0;
-  const Eigen::Index n = M_.rows();
-  if (n == 0) return;
-  for (double x : seen_at_) {
+  if (M_.rows() == 0) return;
+  for (double x : seen_->asked()) {
     inside(x, q, v);
     if (given) given(x);
     as_ = ws.a;
     for (int row : free_) {
       double sum = 0.0;
       for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
-      as_[row] = sum;
+      as_[row] = held(row) ? 0.0 : sum;
     }
-    for (Eigen::Index i = 0; i < as_.size(); ++i)
-      if (held(static_cast<int>(i))) as_[i] = 0.0;
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
-    for (Eigen::Index k = 0; k < n; ++k) {
-      const int row = free_[static_cast<std::size_t>(k)];
-      missed_force_[k] = held(row) ? 0.0 : h * h * missed_ * (tau[row] + rub_[row] - ws.tau[row]);
-    }
-    error_of_ = damped_.solve(missed_force_);
-    for (Eigen::Index row = 0; row < moves_.rows(); ++row) {
-      double sum = 0.0;
-      for (Eigen::Index k = 0; k < n; ++k) sum += moves_(row, free_[static_cast<std::size_t>(k)]) * error_of_[k];
-      error_ = std::isfinite(sum) ? std::max(error_, std::abs(sum)) : HUGE_VAL;
-    }
+    for (Eigen::Index k = 0; k < missed_force_.size(); ++k) missed_force_[k] = missing(k, tau, ws);
+    error_ = std::max(error_, (*seen_)(missed_force_, M_all_, v, as_, 0.5 * fastest_));
   }
 }
 
@@ -293,7 +232,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
   reduce();
-  if (chooses()) see_places(ws);
+  if (seen_) seen_->look(ws, qs_, vs_);
   fresh_ = true;
   h_factored_ = 0.0;
 }
@@ -322,10 +261,7 @@ bool CollocationStep::factor(double h) {
     }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
-  if (chooses()) {
-    damping_ = M_ + kSeen * h * (C_ + kSeen * h * K_);
-    damped_.compute(damping_);
-  }
+  if (seen_) seen_->factor(h, M_, C_, K_);
   h_factored_ = h;
   ++counts_.factorisations;
   return true;
@@ -343,7 +279,7 @@ bool CollocationStep::believable(double h, Workspace& ws) {
     return most;
   };
   const double peak = kForget * peak_, free_fall = mass_ * fall * fall;
-  const double reached = fastest(M_all_);
+  const double reached = fastest_ = fastest(M_all_);
   if (!(reached <= kFar * (std::max(peak, form(M_all_, v0_)) + free_fall))) {  // look closer
     double allowed = 0.0;
     for (int i = 0; i < s_; ++i) {
@@ -411,10 +347,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       set_forces(i, ws);
       inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
-      for (Eigen::Index k = 0; k < n; ++k) {
-        const int row = free_[static_cast<std::size_t>(k)];
-        residual_[i * n + k] = held(row) ? 0.0 : tau_(row, i) + rub_[row] - ws.tau[row];
-      }
+      for (Eigen::Index k = 0; k < n; ++k) residual_[i * n + k] = missing(k, tau_.col(i), ws);
     }
     correction_ = lu_.solve(residual_);
     ++counts_.iterations;
@@ -434,7 +367,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     contraction_ = newton.contraction;
     const bool stalled = newton.stalls(iteration) && (moved <= kFloor * scale || lost(h));
     if (!stalled && more && ++grown == kGivenUp) return Status::not_converged;
-    if (newton.left() <= std::max(options_.rtol, kOfPlaces * options_.tolerance) * scale || stalled) {
+    if (newton.left() <= std::max(options_.rtol, kSolved * options_.tolerance) * scale || stalled) {
       if (!place(h) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
@@ -475,7 +408,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   }
   h_before_ = h_;
   h_ = h;
-  if (chooses()) judge(h, ws, q, v, tau, given);
+  if (seen_) judge(ws, q, v, tau, given);
   inside(1.0, q, v);
   if (given) given(1.0);
   if (tape_) {
@@ -496,7 +429,7 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);
-  for (double& number : moves_.reshaped()) visit(number);
+  if (seen_) seen_->memory(visit);
   for (double* x : {&h_, &h_factored_, &contraction_, &best_, &scale_, &peak_}) visit(*x);
   double fresh = fresh_ ? 1.0 : 0.0;
   visit(fresh);

@@ -15,7 +15,7 @@ import pytest
 from arms import STEEL, pendulum
 from flexarm.choose.chart_search import ChartSearch
 from flexarm.choose.models import Models
-from flexarm.choose.trials import LINES, Run, line_options
+from flexarm.choose.trials import CHOSEN, LINES, Run, line_options
 from flexarm.cli import main
 from flexarm.data.draw.tradeoff import Kind, model_styles
 from messages import refuses
@@ -167,6 +167,19 @@ def test_poor_models_are_poor_and_kept(chart: fa.results.Chart) -> None:
     rich = {r.model.order: r.error for r in alike if r.model.shift == it.shift - 2}
     assert rich[0] > 5 * rich[2] > 4 * rich["exact"]
     assert {r.choice for r in chart.rows if r.status == "ok"} == set(LINES)
+
+
+def test_the_default_run_is_a_line(chart: fa.results.Chart) -> None:
+    """The tolerance of steps that are chosen: tighter ones take more steps, and the scene of a row has it."""
+    rows = [r for r in chart.rows if r.choice == CHOSEN and r.status == "ok"]
+    assert {r.setting for r in rows} == {"tolerance"} and "tolerance 0.01" in rows[0].label
+    for model in {r.model for r in rows}:
+        of = sorted((r for r in rows if r.model == model), key=lambda r: -r.value)
+        assert of[0].value == 1e-2 and of[-1].steps >= of[0].steps
+    assert chart.scene_of(rows[0]).options == {"integrator": "gauss", "tolerance": 1e-2}
+    given = replace(chart.scene, options={"integrator": "gauss", "step": 0.1, "tolerance": 1e-7, "stages": 3})
+    assert line_options(given, CHOSEN, 1e-4) == {"integrator": "gauss", "stages": 3, "tolerance": 1e-4}
+    assert line_options(given, "gauss", 0.01) == {"integrator": "gauss", "stages": 3, "step": 0.01}
 
 
 def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.results.Chart) -> None:

@@ -19,7 +19,7 @@ from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
 from flexarm.choose.descent import Descent
 from flexarm.choose.indicators import excited
 from flexarm.choose.models import ORDERS, Model, Models
-from flexarm.choose.trials import Trials, timed
+from flexarm.choose.trials import CHOSEN, Trials, timed
 from flexarm.cli import main
 from messages import refuses, warns
 
@@ -233,6 +233,19 @@ def test_the_triangle_of_the_picture_is_the_scene_as_it_was_given(plans: dict[st
     assert triangle.get_ydata()[0] == pytest.approx(scenes.off(*tips), rel=0.1)
     own = min(timed(scene)[1] for _ in range(3))
     assert 0.3 * own < triangle.get_xdata()[0] < 3 * own
+
+
+def test_chosen_steps_are_tried_and_may_be_the_plan(
+    plans: dict[str, fa.results.ModelPlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [c.chosen for c in plan_of(plans, "slow").choices if c.what == "integrator"]
+    assert any(word.startswith("gauss, tolerance") for word in words)
+    monkeypatch.setattr("flexarm.choose.descent.IN_TURN", [CHOSEN])
+    plan = fa.economize(scenes.SCENES["slow"](), TOL)
+    assert plan.certified and plan.scene.options["integrator"] == "gauss" and "step" not in plan.scene.options
+    assert f"gauss, tolerance {plan.scene.options['tolerance']:.3g}" in str(plan)
+    plan.save(tmp_path / "lean.toml")
+    assert fa.load(tmp_path / "lean.toml").options == plan.scene.options
 
 
 def test_a_plan_has_no_fewer_gauss_points_than_its_run_wants() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import re
@@ -49,7 +50,7 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
         build = ROOT / "build" / "release"
         if not (build / "build.ninja").exists():
             run(CMAKE, "--preset", "release", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_BUILD_TESTS=OFF")
-        run(CMAKE, "--build", build, "-j", "2", "--target", "flexarm", "flexarm_ida")
+        run(CMAKE, "--build", build, "-j", "2", "--target", "flexarm", "flexarm_ida", "flexarm_c")
     run(CMAKE, "--install", build, "--prefix", place / "prefix", "--component", "cpp")
     shutil.copytree(ROOT / "cpp" / "examples", place / "source")
     flags = "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Wshadow -Werror"
@@ -210,6 +211,36 @@ def test_shipped_scenes_run_as_in_python(runner: Path, tmp_path: Path, scene: st
 )
 def test_a_scene_with_everything_runs_as_in_python(runner: Path, tmp_path: Path, options: dict[str, Any]) -> None:
     compare(runner, replace(everything(), options=options), tmp_path)
+
+
+def test_the_c_interface_steps_as_python_does(runner: Path, tmp_path: Path) -> None:
+    """By ctypes, as any language with C calls would."""
+    (library,) = (runner.parents[1] / "prefix").rglob("libflexarm_c.*")
+    c = ctypes.CDLL(str(library))
+    numbers = ctypes.POINTER(ctypes.c_double)
+    for name, result in {"load": ctypes.c_void_p, "start": ctypes.c_void_p, "error": ctypes.c_char_p,
+                         "time": ctypes.c_double, "q": numbers, "tau": numbers}.items():  # fmt: skip
+        getattr(c, f"flexarm_{name}").restype = result
+    scene = replace(fa.load("ist_control"), options={"integrator": "implicit", "step": 1e-3})
+    arm, push = scene.arm, np.zeros(scene.arm.nv)
+    push[0] = 0.02
+    scene.compile(tmp_path / "scene.json")
+    loaded = ctypes.c_void_p(c.flexarm_load(str(tmp_path / "scene.json").encode()))
+    simulation = ctypes.c_void_p(c.flexarm_start(loaded, ctypes.c_double(0.0)))
+    assert simulation.value, c.flexarm_error()
+    sim = fa.Simulation(scene, fa.Implicit(1e-3))
+    sim.set_tau(push)
+    assert c.flexarm_set_tau(simulation, push.ctypes.data_as(numbers)) == 0
+    for _ in range(50):
+        sim.step()
+        assert c.flexarm_step(simulation) == 0
+    assert c.flexarm_time(simulation) == sim.t > scene.t[0]
+    np.testing.assert_array_equal(np.ctypeslib.as_array(c.flexarm_q(simulation), (arm.nq,)), sim.q)
+    np.testing.assert_array_equal(np.ctypeslib.as_array(c.flexarm_tau(simulation), (arm.nv,)), sim.tau)
+    assert c.flexarm_set_force(simulation, 99, ctypes.c_double(1.0)) < 0
+    assert b"drive = 99" in c.flexarm_error()
+    c.flexarm_free_simulation(simulation)
+    c.flexarm_free_scene(loaded)
 
 
 def test_computed_torque_runs_as_in_python(runner: Path, tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ class ChartSearch:
         if own:
             near = min(own, key=lambda r: abs(np.log(r.value / row.value)))
             growth = near.value / row.value  # like the number of steps, or for order p its power 1 / (p + 1)
-            order = row.options.get("max_order", 5) if row.setting == "rtol" else 0
+            order = 0 if row.setting == "step" else row.options.get("max_order", 5)
             return max([*cut, float(near.time * growth ** (1 / (1 + order)))])
         above = [r for r in done if r.value == row.value and rank[r] >= rank[row]]
         return max([*cut, min((r.time * (nv / max(1, self.size(r))) ** 2 for r in above), default=0.0)])

@@ -16,7 +16,7 @@ from .decisions import DECISIONS, Evidence, Reduction, Sizes, keys
 from .measures import callables, probes
 from .models import BeamModel, Model
 from .states import embed, some_rows
-from .trials import BY_TOLERANCE, IN_TURN, OVER_OUTPUTS, Run, Trials, by_tolerance, longest_gap, settings_to_try
+from .trials import BY_TOLERANCE, IN_TURN, LINES, OVER_OUTPUTS, Run, Trials, by_tolerance, longest_gap, settings_to_try
 
 _MORE_STEPS = 1.6  # least ratio of step counts for a run to count as one with shorter steps
 _CHECK_STAGES = 3  # stages of the Gauss collocation that checks the one of four stages
@@ -233,23 +233,23 @@ class Descent:
         """The fastest run of the model, with an error below 0.85 of the tolerance, and all runs tried."""
         tried: list[Run] = []
         step = float(self.trials.setting.get("step", longest_gap(self.models.scene)))
-        for integrator in IN_TURN:
-            if integrator in OVER_OUTPUTS and self.models.arm(model).nv > DENSE:
+        for line in IN_TURN:
+            if LINES[line]["integrator"] in OVER_OUTPUTS and self.models.arm(model).nv > DENSE:
                 continue
-            for options in settings_to_try(self.models.scene, integrator, step):
+            for options in settings_to_try(self.models.scene, line, step):
                 best = min((x.time for x in tried if self._good(x)), default=np.inf)
-                if integrator not in BY_TOLERANCE | OVER_OUTPUTS:  # at least four evaluations a step
+                if line not in BY_TOLERANCE | OVER_OUTPUTS:  # at least four evaluations a step
                     steps = float(np.ptp(self.models.scene.t)) / options["step"]
                     if 4 * steps * self.trials.cost(model) > best:
                         break
                 trial = self.trials.run(model, options, whole=True, most=max(0.2, 3 * best))
-                same = integrator in OVER_OUTPUTS and any(x.steps == trial.steps for x in tried)
+                same = line in OVER_OUTPUTS and any(x.steps == trial.steps for x in tried)
                 if same and trial.values is not None:
                     break  # sampling times cut longer steps into these
                 tried.append(trial)
                 meets = self._good(trial)
                 time = trial.time if trial.values is not None else np.inf
-                if meets == (integrator in BY_TOLERANCE) or time > 1.5 * best:
+                if meets == (line in BY_TOLERANCE) or time > 1.5 * best:
                     break  # a longer step has a larger error, a tighter tolerance takes longer
         good = sorted((x for x in tried if self._good(x)), key=lambda x: x.time)
         if not good:

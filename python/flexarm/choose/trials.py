@@ -13,7 +13,7 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.findings import RangeWarning
-from ..run.integrators import INTEGRATORS, OPTIONS
+from ..run.integrators import INTEGRATORS, OPTIONS, asks_functions
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
@@ -21,20 +21,28 @@ from .measures import Measure, between, thinned
 from .models import Model, Models
 from .states import embed, some_rows
 
-#: The integrators that are compared by their tolerance; every other one by its `step`.
-BY_TOLERANCE = frozenset(set(INTEGRATORS) - set(OPTIONS["step"]))
-
-#: The fixed-step integrators that step over output times.
-OVER_OUTPUTS = frozenset({"gauss"})
-
-#: Integrators of high order first.
-IN_TURN = sorted(INTEGRATORS, key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
+#: Gauss collocation that chooses its steps.
+CHOSEN = "gauss, chosen steps"
 
 #: The chart's lines, by name: arguments of `simulate`.
 LINES: dict[str, dict[str, Any]] = {
     **{name: {"integrator": name} for name in INTEGRATORS},
     "ida, BDF 2": {"integrator": "ida", "max_order": 2},
+    CHOSEN: {"integrator": "gauss"},
 }
+
+#: Of each line the argument of `simulate` that makes it more accurate.
+SETTINGS = {name: "step" if of["integrator"] in OPTIONS["step"] else "rtol" for name, of in LINES.items()}
+SETTINGS[CHOSEN] = "tolerance"
+
+#: The lines that are compared by a tolerance; every other one by its `step`.
+BY_TOLERANCE = frozenset(name for name in LINES if SETTINGS[name] != "step")
+
+#: The integrators with a step that step over output times.
+OVER_OUTPUTS = frozenset({"gauss"})
+
+#: What `economize` tries: integrators of high order first.
+IN_TURN = sorted((*INTEGRATORS, CHOSEN), key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
 
 
 def longest_gap(scene: Scene) -> float:
@@ -44,9 +52,8 @@ def longest_gap(scene: Scene) -> float:
 
 def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
     """Arguments of `simulate`: the scene's, with a line's integrator at a setting."""
-    integrator = LINES[line]["integrator"]
-    setting = "rtol" if integrator in BY_TOLERANCE else "step"
-    out = {k: v for k, v in scene.options.items() if OPTIONS.get(k) == (integrator,)}
+    setting, own = SETTINGS[line], (LINES[line]["integrator"],)
+    out = {k: v for k, v in scene.options.items() if OPTIONS.get(k) == own and k not in SETTINGS.values()}
     out |= {**LINES[line], setting: value}
     if setting == "rtol":
         out["atol"] = value * scene.options.get("atol", 1e-9) / scene.options.get("rtol", 1e-6)
@@ -56,32 +63,38 @@ def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
 def line_settings(scene: Scene, line: str, rtols: Sequence[float] = ()) -> list[float]:
     """Settings of a line, from loose to tight. Steps fit between output times if the integrator stops at all of
     these."""
-    integrator, gap = LINES[line]["integrator"], longest_gap(scene)
-    if integrator in BY_TOLERANCE:
+    gap = longest_gap(scene)
+    if line in BY_TOLERANCE:
         return list(rtols or 10.0 ** -np.arange(2, 12))
-    longest = max(gap, float(np.ptp(scene.t)) / 16) if integrator in OVER_OUTPUTS else gap
+    longest = max(gap, float(np.ptp(scene.t)) / 16) if line in OVER_OUTPUTS else gap
     return list(longest / 2.0 ** np.arange(16))
 
 
-def by_tolerance(rtol: float, integrator: str = "ida") -> dict[str, Any]:
-    return {"integrator": integrator, "rtol": float(rtol), "atol": float(rtol * 1e-3)}
+def by_tolerance(rtol: float) -> dict[str, Any]:
+    return {"integrator": "ida", "rtol": float(rtol), "atol": float(rtol * 1e-3)}
 
 
-def settings_to_try(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
-    """Settings of an integrator for `economize` in order of trial: steps from `step` to long, tolerances from loose."""
-    if integrator in BY_TOLERANCE:
-        return [by_tolerance(rtol, integrator) for rtol in (1e-3, 1e-4, 1e-5)]
-    if integrator not in OVER_OUTPUTS:
-        return [{"integrator": integrator, "step": longest_gap(scene)}]
+def settings_to_try(scene: Scene, line: str, step: float) -> list[dict[str, Any]]:
+    """Settings of a line for `economize` in order of trial: steps from `step` to long, tolerances from loose."""
+    if line in BY_TOLERANCE:
+        of = by_tolerance if SETTINGS[line] == "rtol" else lambda x: {**LINES[line], SETTINGS[line]: x}
+        return [of(x) for x in (1e-3, 1e-4, 1e-5)]
+    if line not in OVER_OUTPUTS:
+        return [{"integrator": line, "step": longest_gap(scene)}]
     longer = [step * 2.0**k for k in range(6) if step * 2.0**k <= float(np.ptp(scene.t))]
-    return [{"integrator": integrator, "step": h} for h in longer or [step]]
+    return [{"integrator": line, "step": h} for h in longer or [step]]
+
+
+def setting_of(options: dict[str, Any]) -> str:
+    """The argument that makes a run with these more accurate; "" where it is not among them."""
+    return next((name for name in ("step", "tolerance", "rtol") if name in options), "")
 
 
 def setting_words(options: dict[str, Any]) -> str:
     """The setting in words, such as "gauss, step 0.05 s"."""
-    if "step" in options:
-        return f"{options['integrator']}, step {options['step']:.3g} s"
-    return f"{options['integrator']}, rtol {options['rtol']:.3g}" if "rtol" in options else str(options["integrator"])
+    setting = setting_of(options)
+    unit = " s" if setting == "step" else ""
+    return f"{options['integrator']}, {setting} {options[setting]:.3g}{unit}" if setting else str(options["integrator"])
 
 
 _LONG = 0.3  # s: longer runs are not repeated
@@ -171,12 +184,12 @@ class Run:
 
     @property
     def setting(self) -> str:
-        """The argument that sets its integrator: "rtol" or "step"."""
-        return "rtol" if "rtol" in self.options else "step"
+        """The argument that sets its integrator: "rtol", "tolerance" or "step"."""
+        return setting_of(self.options)
 
     @property
     def value(self) -> float:
-        """The value of its rtol, or of its step (s)."""
+        """The value of its rtol or tolerance, or of its step (s)."""
         return float(self.options[self.setting])
 
     @property
@@ -242,7 +255,8 @@ class Trials:
         started = time.thread_time()
         try:
             scene = self.models.at(model, run.options)
-            inside = run.options["integrator"] in OVER_OUTPUTS  # other integrators' steps depend on output times
+            # where more output times do not shorten the steps
+            inside = run.options["integrator"] in OVER_OUTPUTS and ("step" in run.options or not asks_functions(scene))
             times = self.t if not whole else self.all if inside else scene.t
             self._read(run, self._run_timed(run, replace(scene, t=times), most, often, tell))
         except OutOfTime:

@@ -121,11 +121,11 @@ class Gauss(Integrator):
     """Gauss collocation: chosen or fixed steps, order 2 `stages`, stable at any stiffness, cheap.
 
     (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of what they miss of the
-    places of the arm, its joints and its tip; vibration that is too fast for the steps counts by its size. It is
-    symmetric in time. The state between its steps is interpolated, so that output times do not shorten them; its
-    matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples, which its
-    steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau (Radau
-    IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
+    places of the arm, its joints and its tip, and of its energy; vibration that is too fast for the steps counts by its
+    size. It is symmetric in time. The state between its steps is interpolated, so that output times do not shorten
+    them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
+    which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau
+    (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
 
     Args:
         step: the longest step (s); None: it chooses. Steps end at samples of torques and loads alone; those that would
@@ -134,9 +134,10 @@ class Gauss(Integrator):
         rtol: how far the equations of a step are solved, as a part of the motion, in the norm of kinetic energy, where
             coordinates of very small inertia are known to about 1e-8; in steps that it chooses no further than a
             thousandth of the tolerance.
-        tolerance: of steps that it chooses: the error of places that they aim at, as a part of the arm's length, and of
-            angles (rad); a step may miss a quarter of it, with dry friction a thirtieth. With a callable drive, load or
-            reference, none of these steps passes over an output time.
+        tolerance: of steps that it chooses: the error of places that they aim at, as a part of the arm's length, of
+            angles (rad), and of the energy, as a part of the largest kinetic energy; a step may miss a quarter of it in
+            places, with dry friction a thirtieth. With a callable drive, load or reference, none of these steps passes
+            over an output time.
     """
 
     name: ClassVar[str] = "gauss"

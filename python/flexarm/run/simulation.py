@@ -160,13 +160,13 @@ def simulate(
             is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the
             last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
             `v_events` alone.
-        integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places, the default; by fixed
-            steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of coordinates,
-            `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time loops, or
-            `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss", "implicit", "rk4"
-            or "ida", stands for the object with its defaults. None is "ida" where rtol, atol, max_order or
-            linear_solver are given, where a torque, a voltage, a load or a reference is a Python function, whose leaps
-            it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.
+        integrator: `fa.Gauss()`, Gauss collocation that chooses its steps for an error of places and energy, the
+            default; by fixed steps `fa.Gauss(step)`, the most accurate for its cost on arms of up to some tens of
+            coordinates, `fa.Implicit(step)`, generalised-alpha, second order, for arms of any stiffness and real-time
+            loops, or `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss",
+            "implicit", "rk4" or "ida", stands for the object with its defaults. None is "ida" where rtol, atol,
+            max_order or linear_solver are given, where a torque, a voltage, a load or a reference is a Python function,
+            whose leaps it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.

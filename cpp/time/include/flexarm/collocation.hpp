@@ -2,21 +2,23 @@
 #pragma once
 
 #include <Eigen/LU>
+#include <memory>
 #include <optional>
 
 #include "flexarm/derivatives.hpp"
-#include "flexarm/kinematics.hpp"
 #include "flexarm/step.hpp"
 
 namespace flexarm {
+
+class StepError;  // of steps that are chosen
 
 struct CollocationOptions {
   int stages = 4;  ///< 1 to 4; the order is twice that
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
   double rtol = 1e-12;
   int max_iterations = 30;
-  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, and of angles (rad);
-  /// 0: steps are as long as they are given.
+  /// Of steps that are chosen: the error of places that they aim at, in parts of the arm's length, of angles (rad), and
+  /// of energy, in parts of the largest kinetic energy; 0: steps are as long as they are given.
   double tolerance = 0.0;
 };
 
@@ -36,6 +38,7 @@ class CollocationStep final : public Step {
   /// The arm must outlive it.
   explicit CollocationStep(const Arm&& arm, const CollocationOptions& options = {},
                            DryFriction friction = DryFriction::refused) = delete;
+  ~CollocationStep() override;
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
@@ -73,10 +76,8 @@ class CollocationStep final : public Step {
     return x.dot(product_.head(x.size()));
   }
   Status iterate(double h, Workspace& ws);
-  void prepare_judgement(Workspace& ws);
-  void see_places(Workspace& ws);
-  void judge(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
-             const Given& given);
+  double missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau, const Workspace& ws) const;
+  void judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau, const Given& given);
 
   const Arm* arm_;
   CollocationOptions options_;
@@ -116,17 +117,10 @@ class CollocationStep final : public Step {
   double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
   double peak_ = 0.0;         ///< the same of its velocities alone
   double mass_ = 0.0;         ///< of the arm (kg)
-  // of steps that are chosen:
-  std::vector<PlacedSlice> seen_;  ///< places whose motion is looked at
-  Eigen::MatrixXd moves_;          ///< what a change of the rates' coordinates moves there, in parts of the tolerance
-  Mat6X<double> jacobian_;
-  Eigen::VectorXd seen_at_;  ///< places of a step, but its points, at which the equations are asked
-  double missed_ = 0.0;      ///< the error of places within a step, in parts of h^2 times that of accelerations there
-  double length_ = 0.0;      ///< of the arm (m)
+  double fastest_ = 0.0;      ///< v^T M v: the largest in the last step (J)
   double error_ = 0.0, h_before_ = 0.0;
-  Eigen::PartialPivLU<Eigen::MatrixXd> damped_;  ///< which leaves of an error what a step can see
-  Eigen::MatrixXd damping_;
-  Eigen::VectorXd missed_force_, error_of_;
+  std::unique_ptr<StepError> seen_;  ///< of steps that are chosen
+  Eigen::VectorXd missed_force_;     ///< of the free rates, between the points
 };
 
 }  // namespace flexarm
