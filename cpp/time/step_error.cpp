@@ -12,7 +12,7 @@ constexpr double kStepsPart = 0.25;            // of the tolerance, for one step
 constexpr double kRubbingStepsPart = 0.03;     // of an arm with dry friction, whose switches pass errors of forces on
 constexpr double kSeenRadians = 0.15;          // phase of a mode in a step: faster ones count by their size
 constexpr double kJustBeforeEnd = 1.0 - 1e-6;  // part of a step: its end, before a force may leap there
-constexpr int kSamples = 64;                   // of a step, for the largest error within
+constexpr int kLookedAt = 64;                  // of a step, for the largest error within
 constexpr double kUnseenPart = 1e-2;  // of what places may miss: an error of less does not count for its energy
 
 /// The largest displacement and change of velocity within a step of unit length, by an acceleration that is one at its
@@ -23,8 +23,8 @@ std::pair<double, double> largest_missed(const Eigen::VectorXd& points) {
   for (double zero : points)
     for (Eigen::Index k = degree; k >= 0; --k) polynomial[k] = (k > 0 ? polynomial[k - 1] : 0.0) - zero * polynomial[k];
   double place = 0.0, rate = 0.0;
-  for (int n = 1; n <= kSamples; ++n) {
-    const double x = static_cast<double>(n) / kSamples;
+  for (int n = 1; n <= kLookedAt; ++n) {
+    const double x = static_cast<double>(n) / kLookedAt;
     double once = 0.0, twice = 0.0;
     for (Eigen::Index k = degree; k >= 0; --k) {
       const double power = static_cast<double>(k) + 1.0;
