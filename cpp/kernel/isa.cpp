@@ -123,17 +123,20 @@ decltype(auto) with_side(const Layout& layout, const F& f) {
   return layout.planar ? f(Type<Chain<Plane<Pack>, Pack>>{}) : f(Type<Chain<Space<Pack>, Pack>>{});
 }
 
+/// Of the arms, and of the bodies that they share.
 std::size_t side_memory(const Layout& layout) {
-  return with_side(layout, [&](auto t) { return decltype(t)::type::memory_needed(layout); });
+  return with_side(layout, [&](auto t) { return 2 * decltype(t)::type::memory_needed(layout); });
 }
 
-void inverse_side_by_side(const Layout& layout, const double* numbers, void* memory, const double* wrenches,
-                          const double* q, const double* v, const double* a, double* tau) {
+void inverse_side_by_side(const Layout& layout, const double* numbers, const bool* own, void* memory, bool* known,
+                          const double* wrenches, const double* q, const double* v, const double* a, double* tau) {
   with_side(layout, [&](auto t) {
     const auto packs = [](const double* x) { return view<const Pack>(x); };
-    typename decltype(t)::type chain(layout, numbers, Arena(memory));
+    Arena arena(memory);
+    typename decltype(t)::type chain(layout, numbers, arena);
+    const typename decltype(t)::type kept(layout, numbers, arena);
     for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = packs(wrenches)[i];
-    chain.move(packs(q), packs(v));
+    chain.move_beside(packs(q), packs(v), own, kept.state, known);
     chain.forces(base_of(chain), packs(a), view<Pack>(tau));
   });
 }

@@ -69,29 +69,6 @@ void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, 
   if constexpr (rates) bias += square ? total_bias : 2.0 * total_bias;
 }
 
-/// The same of a block's value, rate and convective second rate alone.
-template <class S, class P>
-void move_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& rate, P& bias) {
-  const bool square = b.i == b.j;
-  P total{}, total_rate{}, total_bias{};
-  for (int c = 0; c < b.nj; ++c) {
-    const P qb = widen(q[b.j + c], P{}), db = widen(dq[b.j + c], P{});
-    P left{}, left_dot{};
-    for (int r = 0; r < b.ni; ++r) {
-      const P C = next<P>(numbers);
-      left += C * widen(q[b.i + r], P{});
-      left_dot += C * widen(dq[b.i + r], P{});
-    }
-    total += left * qb;
-    total_rate += left * db;
-    if (!square) total_rate += left_dot * qb;
-    total_bias += left_dot * db;
-  }
-  value += square ? 0.5 * total : total;
-  rate += total_rate;
-  bias += square ? total_bias : 2.0 * total_bias;
-}
-
 /// The lower triangle of F^T F, of n columns of so many rows.
 template <class P>
 void products(const P* F, int n, int rows, P* out) {

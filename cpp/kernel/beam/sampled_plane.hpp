@@ -77,8 +77,8 @@ struct PlanarTangent {
   }
 };
 
-/// Fills the series: x' and its derivatives at the points; with `again`, only the parts that rates change.
-template <bool again, class S, class P>
+/// Fills the series: x' and its derivatives at the points.
+template <class S, class P>
 void sample(Plane<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   const PlaneSeries<P> s(node, scratch);
   const Rows<Plane<P>> rows(node, points);
@@ -121,11 +121,10 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
 }
 
 /// Places at the points and their Jacobians.
-template <bool again, class S, class P>
+template <class S, class P>
 void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const PlaneSeries<P>& s, P* work) {
   const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, work);
   const int stride = s.place.value.stride;
-  if constexpr (again) return integral(2, columns_of(s.tangent_bias), s.place.bias.at, stride);
   integral(4, columns_of(s.tangent), s.place.value.at, stride);  // and of the bias
   integral(
       2 * node.ne,

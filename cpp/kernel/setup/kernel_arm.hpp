@@ -23,6 +23,8 @@ class KernelArm {
   KernelArm grouped(int width, const std::vector<bool>& given) const;
   /// Whether the arms are of one structure.
   bool like(const KernelArm& other) const { return structure_ == other.structure_; }
+  /// Whether the elastic bodies of a node are equal, whatever the joints are.
+  bool same_body(int node, const KernelArm& other) const;
   /// Arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
   /// repeat it.
   static KernelArm side_by_side(const std::vector<const KernelArm*>& arms, int width, const std::vector<bool>& given);
@@ -48,8 +50,10 @@ class KernelArm {
   struct Lists {
     std::vector<int> which, direction, about, loads;
     std::vector<Block> blocks;
-    int points = 0, few_points = 0;                   ///< of a sampled body, and fewer of them,
-    std::shared_ptr<const Numbers> table, few_table;  ///< and integrals over them
+    int points = 0, few_points = 0;                       ///< of a sampled body, and fewer of them,
+    std::shared_ptr<const Numbers> table, few_table;      ///< and integrals over them
+    std::size_t body[2] = {0, 0}, structure[2] = {0, 0};  ///< where an elastic body's numbers, and its part of the
+                                                          ///< structure, begin and end
   };
   /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
   struct Seat {

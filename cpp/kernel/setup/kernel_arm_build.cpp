@@ -196,12 +196,16 @@ void ArmBuilder::add_rigid(const Link& link) {
 
 void ArmBuilder::add_beam(const Link& link, std::size_t n) {
   const Beam& beam = *link.beam();
+  lists().body[0] = out.numbers_.size();
+  lists().structure[0] = out.structure_.size();
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
   set(node().stretching, beam.options().modes[extension]);
   set(node().damped, beam.damped());
   beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
+  lists().body[1] = out.numbers_.size();
+  lists().structure[1] = out.structure_.size();
   offset = link.tip().end;
   turn.setIdentity();
 }
@@ -218,7 +222,7 @@ void ArmBuilder::put_end(const Link& link) {
 
 void ArmBuilder::put_tip(const Link& link) {
   set(node().tip, link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0));
-  set(node().tip_body, out.numbers_.size());
+  begin_part(node().tip_body);
   if (!node().tip) return;
   Mass tip;
   tip.add(link.tip(), Vector3d::Zero());

@@ -73,6 +73,11 @@ struct ArmBuilder {
     field = static_cast<T>(value);
     out.structure_.push_back(static_cast<int>(field));
   }
+  /// Of numbers of a body that come next; the structure has where they are in the body.
+  void begin_part(std::size_t& at) {
+    at = out.numbers_.size();
+    out.structure_.push_back(static_cast<int>(at - lists().body[0]));
+  }
   void note(const std::vector<int>& list) { out.structure_.insert(out.structure_.end(), list.begin(), list.end()); }
   Node& node() { return out.nodes_.back(); }
   Node& few() { return out.few_.back(); }
@@ -97,10 +102,10 @@ struct ArmBuilder {
   /// Their shape functions. @throws std::logic_error where it has not the forms of beam/elastic.hpp
   void find_slices(const Beam& beam);
   void put_stiffness(const Link& link);
-  void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
-  void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp
+  void begin_end() { begin_part(node().end); }  ///< the slice there
+  void put_end(const Link& link);               ///< the slice there, for quadratic.hpp
   void put_tip(const Link& link);
-  void begin_points() { set(node().points, out.numbers_.size()); }  ///< of which kernels may take several at once
+  void begin_points() { begin_part(node().points); }  ///< of which kernels may take several at once
 };
 
 }  // namespace lanes

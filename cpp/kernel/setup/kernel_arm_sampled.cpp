@@ -274,7 +274,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   put_stiffness(link);
   put_tip(link);
   const PointTables& at = PointTables::of(beam);
-  set(node().bounds, out.numbers_.size());
+  begin_part(node().bounds);
   for (double x : at.bounds) put(x);
   begin_points();  // of which the end is one
   put(tables.points(at.all));
@@ -284,7 +284,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   few() = node();
   few().sampled.half = list.few_points / 2;
   few().passes = few().sampled.half + 1;
-  set(few().points, out.numbers_.size());
+  begin_part(few().points);
   put(SampledTables(link, axes, few(), list.about).points(at.few));
 }
 
