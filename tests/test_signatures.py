@@ -9,14 +9,13 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm import _face
 from flexarm.tasks import Task, TipTracking
+from public import LISTS, names
 
 
 def callables() -> Iterator[tuple[str, Callable[..., Any]]]:
     """All public functions, classes and methods."""
-    lists = (fa, fa.sections, fa.sensors, fa.results)
-    for name, thing in [*(x for module in lists for x in _face.public(module).items()), ("tasks.Task", Task)]:
+    for name, thing in [*(x for module in LISTS for x in names(module).items()), ("tasks.Task", Task)]:
         if callable(thing) and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
             yield name, thing
         if inspect.isclass(thing):

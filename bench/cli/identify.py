@@ -70,9 +70,9 @@ def response(p: np.ndarray, ks: float = 0.0, duration: float = 4.0) -> fa.Result
     return dc.respond(arm_with(inertia, viscous, dry), ks, gain=gain, step=step, duration=duration)
 
 
-def told(p: np.ndarray, band: float = dc.BAND) -> np.ndarray:
-    """Rise (s), settling to a band (s), overshoot (%), ringing (m/s^2)."""
-    m = dc.marks(response(p), float(p[4]), band)
+def told(p: np.ndarray, band: float = dc.BAND, torque: float = 0.0) -> np.ndarray:
+    """Rise (s), settling to a band (s), overshoot (%), ringing (m/s^2). torque: of strain feedback (N m per 1/m)."""
+    m = dc.marks(response(p, -torque / float(p[1])), float(p[4]), band)
     return np.nan_to_num(np.array([m.rise, m.settling, m.overshoot, m.ringing]), nan=10.0)
 
 

@@ -2,17 +2,21 @@
 
     python bench/run/derivatives.py [--rounds 5] [--scene NAME]
 
-Processor time of all threads; a run and its derivatives take turns, least of all rounds. A run is that of
-`simulate`, its setting up included. Writes its section of docs/gradients.md if all scenes are measured.
+Processor time of all threads, but for those of BLAS, of which there is one here: others wait busily after short work,
+by chance. A run and its derivatives take turns, least of all rounds. A run is that of `simulate`, its setting up
+included. Writes its section of docs/gradients.md if all scenes are measured.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy is there
 
 import flexarm as fa
 import numpy as np

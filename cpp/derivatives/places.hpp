@@ -45,15 +45,7 @@ class Places {
     if (!rubs_.empty()) refuse_balls(*of.arm, "derivatives of a run with dry friction");
   }
 
-  /// Forces at place e: see Balance. Moves the workspace there.
-  void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
-    move(e);
-    inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
-    inverse_ = s_.ws.tau;
-    add_feedback(s_.ws, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
-    balance(e, inverse_, needed, applied);
-  }
-  /// The same where the workspace is, of inverse dynamics without feedback.
+  /// Forces at place e, where the workspace is, of inverse dynamics without feedback: see Balance.
   void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
     if (static_cast<Index>(tape_.sides.size()) != tape_.points() * limits())
       bad_value("torque_limit or limit", limits(), "has no derivative where the run has none");
@@ -88,12 +80,11 @@ class Places {
     add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
-    const MatrixXd needed = by_turns(e, slopes.dq);
-    out.K = by_turns(e, out.K);
+    if (balls()) out.K = by_turns(e, out.K);
     if (whole) {
-      out.K_needed = needed;
+      out.K_needed = by_turns(e, slopes.dq);
       out.C_needed = slopes.dv;
-      out.K_applied = needed - out.K;
+      out.K_applied = out.K_needed - out.K;
       out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
@@ -159,7 +150,6 @@ class Places {
   Control control_;
   System s_;
   const std::vector<LoadDrive>& loads_;
-  VectorXd inverse_;
   std::optional<InverseDerivatives> made_;  // when first asked for: a balance needs none
   std::vector<Rub> rubs_;
 };
@@ -235,7 +225,7 @@ class Ahead {
   Places& places() { return *places_.front(); }
 
  private:
-  static constexpr int kFewest = 16, kRates = 4096;  // places that a thread makes at a time, and their rates
+  static constexpr int kFewest = 16, kRates = 1024;  // places that a thread makes at a time, and their rates
 
   void make() {
     std::exception_ptr wrong;

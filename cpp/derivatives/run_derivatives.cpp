@@ -234,7 +234,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
                                           const std::vector<Rows>& switches_by_p,
                                           const std::vector<Parameter>& parameters, bool accelerations, int threads) {
   Nears nears(parameters);
-  const std::vector<Balance> by_p = balance_slopes(parameters, tape, threads);
+  const std::vector<Balance> by_p = balance_slopes(of, parameters, tape, threads);
   return carry(of, tape, options, by_p, switches_by_p, nears, nears.q0(), nears.v0(), {}, accelerations, threads);
 }
 

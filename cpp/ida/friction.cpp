@@ -52,9 +52,7 @@ class Sliding {
 
   /// Runs the sampled controllers that are due at time t, after `settle`. @return whether the forces have changed
   bool sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    probe_->q = q;
-    probe_->v = v;
-    probe_->drive(t);
+    probe_->drive(t, q, v);
     return probe_->sample(t);
   }
 
@@ -65,9 +63,7 @@ class Sliding {
     for (const Contact& c : contacts_)
       if (!c.given && (&c == switched || std::abs(v[c.coordinate]) <= kStill)) v[c.coordinate] = 0.0;
     System& s = free_;
-    s.q = q;
-    s.v = v;
-    s.drive(t);
+    s.drive(t, q, v);
     if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; joints at rest stay there
     for (Contact& c : contacts_) {
       if (c.given) continue;
@@ -117,9 +113,7 @@ class Sliding {
 
   /// Adds a row at a state where no integrator has been.
   bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Trajectory& out) {
-    probe_->q = q;
-    probe_->v = v;
-    probe_->drive(t);
+    probe_->drive(t, q, v);
     if (!probe_->record(out)) return false;
     return !tangents_ || StateTangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
   }
@@ -189,9 +183,7 @@ class Sliding {
   /// Force on each sticking freedom that holds it (of all coordinates); the system's accelerations are those then.
   Eigen::VectorXd holding(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
     System& s = *probe_;
-    s.q = q;
-    s.v = v;
-    s.drive(t);
+    s.drive(t, q, v);
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
     s.a = s.ws.a;
     joint_forces(arm_, s.ws, s.ws.a);

@@ -22,26 +22,18 @@ constexpr int kFollow = 1000;       // times in a run at which events are looked
 constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     return s.residual(N_VGetArrayPointer(yp), N_VGetArrayPointer(r)) ? 0 : 1;  // 1: IDA tries a smaller step
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 int event_values(sunrealtype t, N_Vector y, N_Vector, sunrealtype* values, void* data) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
     s.set(t, N_VGetArrayPointer(y), nullptr);
     s.evaluate(*s.events, t, values);
     return 0;
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 #if SUNDIALS_VERSION_MAJOR < 7
@@ -182,9 +174,7 @@ void differentiate(IdaSystem& s, Trajectory& out) {
   if (!s.tangents) return;
   for (EventLog& log : out.events)
     for (std::size_t k = log.a.size(); k < log.t.size(); ++k) {
-      s.q = log.q[k];
-      s.v = log.v[k];
-      s.drive(log.t[k]);
+      s.drive(log.t[k], log.q[k], log.v[k]);
       if (s.accelerate() == Status::ok) s.a = s.ws.a;
       out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, log.t[k]), {}, out.tangents.size()).tangents;
       s.tangents->record(log.t[k], out.ends, 0);
@@ -372,9 +362,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   s.events = &events;
   Trajectory out = empty_trajectory(*problem.arm, t, events, parameters.size());
   if (!parameters.empty()) s.tangents.emplace(s, parameters);
-  s.q = problem.q0;
-  s.v = problem.v0;
-  s.drive(t[0]);
+  s.drive(t[0], problem.q0, problem.v0);
   sample_all(s, t[0]);
   if (!record(s, t[0], out)) return out;
   if (s.size() == 0) {

@@ -18,9 +18,8 @@ constexpr double kGood = 0.3;  // error of the preconditioner alone, in parts of
 /// dF/dy + cj dF/dy'
 int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
                    N_Vector, N_Vector) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  DenseJacobian& d = *s.dense;
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
+    DenseJacobian& d = *s.dense;
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     for (std::size_t k = 0; k < s.ws.loads.size(); ++k) d.derivatives.set_wrench(k, s.ws.loads[k].wrench);
     d.derivatives(s.arm, s.q, s.v, s.a);
@@ -45,17 +44,13 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
       }
     }
     return 0;
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 /// (dF/dy + cj dF/dy') x by a difference quotient of the residual r, over a distance as large as the tolerance.
 int chain_times(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, N_Vector x, N_Vector Jx, sunrealtype cj, void* data,
                 N_Vector ahead, N_Vector ahead_p) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
     check_flag(IDAGetErrWeights(s.memory, ahead));
     const double size = N_VWrmsNorm(x, ahead);
     if (size == 0.0) {
@@ -69,21 +64,14 @@ int chain_times(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, N_Vector x, 
     if (!s.residual(N_VGetArrayPointer(ahead_p), N_VGetArrayPointer(Jx))) return 1;
     N_VLinearSum(1.0 / step, Jx, -1.0 / step, r, Jx);
     return 0;
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 int chain_setup(sunrealtype t, N_Vector y, N_Vector yp, N_Vector, sunrealtype cj, void* data) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     return s.chain->factor(s, cj) ? 0 : 1;
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 int chain_solve(sunrealtype, N_Vector, N_Vector, N_Vector, N_Vector r, N_Vector x, sunrealtype cj, sunrealtype,

@@ -72,6 +72,18 @@ struct IdaSystem : System {
   /// F(t, y, y') at the state of `set`.
   /// @return whether it is finite
   bool residual(const double* yp, double* r);
+
+  /// The answer of a C callback whose data is a system: f(system); -1, which ends the run, where this throws.
+  template <class F>
+  static int answer(void* data, const F& f) {
+    IdaSystem& s = *static_cast<IdaSystem*>(data);
+    try {
+      return f(s);
+    } catch (...) {
+      s.thrown = std::current_exception();
+      return -1;
+    }
+  }
 };
 
 }  // namespace flexarm

@@ -13,8 +13,7 @@ constexpr double kStale = 0.05;
 /// In place of r = F_y s + F_y' s' + F_p of each tangent s, the change of s by which r becomes zero.
 int corrections(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_Vector* ys, N_Vector* yps, N_Vector* out,
                 void* data, N_Vector, N_Vector, N_Vector) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
+  return IdaSystem::answer(data, [&](IdaSystem& s) {
     sunrealtype cj = 0.0;
     check_flag(IDAGetCurrentCj(s.memory, &cj));
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
@@ -33,10 +32,7 @@ int corrections(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_V
     s.tangents->correct(cj, r1, r2, q, v);
     for (int k = 0; k < count; ++k) numbers(out[k]) << q.col(k), v.col(k);
     return v.allFinite() ? 0 : 1;
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
+  });
 }
 
 /// The memory of the solver of the tangents' equations.

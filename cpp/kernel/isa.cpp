@@ -12,39 +12,43 @@ namespace {
 template <class Sp>
 using Single = Chain<Sp, Pack>;
 
+/// What the memory begins with.
+struct Head {
+  const Layout* layout;
+  void* composite;  ///< the memory of Composite
+  alignas(64) char chain[128];
+};
+
 template <class F>
 decltype(auto) on(void* self, const F& f) {
-  const Layout& layout = **static_cast<const Layout**>(self);
-  char* chain = static_cast<char*>(self) + 64;
-  if (layout.planar) return f(*reinterpret_cast<Single<Plane<double>>*>(chain));
-  return f(*reinterpret_cast<Single<Space<double>>*>(chain));
+  Head& head = *static_cast<Head*>(self);
+  if (head.layout->planar) return f(*view<Single<Plane<double>>>(head.chain));
+  return f(*view<Single<Space<double>>>(head.chain));
 }
-
-constexpr std::size_t kHead = 192;  // addresses of the layout and of Composite's memory; the chain
 
 /// @return bytes that are taken behind the head
 template <class Sp>
-std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
-  static_assert(sizeof(Single<Sp>) <= kHead - 64, "the chain's head");
-  Arena arena = at ? Arena(at + kHead) : Arena();
+std::size_t lay_out(const Layout& layout, const double* numbers, Head* head) {
+  static_assert(sizeof(Single<Sp>) <= sizeof(head->chain), "the chain's head");
+  Arena arena = head ? Arena(head + 1) : Arena();
   const Single<Sp> chain(layout, numbers, arena);
-  if (at) {
-    __builtin_memcpy(at + 64, &chain, sizeof(chain));
-    reinterpret_cast<char**>(at)[1] = at + kHead + arena.bytes();
+  if (head) {
+    __builtin_memcpy(head->chain, &chain, sizeof(chain));
+    head->composite = view<char>(head + 1) + arena.bytes();
   }
   Composite<Sp>(layout, arena);
   return arena.bytes();
 }
-std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
-  return layout.planar ? lay_out<Plane<double>>(layout, numbers, at) : lay_out<Space<double>>(layout, numbers, at);
+std::size_t lay_out(const Layout& layout, const double* numbers, Head* head) {
+  return layout.planar ? lay_out<Plane<double>>(layout, numbers, head) : lay_out<Space<double>>(layout, numbers, head);
 }
 
-std::size_t memory(const Layout& layout) { return kHead + lay_out(layout, nullptr, nullptr); }
+std::size_t memory(const Layout& layout) { return sizeof(Head) + lay_out(layout, nullptr, nullptr); }
 
 void begin(const Layout& layout, const double* numbers, void* memory) {
-  char* at = static_cast<char*>(memory);
-  *reinterpret_cast<const Layout**>(at) = &layout;
-  lay_out(layout, numbers, at);
+  Head* head = static_cast<Head*>(memory);
+  head->layout = &layout;
+  lay_out(layout, numbers, head);
 }
 
 template <class C>
@@ -87,7 +91,7 @@ void fill(const C& chain, void* memory, double* M) {
 }
 
 void mass_matrix(void* self, double* M) {
-  on(self, [&](auto& chain) { fill(chain, static_cast<char**>(self)[1], M); });
+  on(self, [&](auto& chain) { fill(chain, static_cast<Head*>(self)->composite, M); });
 }
 
 Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
@@ -119,18 +123,21 @@ decltype(auto) with_side(const Layout& layout, const F& f) {
   return layout.planar ? f(Type<Chain<Plane<Pack>, Pack>>{}) : f(Type<Chain<Space<Pack>, Pack>>{});
 }
 
+/// Of the arms, and of the bodies that they share.
 std::size_t side_memory(const Layout& layout) {
-  return with_side(layout, [&](auto t) { return decltype(t)::type::memory_needed(layout); });
+  return with_side(layout, [&](auto t) { return 2 * decltype(t)::type::memory_needed(layout); });
 }
 
-void inverse_side_by_side(const Layout& layout, const double* numbers, void* memory, const double* wrenches,
-                          const double* q, const double* v, const double* a, double* tau) {
+void inverse_side_by_side(const Layout& layout, const double* numbers, const bool* own, void* memory, bool* known,
+                          const double* wrenches, const double* q, const double* v, const double* a, double* tau) {
   with_side(layout, [&](auto t) {
-    const auto packs = [](const double* x) { return reinterpret_cast<const Pack*>(x); };
-    typename decltype(t)::type chain(layout, numbers, Arena(memory));
+    const auto packs = [](const double* x) { return view<const Pack>(x); };
+    Arena arena(memory);
+    typename decltype(t)::type chain(layout, numbers, arena);
+    const typename decltype(t)::type kept(layout, numbers, arena);
     for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = packs(wrenches)[i];
-    chain.move(packs(q), packs(v));
-    chain.forces(base_of(chain), packs(a), reinterpret_cast<Pack*>(tau));
+    chain.move_beside(packs(q), packs(v), own, kept.state, known);
+    chain.forces(base_of(chain), packs(a), view<Pack>(tau));
   });
 }
 

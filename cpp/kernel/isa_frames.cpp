@@ -108,7 +108,7 @@ void set(const double* from, int n, LaneDual* to) {
 }
 
 void put_slope(const Motion<Tangent::Sp>& m, int direction, double*& out) {
-  const LaneDual* x = reinterpret_cast<const LaneDual*>(&m);
+  const LaneDual* x = view<const LaneDual>(&m);
   for (int i = 0; i < 6; ++i) *out++ = slope_of(x[i], direction);
 }
 

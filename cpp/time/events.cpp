@@ -111,9 +111,7 @@ void StepEvents::look_through(double from, double h) {
       s_.drive(from + c * h);
       look(from + c * h);
     }
-    s_.q = q1_;
-    s_.v = v1_;
-    s_.drive(end);
+    s_.drive(end, q1_, v1_);
   }
   if (!out_.terminated) look(end);
 }

@@ -38,9 +38,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
     good = s.record(out);
     if (tape && good) write_row(s, &method, (at - from) / h, at, *tape);
   }
-  s.q = q;
-  s.v = v;
-  s.drive(out.reached);  // the forces of the end again, which the row of the last output time has
+  s.drive(out.reached, q, v);  // the forces of the end again, which the row of the last output time has
   return good;
 }
 

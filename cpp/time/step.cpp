@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <type_traits>
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
@@ -92,54 +93,6 @@ Stages stages_of(const RungeKutta<Engine, Row>&) {
   return out;
 }
 
-// Of a method that remembers nothing, and divides no step.
-template <class Method>
-void begin_again(Method&, const Tape::Switch&) {}
-template <class Method>
-void note_beginning(const Method&, double, Tape::Switch&) {}
-template <class Method>
-void scalars(Method&, const std::function<void(double&)>&) {}
-template <class Method>
-double lag_of(const Method&, double) {
-  return 1.0;
-}
-template <class Method>
-const double* accelerations_of(const Method&) {
-  return nullptr;
-}
-template <class Method>
-bool divided(const Method&) {
-  return false;
-}
-
-/// Copies into the numbers of a step's beginning, or from these.
-template <class To, class From>
-void copy(const From& from, To* to) {
-  std::copy(from.begin(), from.end(), to);
-}
-void begin_again(GeneralisedAlpha<Engine>& m, const Tape::Switch& from) {
-  m.forget();
-  copy(from.a0, m.a0);
-  copy(from.alpha0, m.alpha0);
-  copy(from.a0 - from.gain, m.a_before);
-  m.h_before = from.h;
-  copy(from.sense, m.contacts.sense);
-  copy(from.before, m.contacts.before);
-}
-void note_beginning(const GeneralisedAlpha<Engine>& m, double h, Tape::Switch& out) {
-  const auto all = [&m](const double* x) { return Eigen::Map<const Eigen::VectorXd>(x, m.nv); };
-  out.a0 = all(m.a0);
-  out.alpha0 = all(m.lagged);
-  out.gain = m.continued(h) * (all(m.a0) - all(m.a_before));
-}
-/// Numbers beside the arrays that a method remembers.
-void scalars(GeneralisedAlpha<Engine>& m, const std::function<void(double&)>& visit) {
-  for (double* x : {&m.h_before, &m.newton.contraction, &m.scale, &m.contacts.left}) visit(*x);
-}
-double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
-const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
-bool divided(const GeneralisedAlpha<Engine>& m) { return m.divided; }
-
 }  // namespace
 
 /// A method on an engine, whatever its type.
@@ -147,11 +100,15 @@ struct OneStep::Run {
   Engine engine;
   const std::vector<Rub> rubs;
   const std::vector<AppliedLimit> limits;
-  std::vector<int> rubbing, now;         // their rates, those that are not prescribed
-  Contacts<Engine>* contacts = nullptr;  // of the method
+  std::vector<int> rubbing, now;              // their rates, those that are not prescribed
+  std::vector<double> numbers;                // the method's memory
+  Contacts<Engine>* contacts = nullptr;       // of the method
+  GeneralisedAlpha<Engine>* alpha = nullptr;  // the method, if it is this one: it remembers, and divides steps
   const Work* work = nullptr;
   const double *q0 = nullptr, *v0 = nullptr, *divisions = nullptr, *doubt = nullptr;
   Status unsolved = Status::not_converged;
+  bool switches_within = false;
+  Stages stages;
 
   Run(const Arm& arm, std::vector<Rub> rubs_) : engine(arm), rubs(std::move(rubs_)), limits(torque_limits(arm)) {
     rubbing.reserve(rubs.size());
@@ -161,17 +118,33 @@ struct OneStep::Run {
   virtual void forget() = 0;
   virtual bool begin(const double* q, const double* v, const double* tau, double* x) = 0;
   virtual bool accelerate(const double* q, const double* v, const double* tau, double* x, bool between) = 0;
-  virtual bool switches_within() const = 0;
   virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
-  virtual bool divided() const = 0;
   virtual bool accept(double h, double* v, double* x) = 0;
   virtual int iterations() const = 0;
-  virtual Stages stages() const = 0;
-  virtual double lag(double h) const = 0;
-  virtual const double* accelerations() const = 0;
-  virtual void begin_again(const Tape::Switch& from) = 0;
-  virtual void note_beginning(double h, Tape::Switch& out) const = 0;
-  virtual void memory(const std::function<void(double&)>& visit) = 0;
+
+  bool divided() const { return alpha && alpha->divided; }
+  void memory(const std::function<void(double&)>& visit) {
+    for (double& x : numbers) visit(x);
+    if (!alpha) return;
+    for (double* x : {&alpha->h_before, &alpha->newton.contraction, &alpha->scale, &alpha->contacts.left}) visit(*x);
+  }
+  /// Of a step with switches of friction: its beginning.
+  void note_beginning(double h, Tape::Switch& out) const {
+    const auto all = [this](const double* x) { return Eigen::Map<const Eigen::VectorXd>(x, alpha->nv); };
+    out.a0 = all(alpha->a0);
+    out.alpha0 = all(alpha->lagged);
+    out.gain = alpha->continued(h) * (all(alpha->a0) - all(alpha->a_before));
+  }
+  void begin_again(const Tape::Switch& from) {
+    const auto copy = [](const auto& x, double* to) { std::copy(x.begin(), x.end(), to); };
+    alpha->forget();
+    copy(from.a0, alpha->a0);
+    copy(from.alpha0, alpha->alpha0);
+    copy((from.a0 - from.gain).eval(), alpha->a_before);
+    alpha->h_before = from.h;
+    copy(from.sense, contacts->sense);
+    copy(from.before, contacts->before);
+  }
 
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws, const Eigen::VectorXd& tau) {
@@ -203,8 +176,8 @@ struct OneStep::Run {
 
 template <class Row>
 struct OneStep::RunOf final : Run {
-  typename Row::template On<Engine> method;
-  std::vector<double> numbers;
+  using Method = typename Row::template On<Engine>;
+  Method method;
 
   RunOf(const Arm& arm, const ImplicitOptions& o) : Run(arm, flexarm::rubs(arm)) {
     const lanes::MethodOptions told{o.spectral_radius, o.rtol, o.max_iterations};
@@ -214,12 +187,15 @@ struct OneStep::RunOf final : Run {
     Arena arena(numbers.data());
     method.lay_out(arena, arm.nq(), arm.nv(), nullptr, 0, told);
     contacts = &method.friction();
+    if constexpr (std::is_same_v<Method, GeneralisedAlpha<Engine>>) alpha = &method;
     work = &method.work;
     q0 = method.q0;
     v0 = method.v0;
     divisions = &method.divisions;
     doubt = &method.doubt;
     unsolved = static_cast<Status>(method.unsolved);
+    switches_within = Row::traits.rubs;
+    stages = stages_of(method);
   }
   void forget() override { method.forget(); }
   bool begin(const double* q, const double* v, const double* tau, double* x) override {
@@ -228,25 +204,14 @@ struct OneStep::RunOf final : Run {
   bool accelerate(const double* q, const double* v, const double* tau, double* x, bool between) override {
     return method.accelerate(engine, q, v, tau, x, true, between);
   }
-  bool switches_within() const override { return Row::traits.rubs; }
   bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) override {
     const auto set = [&given](double c) {
       if (given) given(c);
     };
     return method.step(engine, h, q, v, tau, x, set, false);
   }
-  bool divided() const override { return flexarm::divided(method); }
   bool accept(double h, double* v, double* x) override { return method.accept(h, v, x, true); }
   int iterations() const override { return method.iterations; }
-  Stages stages() const override { return stages_of(method); }
-  double lag(double h) const override { return lag_of(method, h); }
-  const double* accelerations() const override { return accelerations_of(method); }
-  void begin_again(const Tape::Switch& from) override { flexarm::begin_again(method, from); }
-  void note_beginning(double h, Tape::Switch& out) const override { flexarm::note_beginning(method, h, out); }
-  void memory(const std::function<void(double&)>& visit) override {
-    for (double& x : numbers) visit(x);
-    scalars(method, visit);
-  }
 };
 
 const std::vector<OneStep::Traits>& OneStep::methods() {
@@ -281,9 +246,9 @@ OneStep::OneStep(const std::string& method, const Arm& arm, double h, const Impl
 
 OneStep::~OneStep() = default;
 int OneStep::iterations() const { return run_->iterations(); }
-Stages OneStep::stages() const { return run_->stages(); }
+Stages OneStep::stages() const { return run_->stages; }
 OneStep* OneStep::rubbing() { return run_->rubs.empty() ? nullptr : this; }
-bool OneStep::switches_within() const { return run_->switches_within(); }
+bool OneStep::switches_within() const { return run_->switches_within; }
 
 void OneStep::memory(const std::function<void(double&)>& visit) {
   run_->memory(visit);
@@ -303,7 +268,7 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   if (begun) {
     if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
-    if (tape_ && run_->stages().remembers) {
+    if (tape_ && run_->stages.remembers) {
       tape_->entries.push_back({0.0, 1.0, tape_->add(tape_->now, q, v, ws.a)});
       contacts(v, true, tape_->last_contacts());
     }
@@ -336,8 +301,8 @@ void OneStep::report(const Eigen::VectorXd& v, const double* force, Eigen::Vecto
 void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                     const Given& given) {
   const Stages& of = tape_->stages;
-  tape_->entries.push_back({h, run_->lag(h), tape_->points()});
-  if (run_->divided() || (run_->switches_within() && run_->contacts->switches())) {
+  tape_->entries.push_back({h, run_->alpha ? run_->alpha->lag(h) : 1.0, tape_->points()});
+  if (run_->divided() || (run_->switches_within && run_->contacts->switches())) {
     const Contacts<Engine>& c = *run_->contacts;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
@@ -358,7 +323,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
     return;
   }
   if (!of.in_turn) {
-    const Eigen::Map<const Eigen::VectorXd> a(run_->accelerations(), v.size());
+    const Eigen::Map<const Eigen::VectorXd> a(run_->alpha->a, v.size());
     tape_->add(tape_->now + h, q, v, a);
     contacts(v, false, tape_->last_contacts());
     return;

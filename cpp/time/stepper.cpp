@@ -210,16 +210,12 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   const bool inside = method.interpolates();
   const auto look = [&](double c) {
     if (c == 1.0) {
-      s.q = q1_;
-      s.v = v1_;
-      s.drive(end);
+      s.drive(end, q1_, v1_);
     } else if (inside) {
       method.inside(c, s.q, s.v);
       s.drive(from + c * h);
     } else if (c == 0.0) {
-      s.q = q0_;
-      s.v = v0_;
-      s.drive(from);
+      s.drive(from, q0_, v0_);
     } else {
       cubic_.place(s, from + c * h);
     }
@@ -251,9 +247,7 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   forced_ = high == 0.0;
   share = way == Tape::held && !forced_ ? std::max(high, kBehind) : high;
   const auto rewind = [&] {
-    s.q = q0_;
-    s.v = v0_;
-    s.drive(from);
+    s.drive(from, q0_, v0_);
     if (tape_) tape_->take_back();
   };
   // Gets faster where it should come to rest: the step that found this was too long for the motion.
@@ -297,9 +291,7 @@ Saltation Stepper::saltation(const Contact& now) {
   std::copy(ways_.begin(), ways_.end(), contacts);
   if (was_ != Tape::held) return Saltation::at_rest(i, a);
   const auto force = [&](double t, const Eigen::VectorXd& at, const Eigen::VectorXd& rates) {
-    s.q = at;
-    s.v = rates;
-    s.drive(t);
+    s.drive(t, at, rates);
     s.accelerate(true);
     return s.friction[i];
   };

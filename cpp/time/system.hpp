@@ -30,6 +30,12 @@ struct System {
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t);
+  /// The same at a state.
+  void drive(double t, const Eigen::VectorXd& at_q, const Eigen::VectorXd& at_v) {
+    q = at_q;
+    v = at_v;
+    drive(t);
+  }
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
   Status accelerate(bool between = false);
   /// Runs the sampled controllers that are due up to time t, at the current state.

@@ -87,12 +87,12 @@ void bind_gradients(py::module_& m) {
           py::arg("problem"))
       .def(
           "weigh",
-          [](const Tape& tape, const std::vector<Parameter>& parameters, const Rows& needed, const Rows& applied,
-             int threads) {
+          [](const Tape& tape, const PyProblem& of, const std::vector<Parameter>& parameters, const Rows& needed,
+             const Rows& applied, int threads) {
             const Unlocked free;
-            return weigh(parameters, tape, needed, applied, threads);
+            return weigh(of.problem, parameters, tape, needed, applied, threads);
           },
-          py::arg("parameters"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
+          py::arg("problem"), py::arg("parameters"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
       .def(
           "repeat_switches",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius) {

@@ -135,7 +135,7 @@ def array(
 def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
     """ValueError for nan and inf: of a few numbers with all of them, of many with the first and where it stands, its
     first axis being `scenarios`."""
-    if math.isfinite(np.vdot(values, values)):  # which is fast, and finite only if all are
+    if math.isfinite(_quick(values)):
         return
     good = np.isfinite(values)
     if good.all():
@@ -147,10 +147,17 @@ def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
     raise ValueError(f"{where}{whose}: must be finite, no nan or inf")
 
 
+_ALONE = 8192  # numbers that BLAS takes without threads; those wait busily for more, tens of milliseconds long
+
+
+def _quick(values: Array) -> float:
+    """A number that is finite only if all values are, and nearly always then."""
+    return float(np.vdot(values, values) if values.size <= _ALONE else values.sum())
+
+
 def finite(name: str, values: Array) -> Array:
     """The result of a computation, unless it overflowed."""
-    quick = np.vdot(values, values)  # finite only if all are, and fast
-    if not math.isfinite(quick) and not np.isfinite(values).all():
+    if not math.isfinite(_quick(values)) and not np.isfinite(values).all():
         raise ValueError(f"{name}: is not finite; the coordinates or rates are too large")
     return values
 

@@ -7,28 +7,29 @@ from dataclasses import replace
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.choose.economize import adapted
 from messages import warns
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 
 
-def arm(modes: int) -> fa.Arm:
-    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": modes}, "legendre")
-    return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)), beam)])
+@pytest.fixture(scope="module")
+def plan() -> fa.results.ModelPlan:
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 1}, "legendre")
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)), beam)])
+    return fa.economize(fa.Scene(arm, {0: fa.Torque(lambda t: float(np.sin(20 * t)))}, t=np.linspace(0, 1, 21)), 1e-3)
 
 
-@pytest.mark.parametrize("limit", [np.inf, 1e-3], ids=["one arm", "two arms"])
-def test_a_pulse_that_no_step_has_seen_is_told(limit: float) -> None:
+@pytest.mark.parametrize("limit", [np.inf, 1e-6], ids=["one arm", "two arms"])
+def test_a_pulse_that_no_step_has_seen_is_told(plan: fa.results.ModelPlan, limit: float) -> None:
     """It was told by nobody, and check() of the result did not list it."""
 
     def pushed(t: float) -> float:
         return 5.0 if 0.8005 < t < 0.8025 else 0.1 * (t > 0.3)
 
-    scene = fa.Scene(arm(1), {0: fa.Torque(pushed)}, t=np.linspace(0, 1, 21))
-    scene = replace(scene, options={"integrator": "implicit", "step": 0.01})
-    watch = fa.Watch({("rotation", 0): limit})
+    options = {"integrator": "implicit", "step": 0.01}
+    scene = replace(plan.scene, drive={0: fa.Torque(pushed)}, options=options)
+    other = replace(plan, scene=scene, watch=fa.Watch({("rotation", 0): limit}))
     with warns(fa.errors.StepWarning, "5", "t = 0.80") as told:
-        run = adapted(scene, arm(2), scene.options, watch)
-    assert len(told) == 1 and run.arm.nv == (2 if np.isinf(limit) else 3)
+        run = other.run(adapt=True)
+    assert len(told) == 1 and (run.arm.nv == plan.arm.nv) == np.isinf(limit)
     assert "is 5 at t = 0.80" in str(run.check())

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.cli.paper import control as dc
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "cli"))
 import identify
@@ -41,8 +40,7 @@ def test_slopes_are_those_of_differences() -> None:
 
     def told(logs: np.ndarray) -> np.ndarray:
         x = np.exp(logs)
-        m = dc.marks(identify.response(x[:5], -x[5] / x[1]), x[4])
-        return np.array([m.rise, m.settling, m.overshoot, m.ringing])
+        return identify.told(x[:5], torque=x[5])
 
     at = np.log([*KNOWN, torque])
     differences = np.array([(told(at + h * e) - told(at - h * e)) / (2 * h) for e in np.eye(6)]).T

@@ -1,4 +1,5 @@
-"""Figures of arms with many links, strains and long names: no text is cut at an edge, and none overprints another."""
+"""Figures of made-up numbers, with many links, strains and long names: no text is cut at an edge, and none overprints
+another; and what maps, points, Bode diagrams and charts show."""
 
 from __future__ import annotations
 
@@ -138,3 +139,82 @@ def test_a_plan_of_twelve_links() -> None:
         readable(tradeoff.plot_trials(models, [(1e-3, 1e-3)], (2e-3, 1e-3), (1e-3, 1e-4), 1e-3, False,
                             "Largest error of the tip (share of its span, 0.1 m)", "Twelve links", f"chosen: {label}",
                             notes))  # fmt: skip
+
+
+# -- what is drawn -----------------------------------------------------------------------------------------------------
+
+
+def test_a_map_names_what_has_no_number() -> None:
+    axes = {"length (m)": np.array([0.3, 0.4, 0.5]), "stiff (Pa)": np.array([1e11, 2e11])}
+    full = np.arange(6.0)
+    holes = np.where(np.arange(6) < 3, np.nan, full)
+    why = np.array([0, 1, 2, 2, 2, 2])
+    columns = [("deflection (m)", full), ("settling (s)", holes), ("strain", full), ("speed (rad/s)", full)]
+    figure = sweep.plot_sweep(columns, [], axes, False, "four", why)
+    assert max(figure.get_size_inches()) <= 10  # a page shows it
+    bars = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
+    assert bars == ["deflection (m)", "settling (s)\n(grey: no number)", "strain", "speed (rad/s)"]
+    (legend,) = figure.legends
+    assert [t.get_text() for t in legend.get_texts()] == ["failed: 1", "not run yet: 1", "no value: 1"]
+    lost = figure.axes[1].collections[1].get_array()
+    assert lost.compressed().tolist() == [0, 1, 2]
+    assert not sweep.plot_sweep([columns[0]], [], axes, False, "one", why).legends
+
+
+def test_points_without_a_number_are_crosses_at_the_bottom() -> None:
+    x, y = np.arange(5.0), np.array([1.0, np.nan, 2.0, 3.0, np.nan])
+    figure = sweep.plot_sweep(
+        [("settling (s)", y)], [("mass (kg)", x)], None, False, "points", np.array([2, 0, 2, 2, 1])
+    )
+    (cross,) = (line for line in figure.axes[0].lines if line.get_marker() == "x")
+    assert cross.get_xdata().tolist() == [1.0]  # the last was not run
+    assert figure.legends[0].get_texts()[0].get_text() == "without a number (failed: 1)"
+
+
+def test_few_values_of_a_parameter_have_ticks_themselves() -> None:
+    mass, turn = np.array([0.1, 0.2]), np.array([30.0, 60.0, 90.0])
+    over = np.repeat(mass, 3), np.tile(turn, 2)
+    ticks = lambda axis: [t.get_text() for t in axis.get_ticklabels()]  # noqa: E731
+    grid = {"mass (kg)": mass, "turn (deg)": turn}
+    ax = sweep.plot_sweep([("settling (s)", np.arange(6.0))], [], grid, False, "map").axes[0]
+    assert ticks(ax.yaxis) == ["0.1", "0.2"] and ticks(ax.xaxis) == ["30", "60", "90"]
+    named = list(zip(grid, over, strict=True))
+    points = sweep.plot_sweep([("settling (s)", np.arange(6.0))], named, None, False, "points")
+    assert [ticks(ax.xaxis) for ax in points.axes] == [["0.1", "0.2"], ["30", "60", "90"]]
+    assert ticks(points.axes[0].yaxis) != ["0", "1", "2", "3", "4", "5"]  # what comes out has round ticks
+    stiff = sweep.plot_sweep(
+        [("a", np.arange(3.0))], [("E (Pa)", np.array([1e9, 1e11, 2e11]))], None, True, "log"
+    ).axes[0]
+    assert ticks(stiff.xaxis) == ["1G", "100G", "200G"] and stiff.get_xscale() == "log"
+    for many in (np.arange(9.0), np.array([0.1, 0.10001, 0.5])):  # too many; too near
+        ax = sweep.plot_sweep([("a", np.ones(many.size))], [("x", many)], None, True, "many").axes[0]
+        assert not set(many) <= set(ax.get_xticks())
+
+
+def test_a_bode_diagram_begins_a_decade_below_what_matters() -> None:
+    w = np.geomspace(1e-5, 1e3, 2000)
+    s = 1j * w
+    margins = SimpleNamespace(name="control[0]", phase_frequency=np.nan)
+
+    def begins(*gains: Any) -> float:
+        axes = loop.plot_loop(np.array([-1.0 + 0j]), None, [(margins, w, L) for L in gains]).axes
+        (low,) = {line.get_xdata().min() for ax in axes[2:4] for line in ax.lines if len(line.get_xdata()) > 2}
+        return low
+
+    assert begins(100 / (s * (1 + s / 2))) == pytest.approx(0.2, rel=0.2)  # its pole at 2
+    assert begins(1e4 * (1 + s / 5) / s**2) == pytest.approx(0.5, rel=0.2)  # its zero at 5
+    assert begins(100 / (1 + 2e-3 * s / 7 + (s / 7) ** 2)) == pytest.approx(0.5, rel=0.2)  # hardly damped, at 7
+    assert begins(0.3 / s) == pytest.approx(0.03, rel=0.02)  # crosses 1 at 0.3
+    assert begins(0.3 / s, 100 / (1 + s)) == pytest.approx(0.03, rel=0.02)
+    assert begins(0.3 + 0 * s) == w[0]  # nothing matters: all
+
+
+def test_every_model_of_the_picture_has_a_look_of_its_own() -> None:
+    kinds = [
+        tradeoff.Kind(order, str(n), basis)
+        for order in (0, 1, 2, 3, "exact")
+        for n in range(1, 21)
+        for basis in ("", "b")
+    ]
+    looks = tradeoff.model_styles(kinds)
+    assert len({(s["color"], str(s["marker"]), s["fillstyle"]) for s in looks.values()}) == len(kinds) == 200

@@ -11,7 +11,6 @@ import flexarm as fa
 import h5py
 import numpy as np
 import pytest
-from flexarm.data.units import heading, titled, unit
 from messages import naming, refuses, warns
 from scipy.io import savemat
 
@@ -32,8 +31,10 @@ UNITS = [
 
 @pytest.mark.parametrize(("text", "si", "scale"), UNITS)
 def test_units_in_si(text: str, si: str, scale: float) -> None:
-    assert unit(text).si == si and unit(text).scale == pytest.approx(scale, rel=1e-14)
-    assert unit(si) == (si, 1.0, 0.0)  # what is written is read back
+    held = fa.Data([0.0, 1.0], {"x": [1.0, 0.0]}, {"x": text})
+    assert held.units["x"] == si and held["x"] == pytest.approx([scale, 0.0], rel=1e-14)
+    again = fa.Data([0.0], {"x": [3.0]}, {"x": si})  # what is written is read back
+    assert again.units["x"] == si and again["x"] == 3.0
 
 
 def test_celsius_has_a_zero_of_its_own() -> None:
@@ -43,23 +44,30 @@ def test_celsius_has_a_zero_of_its_own() -> None:
 @pytest.mark.parametrize("text", ["counts", "m//s", "m/s/s", "N/m s", "10", "xyz", "m^", "s^s", "kkg", "DEG", "Mm/h/"])
 def test_an_unknown_unit_is_named_with_those_known(text: str) -> None:
     with refuses("unit", "rpm"):
-        unit(text)
+        fa.Data([0.0], {"x": [1.0]}, {"x": text})
 
 
-def test_headings_tell_units() -> None:
+def test_headings_tell_units(tmp_path: Path) -> None:
     told = {
-        "theta [deg]": ("theta", "deg"), "theta (deg)": ("theta", "deg"), "theta": ("theta", ""), "t_s": ("t", "s"),
+        "theta [deg]": ("theta", "deg"), "theta (deg)": ("theta", "deg"), "theta": ("theta", ""),
         "motor1_current_A": ("motor1_current", "A"), "w_deg_s": ("w", "deg/s"), "a_m_s2": ("a", "m/s2"),
         "x_max": ("x_max", ""), "x_min": ("x_min", ""), "b_g": ("b_g", ""), "_s": ("_s", ""), "s": ("s", ""),
         # milliseconds, but of what names a speed
-        "t_ms": ("t", "ms"), "delay_ms": ("delay", "ms"), "speed_ms": ("speed", "m/s"), "v_ms": ("v", "m/s"),
+        "delay_ms": ("delay", "ms"), "speed_ms": ("speed", "m/s"), "v_ms": ("v", "m/s"),
         "Tip_Velocity_ms": ("Tip_Velocity", "m/s"), "vx_ms": ("vx", "m/s"), "TipSpeed_ms": ("TipSpeed", "m/s"),
         "rev_ms": ("rev", "ms"), "a_ms2": ("a", "m/s2"), "speed [ms]": ("speed", "ms"),
     }  # fmt: skip
-    assert {head: heading(head) for head in told} == told
+    for head, (name, unit) in told.items():
+        column = read(tmp_path, f"time,{head}\n0,1\n1,2\n", time="time")
+        assert list(column) == [name]
+        assert column.units[name] == fa.Data([0.0], {name: [1.0]}, {name: unit}).units[name]
+        assert column[name][0] == fa.Data([0.0], {name: [1.0]}, {name: unit})[name][0]
+    assert [read(tmp_path, f"{head},x\n0,1\n1,2\n").t[1] for head in ("t_s", "t_ms")] == [1.0, 1e-3]
     for name in ("theta", "t_s", "a (b)", "a [b]", "q link 0", "w_deg_s", "é/ü"):
         for si in ("", "rad", "m/s^2", "W/(m K)"):
-            assert heading(titled(name, si)) == (name, si)
+            fa.Data([0.0, 1.0], {name: [1.0, 2.0]}, {name: si}).save(tmp_path / "again.csv")
+            again = fa.Data.load(tmp_path / "again.csv")
+            assert list(again) == [name] and again.units[name] == si
 
 
 # -- text --------------------------------------------------------------------------------------------------------------

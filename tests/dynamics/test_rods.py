@@ -7,6 +7,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
+from arms import STRAINS
 
 CASES = {c["name"]: c for c in json.loads((Path(__file__).parent.parent / "data" / "rods.json").read_text())["cases"]}
 
@@ -18,7 +19,7 @@ def cantilever(case: dict, n: int) -> fa.Arm:
     beam = fa.Beam(
         length,
         section,
-        modes={s: n for s in fa._core.STRAINS},
+        modes={s: n for s in STRAINS},
         basis="legendre",
         order="exact",
         curvature=lambda x: first + slope * x / length,

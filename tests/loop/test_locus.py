@@ -7,8 +7,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
-from flexarm.data.draw.loop import plot_loop
-from flexarm.loop.margins import Margins
 from messages import refuses
 from scipy.optimize import brentq
 
@@ -234,24 +232,6 @@ def test_the_figures(tmp_path) -> None:
     fig = loop.locus(np.geomspace(0.1, 100, 30)).plot()
     assert any("crosses at 4" in t.get_text() for t in fig.axes[0].get_legend().get_texts())
     fig.savefig(tmp_path / "locus.png")
-
-
-def test_a_bode_diagram_begins_a_decade_below_what_matters() -> None:
-    w = np.geomspace(1e-5, 1e3, 2000)
-    s, nan = 1j * w, np.nan
-    margins = Margins("control[0]", (0.0, np.inf), (nan, nan), nan, nan, nan)
-
-    def begins(*gains) -> float:
-        axes = plot_loop(np.array([-1.0 + 0j]), None, [(margins, w, L) for L in gains]).axes
-        (low,) = {line.get_xdata().min() for ax in axes[2:4] for line in ax.lines if len(line.get_xdata()) > 2}
-        return low
-
-    assert begins(100 / (s * (1 + s / 2))) == pytest.approx(0.2, rel=0.2)  # its pole at 2
-    assert begins(1e4 * (1 + s / 5) / s**2) == pytest.approx(0.5, rel=0.2)  # its zero at 5
-    assert begins(100 / (1 + 2e-3 * s / 7 + (s / 7) ** 2)) == pytest.approx(0.5, rel=0.2)  # hardly damped, at 7
-    assert begins(0.3 / s) == pytest.approx(0.03, rel=0.02)  # crosses 1 at 0.3
-    assert begins(0.3 / s, 100 / (1 + s)) == pytest.approx(0.03, rel=0.02)
-    assert begins(0.3 + 0 * s) == w[0]  # nothing matters: all
 
 
 def test_a_locus_tells_how_far_it_is() -> None:

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from arms import SCENES, toml
 from flexarm.cli import main
-from flexarm.data.draw.sweep import plot_sweep
 from flexarm.many.sweeps.quantities import QUANTITIES, settling_time
 from messages import refuses, warns
 from scipy import stats
@@ -34,49 +33,6 @@ def plan(count=6, **more):
 
 
 # -- the picture ---------------------------------------------------------------------------------------------
-
-
-def test_a_map_names_what_has_no_number():
-    axes = {"length (m)": np.array([0.3, 0.4, 0.5]), "stiff (Pa)": np.array([1e11, 2e11])}
-    full = np.arange(6.0)
-    holes = np.where(np.arange(6) < 3, np.nan, full)
-    why = np.array([0, 1, 2, 2, 2, 2])
-    columns = [("deflection (m)", full), ("settling (s)", holes), ("strain", full), ("speed (rad/s)", full)]
-    figure = plot_sweep(columns, [], axes, False, "four", why)
-    assert max(figure.get_size_inches()) <= 10  # a page shows it
-    bars = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
-    assert bars == ["deflection (m)", "settling (s)\n(grey: no number)", "strain", "speed (rad/s)"]
-    (legend,) = figure.legends
-    assert [t.get_text() for t in legend.get_texts()] == ["failed: 1", "not run yet: 1", "no value: 1"]
-    lost = figure.axes[1].collections[1].get_array()
-    assert lost.compressed().tolist() == [0, 1, 2]
-    assert not plot_sweep([columns[0]], [], axes, False, "one", why).legends
-
-
-def test_points_without_a_number_are_crosses_at_the_bottom():
-    x, y = np.arange(5.0), np.array([1.0, np.nan, 2.0, 3.0, np.nan])
-    figure = plot_sweep([("settling (s)", y)], [("mass (kg)", x)], None, False, "points", np.array([2, 0, 2, 2, 1]))
-    (cross,) = (line for line in figure.axes[0].lines if line.get_marker() == "x")
-    assert cross.get_xdata().tolist() == [1.0]  # the last was not run
-    assert figure.legends[0].get_texts()[0].get_text() == "without a number (failed: 1)"
-
-
-def test_few_values_of_a_parameter_have_ticks_themselves():
-    mass, turn = np.array([0.1, 0.2]), np.array([30.0, 60.0, 90.0])
-    over = np.repeat(mass, 3), np.tile(turn, 2)
-    ticks = lambda axis: [t.get_text() for t in axis.get_ticklabels()]  # noqa: E731
-    grid = {"mass (kg)": mass, "turn (deg)": turn}
-    ax = plot_sweep([("settling (s)", np.arange(6.0))], [], grid, False, "map").axes[0]
-    assert ticks(ax.yaxis) == ["0.1", "0.2"] and ticks(ax.xaxis) == ["30", "60", "90"]
-    named = list(zip(grid, over, strict=True))
-    points = plot_sweep([("settling (s)", np.arange(6.0))], named, None, False, "points")
-    assert [ticks(ax.xaxis) for ax in points.axes] == [["0.1", "0.2"], ["30", "60", "90"]]
-    assert ticks(points.axes[0].yaxis) != ["0", "1", "2", "3", "4", "5"]  # what comes out has round ticks
-    stiff = plot_sweep([("a", np.arange(3.0))], [("E (Pa)", np.array([1e9, 1e11, 2e11]))], None, True, "log").axes[0]
-    assert ticks(stiff.xaxis) == ["1G", "100G", "200G"] and stiff.get_xscale() == "log"
-    for many in (np.arange(9.0), np.array([0.1, 0.10001, 0.5])):  # too many; too near
-        ax = plot_sweep([("a", np.ones(many.size))], [("x", many)], None, True, "many").axes[0]
-        assert not set(many) <= set(ax.get_xticks())
 
 
 def test_the_picture_of_a_sweep_has_units_and_reasons():

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
+from arms import STRAINS
 from messages import refuses, warns
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
 STRIP = fa.Rectangle(0.004, 0.01)
-ALL = {s: 3 for s in fa._core.STRAINS}
+ALL = {s: 3 for s in STRAINS}
 K = np.array(fa.SectionMatrix.of(STRIP, STEEL).stiffness)
 M = np.array(fa.SectionMatrix.of(STRIP, STEEL).inertia)
 
@@ -115,7 +116,7 @@ def test_bending_that_twists() -> None:
 def test_energy_and_momentum_of_a_free_rod() -> None:
     """With its centre of mass off the axis, tumbling and ringing."""
     section = fa.SectionMatrix.of(STRIP, STEEL, y=0.004, z=-0.003, angle=0.3)
-    beam = fa.Beam(0.5, section, modes={s: 2 for s in fa._core.STRAINS}, basis="legendre", order="exact")
+    beam = fa.Beam(0.5, section, modes={s: 2 for s in STRAINS}, basis="legendre", order="exact")
     a = fa.Arm([fa.Link(fa.Free(), None, beam)])
     rng = np.random.default_rng(2)
     v0 = rng.normal(size=a.nv) * np.array([*[1.0] * 6, *[3.0] * 6, *[0.01] * 6])

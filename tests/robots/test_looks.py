@@ -9,7 +9,6 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.robots.urdf import mesh_file
 from messages import refuses, warns
 from scipy.spatial.transform import Rotation
 
@@ -127,19 +126,24 @@ def test_a_mesh_that_cannot_be_read_is_named_and_the_arm_is_shown(tmp_path: Path
 
 
 def test_files_of_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    here, ros, ament = (tmp_path / x for x in ("here/urdf", "ros/src", "ament/share"))
-    for place in (here, ros / "robot_a", ament / "robot_b"):
+    here, ros, ament = (tmp_path / x for x in ("here", "ros/src", "ament/share"))
+    for place in (here / "my_robot", ros / "robot_a", ament / "robot_b"):
         place.mkdir(parents=True)
-    a, b, c = ros / "robot_a" / "a b.stl", ament / "robot_b" / "b.stl", tmp_path / "here" / "c.stl"
+    a, b, c = ros / "robot_a" / "a b.stl", ament / "robot_b" / "b.stl", here / "my_robot" / "c.stl"
     for file in (a, b, c):
         file.write_text("")
-    assert mesh_file("package://robot_a/a%20b.stl", here) is None
+
+    def found(name: str) -> str | None:
+        return robot(here, name)[0]["fore"].looks[0].file
+
+    with_none, said = robot(here, "package://robot_a/a%20b.stl")
+    assert "no such file: fore" in said and [x.shape for x in with_none["fore"].looks] == ["ball"]
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(ros))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
-    assert mesh_file("package://robot_a/a%20b.stl", here) == a.resolve()
-    assert mesh_file("package://robot_b/b.stl", here) == b.resolve()
-    assert mesh_file("../c.stl", here) == mesh_file(f"file://{c}", here) == c.resolve()
-    assert mesh_file("package://here/c.stl", here) == c.resolve()
+    assert found("package://robot_a/a%20b.stl") == str(a.resolve())
+    assert found("package://robot_b/b.stl") == str(b.resolve())
+    assert found("../c.stl") == found(f"file://{c}") == str(c.resolve())
+    assert found("package://my_robot/c.stl") == str(c.resolve())
 
 
 def test_geoms_of_mjcf_stand_where_mujoco_has_them(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.run.scene.scene import scene_from_dict
+from arms import toml
 from messages import refuses, warns
 
 ARM = """
@@ -81,19 +81,8 @@ def test_what_is_no_file_is_named(folder: Path) -> None:
         with refuses("drive[0].torque.file ="):
             fa.load(scene(folder, name))
     with refuses("file = 5"):
-        scene_from_dict({"link": [], "drive": []} | _dictionary(5))
-
-
-def _dictionary(name: object) -> dict:
-    link = {"joint": {"type": "revolute"}, "tip": {"mass": 1.0, "inertia": [1, 1, 1]}}
-    return {"link": [link], "drive": [{"link": 0, "torque": {"file": name}}]}
-
-
-def test_dictionaries_read_below_where_they_are_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)
-    np.testing.assert_equal(scene_from_dict(_dictionary("torque.csv")).drive[0](0.1), 2.0)
-    with refuses("drive[0].torque.file = '../torque.csv'", "folder"):
-        scene_from_dict(_dictionary("../torque.csv"))
+        link = {"joint": {"type": "revolute"}, "tip": {"mass": 1.0, "inertia": [1, 1, 1]}}
+        fa.load(toml(folder, {"link": [link], "drive": [{"link": 0, "torque": {"file": 5}}]}))
 
 
 def test_warnings_of_a_scene_point_at_the_line_that_asked() -> None:

@@ -478,3 +478,28 @@ def test_long_derivatives_tell_how_far_they_are(integrator: fa.Integrator) -> No
         gradient = run.gradient({"q": np.ones_like(run.q)}, paths, progress=lambda *x: told.append(x))
         assert [x for x in told if x[0] >= 1 / 3] == [(1 / 3, "backwards through the run"), (2 / 3, "by parameters")]
         np.testing.assert_allclose(list(gradient.values()), found.q.sum(axis=(1, 2)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("order", [0, 2, "exact"])
+def test_each_of_many_parameters_has_the_derivative_that_it_has_alone(order: Any) -> None:
+    """They share the beams that they do not touch, and the run itself where it is one of their neighbours."""
+    modes = {"bending_y": 1, "bending_z": 2}
+    beam = fa.Beam(0.4, fa.Circle(0.006), STEEL, modes, "legendre", order, damping_ratio=0.01)
+    links = [fa.Link(fa.Revolute("zyz"[k]), fa.RigidBody(0.2, (0.1, 0, 0), (1e-3,) * 3), beam) for k in range(3)]
+    arm = fa.Arm(links, gravity=(0, 0, -9.81))
+    v0 = np.zeros(arm.nv)
+    v0[0] = 1.0
+    loads = [fa.Load(1, force=(0.1, 0.2, 0.3))]
+    run = fa.simulate(arm, np.linspace(0, 0.05, 11), None, v0, loads=loads, integrator="implicit", step=1e-3)
+    names = ("hub.mass", "joint.stiffness", "beam.length", "beam.material.youngs_modulus", "joint.damping", "hub.com.0")
+    paths = [f"link.{k}.{name}" for name in names for k in range(3)]
+    paths += ["gravity.2", "load.0.scale", "v0.0"]
+    weights = {"q": np.random.default_rng(0).normal(size=run.q.shape)}
+    all_rows, gradient = run.sensitivities(paths).q, run.gradient(weights, paths)
+    for k, path in enumerate(paths):
+        alone = run.sensitivities([path]).q[0]
+        size = np.abs(alone).max()
+        assert size > 0.0
+        assert np.abs(all_rows[k] - alone).max() < 1e-8 * size, path
+        expected = (weights["q"] * alone).sum()
+        assert abs(gradient[path] - expected) < 1e-8 * np.abs(weights["q"] * alone).sum(), path

@@ -53,7 +53,7 @@ def test_spin_up_of_the_linearised_order_two(case) -> None:
     invM = np.linalg.inv(M[1:, 1:])
     hub = np.eye(n)[0]
     rest, spin, thrust = (  # K = rest + Omega^2 spin + dOmega thrust
-        arm._core.inverse_derivatives(zero, w * hub, dw * hub)[0][1:, 1:] for w, dw in ((0, 0), (1, 0), (0, 1))
+        arm.inverse_derivatives(zero, w * hub, dw * hub)[0][1:, 1:] for w, dw in ((0, 0), (1, 0), (0, 1))
     )
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:

@@ -224,7 +224,7 @@ def test_stiff_shear_at_a_millisecond(rho: float) -> None:
 
 def _stiffness(arm: fa.Arm) -> np.ndarray:
     zero = np.zeros(arm.nv)
-    return arm._core.inverse_derivatives(arm.zero, zero, zero)[0]
+    return arm.inverse_derivatives(arm.zero, zero, zero)[0]
 
 
 def test_rk4_just_under_and_over_its_limit() -> None:

@@ -11,7 +11,6 @@ import flexarm as fa
 import mpmath
 import numpy as np
 from arms import paper_link
-from flexarm.analysis.validity import rotation
 from scipy import linalg
 
 CRITICAL = 20.948766  # rad/s: the first clamped-free frequency of the paper's link, without rotary inertia
@@ -27,7 +26,7 @@ def clamped(modes: dict[str, int], order: int | str = 2, tip: fa.RigidBody | Non
 def stiffness(arm: fa.Arm) -> np.ndarray:
     """dh/dq at rest, (nv, nv)."""
     zero = np.zeros(arm.nv)
-    return arm._core.inverse_derivatives(arm.zero, zero, zero)[0]
+    return arm.inverse_derivatives(arm.zero, zero, zero)[0]
 
 
 # -- order 1 above its critical speed ---------------------------------------------------------------------------------
@@ -48,15 +47,20 @@ def growth_at_speed(order: int | str, speed: float, time: float = 1.0) -> tuple[
     return (float(rate) if (np.diff(tip[half:]) > 0).all() else 0.0), float(tip.max())
 
 
+def largest_rotation(r: fa.Result) -> float:
+    """Of a section of the first beam (rad), as RangeWarning measures it."""
+    (found,) = (x for x in r.check(fa.Watch({("rotation", 0): 0.0})) if x.limit == 0.0)
+    return float(found.value)
+
+
 def spin_up(order: int | str, speed: float, time: float = 0.5, samples: int = 201) -> tuple[np.ndarray, float]:
     """Path of the tip (nt, 3) of the paper's link in a spin-up, by its length, and the largest rotation of a section
     (rad) that RangeWarning's measure finds."""
     arm = paper_link(order, 5, "legendre")
-    beam = arm.links[0].beam
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.errors.RangeWarning)
         r = fa.simulate(arm, np.linspace(0, time, samples), drive={0: fa.Motion.spin_up(speed, time)}, max_order=2)
-    return r.tip_deflection() / beam.length, float(rotation(beam, r.q[:, 1:]).max())
+    return r.tip_deflection() / arm.links[0].beam.length, largest_rotation(r)
 
 
 # -- shape functions and eigenvalues ----------------------------------------------------------------------------------
@@ -153,12 +157,12 @@ def static_error(order: int, load: str, sizes: np.ndarray) -> np.ndarray:
     """Rows (rotation (rad) that RangeWarning's measure finds, distance of the tip from where "exact" has it, by the
     length) for loads of these sizes; shorter where an order finds no equilibrium."""
     arm, exact = clamped({"bending_y": 8}, order, fa.RigidBody(1e-9)), clamped({"bending_y": 8}, "exact")
-    beam = arm.links[0].beam
     q, truth, rows = arm.zero, exact.zero, []
     for P in sizes:
         try:
             q, truth = arm.equilibrium(q, loads=LOADS[load](P)), exact.equilibrium(truth, loads=LOADS[load](P))
         except ValueError:
             break
-        rows.append((rotation(beam, q[None])[0], np.linalg.norm(arm.frame(q)[0] - exact.frame(truth)[0])))
+        still = fa.Result(arm, np.zeros(1), q[None], *[np.zeros((1, arm.nv))] * 3)
+        rows.append((largest_rotation(still), np.linalg.norm(arm.frame(q)[0] - exact.frame(truth)[0])))
     return np.array(rows).reshape(-1, 2)

@@ -87,13 +87,19 @@ struct Chain {
   /// @param bend  makes the elastic body and its end slice, of (node, constants, gravity)
   template <bool rates, bool forces, class Bend>
   void move_node(int i, const S* q, const S* v, Ang& w, typename Sp::Rot& attitude, const Bend& bend) {
+    const double* p = numbers + layout.node[i].numbers;
+    move_frame<rates>(i, p, q, v, w, attitude);
+    move_body<rates, forces>(i, p, q, v, w, attitude, bend);
+  }
+  /// The node's frame. @param p  its numbers, and then those of its body
+  template <bool rates>
+  void move_frame(int i, const double*& p, const S* q, const S* v, Ang& w, typename Sp::Rot& attitude) {
     const Node& node = layout.node[i];
     State<Sp>& s = state[i];
-    const double* p = numbers + node.numbers;
     typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
     if (!node.coincident) {
       s.frame.r = Sp::read(p);
-      if (node.turned) seat = Sp::read_rotation(p);
+      if (node.turned) seat = read<typename Sp::Rot, S>(p);
       if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
     }
     if (node.coincident) {
@@ -106,6 +112,12 @@ struct Chain {
     if constexpr (!rates) s.w = w;  // none
     w = s.w;
     if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.frame.R);
+  }
+  /// Its body, of which `p` are the numbers, and the frame of its end.
+  template <bool rates, bool forces, class Bend>
+  void move_body(int i, const double* p, const S* q, const S* v, Ang& w, typename Sp::Rot& attitude, const Bend& bend) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
     if (node.ne > 0) {
       Elastic<Sp>& e = s.elastic;
       bend(node, p, gravity_in(attitude));
@@ -126,6 +138,44 @@ struct Chain {
       if (node.loads > 0)
         subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
                        scratch);
+  }
+  /// As `move`, of arms side by side whose elastic bodies are, but for those in `own`, the same in all lanes and for
+  /// all that share `shared`, at one state. Such a body is bent there, once, where it turns at the same rate.
+  /// @param known  whether it has been; of each node
+  void move_beside(const S* q, const S* v, const bool* own, State<Sp>* shared, bool* known) {
+    turn_hinges(layout, 0, layout.nodes, q, state, scratch);
+    Ang w = Sp::zero_angular();
+    typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
+    for (int i = 0; i < layout.nodes; ++i) {
+      const Node& node = layout.node[i];
+      State<Sp>& s = state[i];
+      const double* p = numbers + node.numbers;
+      move_frame<true>(i, p, q, v, w, attitude);
+      const bool keeps = node.ne > 0 && !own[i] && !known[i];
+      if (node.ne > 0 && !own[i] && known[i] && same(s.w, shared[i].w)) {
+        s.body = shared[i].body;
+        s.body_force = shared[i].body_force;
+        s.end_w = w = shared[i].end_w;
+        s.tip = shared[i].tip;
+        s.tip_force = shared[i].tip_force;
+        s.elastic = shared[i].elastic;
+        if (layout.attitudes) attitude = Sp::times(attitude, s.elastic.end.frame.R);
+        continue;
+      }
+      if (keeps) s.elastic = shared[i].elastic;  // into its columns
+      move_body<true, true>(i, p, q, v, w, attitude, [&](const Node& on, const double* constants, const Lin& gravity) {
+        bend_body<true>(on, constants, gravity, q + on.qe, v + on.ve, s);
+      });
+      if (!keeps) continue;
+      shared[i] = s;
+      known[i] = true;
+    }
+  }
+  static bool same(const Ang& a, const Ang& b) {
+    const S *x = view<const S>(&a), *y = view<const S>(&b);
+    bool all = true;
+    for (int k = 0; k < Sp::angular; ++k) all = all && Lanes<S>::all(x[k] == y[k]);
+    return all;
   }
   /// Rates of elastic coordinates that rest.
   static const S* none() {
@@ -175,9 +225,9 @@ struct Chain {
       if (few ? none : all) continue;
       const Node& on = few ? *node.sampled.few : node;
       const double* points = numbers + on.points;
-      sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
+      sampled::sample(Sp{}, on, points, q, dq, scratch);
       if constexpr (forces)
-        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
+        sampled::bend(on, constants, points, q, dq, s.w, s.body, s.body_force, s.elastic, scratch);
       else
         sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
       if constexpr (Lanes<S>::width > 1)
@@ -188,10 +238,8 @@ struct Chain {
   /// visit(x, n) for the numbers that `bend_sampled` finds.
   template <class Visit>
   static void body_numbers(const Node& node, State<Sp>& s, const Visit& visit) {
-    const auto one = [&](auto& x) { visit(reinterpret_cast<S*>(&x), sizeof(x) / sizeof(S)); };
-    const auto list = [&](auto* x, int n) {
-      visit(reinterpret_cast<S*>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S));
-    };
+    const auto one = [&](auto& x) { visit(view<S>(&x), sizeof(x) / sizeof(S)); };
+    const auto list = [&](auto* x, int n) { visit(view<S>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S)); };
     Elastic<Sp>& e = s.elastic;
     one(s.body);
     one(s.body_force);
@@ -216,26 +264,9 @@ struct Chain {
     });
   }
 
-  /// Of other rates, after `bend_body` of this node's points: forces without the elastic ones and, of a sampled body,
-  /// how its end moves.
-  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Force<Sp>& F,
-                  Elastic<Sp>& e) {
-    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.sampled.few : node;
-    const double* points = numbers + on.points;
-    typename Sp::Rigid body;
-    if (node.body == Node::sampled_beam) {
-      sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
-      sampled::bend<true>(on, constants, points, q, dq, w, body, F, e, scratch);
-    } else {
-      bend<true>(node, constants, points, q, dq, w, body, F, e, scratch);
-    }
-  }
-
   template <bool rates>
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Force<Sp>& F) {
-    const S m = next<S>(p);
-    const Lin c = Sp::read(p);
-    const typename Sp::Sym J = Sp::read_symmetric(p);
+    const auto [m, c, J] = read<records::Body<Sp>>(p);
     body = {m, c, J};
     if constexpr (!rates) return;
     F = {Sp::cross(w, Sp::cross(w, c)), Sp::cross(w, Sp::apply(J, w))};

@@ -39,7 +39,7 @@ struct Composite {
 
  private:
   void put(int rate, const Motion<Sp>& m) {
-    const S* x = reinterpret_cast<const S*>(&m);
+    const S* x = view<const S>(&m);
     for (int r = 0; r < kRows; ++r) H[r * nv + rate] = x[r];
   }
 
@@ -74,7 +74,7 @@ struct Composite {
   /// The entries of row `rate` before it: a force on a node, by the rates that move that node.
   void fill(int rate, int before, const Frame<Sp>& at, const Force<Sp>& own, S* M) const {
     const Force<Sp> F = at.to_parent(own);
-    const S *x = reinterpret_cast<const S*>(&F), *y = x + Sp::linear;
+    const S *x = view<const S>(&F), *y = x + Sp::linear;
     S* row = M + static_cast<long>(rate) * nv;
     const S* h = H;
     if constexpr (Sp::planar)

@@ -74,7 +74,7 @@ struct Frames {
     const State<Sp>& s = chain.state[at.node];
     Slice<Sp>& slice = *chain.slice;
     if (at.on == Place::slice && node.body == Node::sampled_beam)
-      sampled::sample<false>(Sp{}, node, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch);
+      sampled::sample(Sp{}, node, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch);
     if (at.on == Place::slice)
       slice_at(node, numbers, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch, slice);
     else

@@ -59,14 +59,14 @@ inline std::size_t hinge_scratch(const Layout& layout) {
 template <class Sp, class S, class P>
 inline void turn_hinges(const Layout& layout, int first, int end, const S* q, State<Sp>* state, P* scratch) {
   constexpr int W = sizeof(P) / sizeof(S);
-  S* angle = reinterpret_cast<S*>(scratch);
+  S* angle = view<S>(scratch);
   int count = 0;
   for (int i = first; i < end; ++i)
     if (const Node& node = layout.node[i]; is_hinge(node)) angle[count++] = node.sign * q[node.q];
   while (count % W != 0) angle[count++] = S{};
   P *sines = scratch + count / W, *cosines = sines + count / W;
   for (int k = 0; k < count / W; ++k) sine_cosine(scratch[k], sines[k], cosines[k]);
-  const S *sine = reinterpret_cast<S*>(sines), *cosine = reinterpret_cast<S*>(cosines);
+  const S *sine = view<S>(sines), *cosine = view<S>(cosines);
   for (int i = first; i < end; ++i)
     if (is_hinge(layout.node[i])) {
       state[i].sine = *sine++;

@@ -16,19 +16,14 @@ void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity
               const typename Sp::Ang& w, typename Sp::Rigid& M, Force<Sp>& F, Elastic<Sp>& out) {
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  const S m = next<S>(p);
-  Lin c = Sp::read(p), c_rate = Sp::zero();
-  typename Sp::Sym J = Sp::read_symmetric(p);
-  // the tip body: its mass, its centre's place on the end and, at rest, in the link
-  const S tip = next<S>(p);
-  const Lin on_end = Sp::read(p), at_rest = Sp::read(p), arm = Sp::rotate(out.end.frame.R, on_end);
+  auto [m, c, J] = read<records::Body<Sp>>(p);
+  Lin c_rate = Sp::zero();
+  const auto [tip, on_end, at_rest] = read<records::CutTip<Sp>>(p);
+  const Lin arm = Sp::rotate(out.end.frame.R, on_end);
   Lin beyond = tip * (out.end.frame.r + arm - at_rest);  // its mass times the part of its displacement beyond the cut
   Ang spin = Sp::zero_angular(), turning = Sp::zero_angular();  // C dq; dJ/dt w
   for (int k = 0; k < node.ne; ++k) {
-    const Lin L = Sp::read(p);
-    const Ang C = Sp::read_angular(p);
-    const typename Sp::Sym dJ = Sp::read_symmetric(p);
-    const Lin first = Sp::read(p);  // the tip's mass times its centre's displacement by q_k, cut
+    const auto [L, C, dJ, first] = read<records::CutCoordinate<Sp>>(p);
     const Ang h = Sp::apply(dJ, w);
     c += q[k] * L;
     c_rate += dq[k] * L;

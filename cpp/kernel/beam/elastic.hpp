@@ -3,7 +3,10 @@
 // arm, a pack takes several points at once.
 #pragma once
 
+#include <utility>
+
 #include "door/layout.hpp"
+#include "door/records.hpp"
 #include "space/plane.hpp"
 #include "space/space.hpp"
 
@@ -12,6 +15,7 @@ namespace {
 using flexarm::lanes::Block;
 using flexarm::lanes::kMostElastic;
 using flexarm::lanes::Node;
+namespace records = flexarm::lanes::records;
 
 // A scalar as the points' scalar, and sums over its lanes; where they are one type there is nothing to do.
 inline double widen(double x, double) { return x; }
@@ -26,6 +30,18 @@ S next(const double*& p) {
   const S x = Lanes<S>::load(p);
   p += Lanes<S>::width;
   return x;
+}
+
+template <class S, std::size_t... i>
+void read_each(const double*& p, S* x, std::index_sequence<i...>) {  // of a loop, compilers leave the record in memory
+  ((x[i] = next<S>(p)), ...);
+}
+/// A record (door/records.hpp), or another list of numbers S.
+template <class R, class S = typename R::Number>
+R read(const double*& p) {
+  R record;
+  read_each(p, view<S>(&record), std::make_index_sequence<sizeof(R) / sizeof(S)>());
+  return record;
 }
 
 constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
@@ -51,29 +67,6 @@ void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, 
   }
   value += square ? 0.5 * total : total;
   if constexpr (rates) bias += square ? total_bias : 2.0 * total_bias;
-}
-
-/// The same of a block's value, rate and convective second rate alone.
-template <class S, class P>
-void move_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& rate, P& bias) {
-  const bool square = b.i == b.j;
-  P total{}, total_rate{}, total_bias{};
-  for (int c = 0; c < b.nj; ++c) {
-    const P qb = widen(q[b.j + c], P{}), db = widen(dq[b.j + c], P{});
-    P left{}, left_dot{};
-    for (int r = 0; r < b.ni; ++r) {
-      const P C = next<P>(numbers);
-      left += C * widen(q[b.i + r], P{});
-      left_dot += C * widen(dq[b.i + r], P{});
-    }
-    total += left * qb;
-    total_rate += left * db;
-    if (!square) total_rate += left_dot * qb;
-    total_bias += left_dot * db;
-  }
-  value += square ? 0.5 * total : total;
-  rate += total_rate;
-  bias += square ? total_bias : 2.0 * total_bias;
 }
 
 /// The lower triangle of F^T F, of n columns of so many rows.

@@ -83,7 +83,7 @@ class Integral {
     for (int c = 0; c < C; ++c)
 #pragma GCC unroll 4
       for (int r = 0; r < R; ++r) odd[c][r] = even[c][r] = P{};
-    const S *sum = reinterpret_cast<const S*>(work_), *difference = sum + C * packs_ * width;
+    const S *sum = view<const S>(work_), *difference = sum + C * packs_ * width;
     const double* A = table_ + i * width;
     for (int j = 0; j < half_; ++j, A += 2 * packs_ * width) {
       const double* B = A + packs_ * width;

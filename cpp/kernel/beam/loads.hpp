@@ -21,8 +21,8 @@ inline std::size_t scratch_of(const Node& node) {
 /// A place that is fixed to a frame, of which `p` are the numbers, as a slice that no coordinate moves.
 template <class Sp>
 void fixed_slice(const double* p, Slice<Sp>& out) {
-  out.frame.r = Sp::read(p);
-  out.frame.R = Sp::read_rotation(p);
+  const auto [r, R] = read<records::Seat<Sp>>(p);
+  out.frame = {R, r};
   out.rate = out.bias = Motion<Sp>::zero();
 }
 
@@ -129,7 +129,7 @@ void take_groups(const Node& node, const PlacedLoad& load, const double* p, cons
   const int ne = node.ne, n = Pt::linear + Pt::angular + ne, square = (n + W - 1) / W * W;  // in whole packs
   P *all = scratch, *qp = all + square;
   Slice<Pt> at;
-  at.J = reinterpret_cast<Motion<Pt>*>(qp + ne);
+  at.J = view<Motion<Pt>>(qp + ne);
   for (int i = 0; i < ne; ++i) qp[i] = widen(q[i], P{});
   const Force<Pt> wide_force = wide<P>(force);
   for (int i = 0; i < square; ++i) all[i] = P{};
@@ -141,12 +141,10 @@ void take_groups(const Node& node, const PlacedLoad& load, const double* p, cons
     move_slice<false>(node, of_slice, qp, qp, at);
     sum.add(at, ne, weight * (load.world ? wide_force : at.frame.turn_back(wide_force)));
   }
-  __builtin_memcpy(all, &body_sum, sizeof(body_sum));
-  S* total = reinterpret_cast<S*>(all);
+  *view<Force<Pt>>(all) = body_sum;
+  S* total = view<S>(all);
   sum_lanes(all, square, total);
-  Force<Sp> of_body;
-  __builtin_memcpy(&of_body, total, sizeof(of_body));
-  body.body = body.body - of_body;
+  body.body = body.body - *view<Force<Sp>>(total);
   for (int i = 0; i < ne; ++i) body.e[i] -= total[Sp::linear + Sp::angular + i];
 }
 

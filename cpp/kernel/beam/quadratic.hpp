@@ -17,38 +17,37 @@ inline std::size_t quadratic_scratch(const Node& node) {
   return static_cast<std::size_t>(quadratic::Parts<Space<double>>(node).size);
 }
 
-/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81). With
-/// `again`, of other rates where the body is: forces without the elastic ones, and nothing that rates do not change.
-template <bool again = false, class S, class P>
+/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81).
+template <class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
           const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out,
           P* scratch) {
   const quadratic::Parts<Plane<P>> parts(node);
   const quadratic::Sums<Plane<P>> packs(scratch, node.ne);
-  S* lanes = reinterpret_cast<S*>(scratch);
+  S* lanes = view<S>(scratch);
   if (node.passes > 0) {
-    quadratic::sum_positions<again>(node, points, q, dq, w.z, scratch + parts.slopes, packs);
-    sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
+    quadratic::sum_positions(node, points, q, dq, w.z, scratch + parts.slopes, packs);
+    sum_lanes(scratch, packs.size, lanes);
   } else {
     for (int k = 0; k < packs.size; ++k) lanes[k] = S{};
   }
-  quadratic::finish<again>(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, F, out);
+  quadratic::finish(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, F, out);
 }
 
 /// The same in space.
-template <bool again = false, class S, class P>
+template <class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
           const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, Force<Space<S>>& F, Elastic<Space<S>>& out,
           P* scratch) {
   const quadratic::Parts<Space<P>> parts(node);
   const quadratic::Sums<Space<P>> packs(scratch, node.ne);
   const typename Space<P>::Ang wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
-  quadratic::sum_positions<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
-  quadratic::sum_rotations<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
-  quadratic::sum_columns<again>(node, parts, scratch, packs);
-  S* lanes = reinterpret_cast<S*>(scratch);
-  sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
-  quadratic::finish<again>(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, F, out);
+  quadratic::sum_positions(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_rotations(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_columns(node, parts, scratch, packs);
+  S* lanes = view<S>(scratch);
+  sum_lanes(scratch, packs.size, lanes);
+  quadratic::finish(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, F, out);
 }
 
 /// Moves a slice of which `p` are the numbers (Eq. 24, 37, 38; in the plane turns add, so that Eq. 35, 39 are linear);
@@ -59,7 +58,7 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   out.frame.r = Sp::read(p);
   S turn{}, rate{}, y_dot{}, slope[kMostElastic], bias{};
   for (int k = 0; k < node.ne; ++k) {
-    const S l = next<S>(p), t = next<S>(p);
+    const auto [l, t] = read<records::PlaneSlope<S>>(p);
     slope[k] = S{};
     out.frame.r.y += l * q[k];
     y_dot += l * dq[k];

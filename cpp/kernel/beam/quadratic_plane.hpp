@@ -6,19 +6,18 @@
 namespace {
 namespace quadratic {
 
-/// Sums over the points of position. Here and below, `again` is for other rates where the body is: what these do not
-/// change is left as it is in scratch, and not summed.
-template <bool again, class S, class P>
+/// Sums over the points of position.
+template <class S, class P>
 void sum_positions(const Node& node, const double* t, const S* q, const S* dq, const S& w, P* slopes,
                    Sums<Plane<P>> sums) {
   const int ne = node.ne, points = node.passes;
   const P wp = widen(w, P{});
   P c{}, c_rate{}, bias{}, J{}, n{};
   for (int k = 0; k < ne; ++k) sums.e[k] = P{};
-  for (int k = 0; k < ne && !again; ++k) sums.M_linear[k] = sums.M_angular[k].z = P{};
+  for (int k = 0; k < ne; ++k) sums.M_linear[k] = sums.M_angular[k].z = P{};
   for (int a = 0; a < points; ++a) {
     P* slope = slopes + a;  // by coordinates, in strides of the number of points
-    for (int k = 0; k < ne && !again; ++k) slope[k * points] = P{};
+    for (int k = 0; k < ne; ++k) slope[k * points] = P{};
     const P one = next<P>(t), X = next<P>(t), Y = next<P>(t);
     const double* l = t;
     P y = Y, y_dot{};
@@ -28,14 +27,9 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
       y_dot += lk * widen(dq[k], P{});
     }
     P s{}, b{}, s_dot{};
-    if constexpr (again) {
-      for (int k = 0; k < node.quadratic.position_blocks; ++k)
-        move_block(node.quadratic.block[k], t, q, dq, s, s_dot, b);
-    } else {
-      for (int k = 0; k < node.quadratic.position_blocks; ++k)
-        add_block(node.quadratic.block[k], t, q, dq, s, b, slope, points);
-      for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
-    }
+    for (int k = 0; k < node.quadratic.position_blocks; ++k)
+      add_block(node.quadratic.block[k], t, q, dq, s, b, slope, points);
+    for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
     // acceleration along x, and the part of s along y (Eq. 45)
     const P x = X + s, push = 2.0 * (wp * s_dot);
     const P acc = b - wp * (wp * x + 2.0 * y_dot);
@@ -48,29 +42,26 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
       const P lk = next<P>(l);
       const P gk = slope[k * points];
       sums.e[k] += gk * acc + lk * push;
-      if constexpr (again) continue;
       sums.M_linear[k] += one * gk;
       sums.M_angular[k].z += s * lk - y * gk;
     }
   }
   *sums.body = {c, c_rate, bias, J, n};
-  if constexpr (!again) products(slopes, ne, points, sums.M);
+  products(slopes, ne, points, sums.M);
 }
 
 /// Adds the parts linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
-template <bool again, class S>
+template <class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const S& w, Sums<Plane<S>> sums,
             typename Plane<S>::Rigid& M, Force<Plane<S>>& F, Elastic<Plane<S>>& out) {
   using Sp = Plane<S>;
   const Moments<Sp>& body = *sums.body;
-  const S m = next<S>(p);
-  typename Sp::Lin c = Sp::read(p);
-  typename Sp::Sym J = Sp::read_symmetric(p);
+  auto [m, c, J] = read<records::Body<Sp>>(p);
   c.x += body.c;
   J.zz += body.J;
   S c_y_rate{}, swirl{};  // the swirl is the integral of y dy/dt
   for (int k = 0; k < node.ne; ++k) {
-    const S cl = next<S>(p), ex = next<S>(p), ey = next<S>(p), rotary = next<S>(p);
+    const auto [cl, ex, ey, rotary] = read<records::PlaneCoordinate<S>>(p);
     S my = ey, my_dot{};  // l_k is paired with y here
     for (int j = 0; j < node.ne; ++j) {
       const S L = next<S>(p);
@@ -82,7 +73,6 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
     J.zz += q[k] * (ey + my);
     swirl += dq[k] * my;
     out.e[k] = sums.e[k] - w * w * my;
-    if constexpr (again) continue;
     out.M_er[k].force = {sums.M_linear[k], cl};
     out.M_er[k].moment = {ex + rotary + sums.M_angular[k].z};
   }
@@ -90,7 +80,6 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
   const S ww = w * w, w2 = 2.0 * w;
   F.force = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
   F.moment = {w2 * swirl + body.n};
-  if constexpr (again) return;
   finish_elastic(node, p, sums.M, q, dq, out);
 }
 

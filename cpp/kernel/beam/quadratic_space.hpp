@@ -29,19 +29,19 @@ void add_square(const typename Space<T>::Lin& x, typename Space<T>::Sym& xx) {
 }
 
 /// Sums over the points of position, which leave their slopes, forces and places in scratch.
-template <bool again, class S, class P>
+template <class S, class P>
 void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
   const int rows = parts.rows;
   P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
-  Position<P>* place = reinterpret_cast<Position<P>*>(scratch + parts.positions);
+  Position<P>* place = view<Position<P>>(scratch + parts.positions);
   Lin c = Pt::zero(), c_rate = c, bias = c, n = c;
   typename Pt::Sym xx = Pt::none();
   for (int a = 0; a < node.passes; ++a) {
     P* slope = slopes + 3 * a;
-    for (int k = 0; k < node.ne && !again; ++k) put_vector(slope + k * rows, Pt::zero());
+    for (int k = 0; k < node.ne; ++k) put_vector(slope + k * rows, Pt::zero());
     const P one = next<P>(t);
     P x[3], b[3] = {P{}, P{}, P{}}, u[3] = {P{}, P{}, P{}};
     for (P& xi : x) xi = next<P>(t);
@@ -49,19 +49,13 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
       const P l = next<P>(t);
       const int k = node.quadratic.which[d], row = node.quadratic.direction[d];
       x[row] += l * widen(q[k], P{});
-      if constexpr (again)
-        u[row] += l * widen(dq[k], P{});
-      else
-        slope[k * rows + row] = l;
+      slope[k * rows + row] = l;
     }
     for (int k = 0; k < node.quadratic.position_blocks; ++k) {
       const Block& block = node.quadratic.block[k];
-      if constexpr (again)
-        move_block(block, t, q, dq, x[block.row], u[block.row], b[block.row]);
-      else
-        add_block(block, t, q, dq, x[block.row], b[block.row], slope + block.row, rows);
+      add_block(block, t, q, dq, x[block.row], b[block.row], slope + block.row, rows);
     }
-    for (int k = 0; k < node.ne && !again; ++k)
+    for (int k = 0; k < node.ne; ++k)
       for (int r = 0; r < 3; ++r) u[r] += slope[k * rows + r] * widen(dq[k], P{});
     const Lin at = vector_at(x), u_dot = vector_at(u), u_bias = vector_at(b);
     const Lin drift = number<P>(2.0) * Pt::cross(w, u_dot) + u_bias;
@@ -82,7 +76,7 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
 
 /// A point of rotation: the moments that turn the section there, and R times the root of its inertia, from the slopes
 /// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
-template <bool again, class S, class P>
+template <class S, class P>
 void turn_section(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                   P* slope, int rows, typename Space<P>::Lin& torque, typename Space<P>::Rot& turn) {
   using Pt = Space<P>;
@@ -93,23 +87,16 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
     const P l = next<P>(t);
     P* column = slope + k * rows;
     theta[node.about[k]] += l * widen(q[k], P{});
-    if constexpr (again) {
-      d[node.about[k]] += l * widen(dq[k], P{});
-    } else {
-      put_vector(column, Pt::zero());
-      column[node.about[k]] = l;
-    }
+    put_vector(column, Pt::zero());
+    column[node.about[k]] = l;
   }
   for (int k = node.quadratic.position_blocks; k < node.quadratic.blocks; ++k) {
     const Block& block = node.quadratic.block[k];
     const int r = block.row - 3;
-    if constexpr (again)
-      move_block(block, t, q, dq, theta[r], d[r], b[r]);
-    else
-      add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
+    add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
   }
   const Turned<P> turned(vector_at(theta));
-  for (int k = 0; k < node.ne && !again; ++k) {
+  for (int k = 0; k < node.ne; ++k) {
     const P qd = widen(dq[k], P{});
     P* column = slope + k * rows;
     for (int r = 0; r < 3; ++r) d[r] += column[r] * qd;
@@ -128,18 +115,18 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
 }
 
 /// Sums over the points of rotation, which leave their slopes, torques and turns in scratch.
-template <bool again, class S, class P>
+template <class S, class P>
 void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
-  typename Pt::Rot* turns = reinterpret_cast<typename Pt::Rot*>(scratch + parts.turns);
+  typename Pt::Rot* turns = view<typename Pt::Rot>(scratch + parts.turns);
   typename Pt::Lin n = Pt::zero();
   typename Pt::Sym J = Pt::none();
   for (int a = 0; a < node.rotary; ++a) {
     const int row = 3 * (node.passes + a);
     typename Pt::Lin torque;
     typename Pt::Rot B;
-    turn_section<again>(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
+    turn_section(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
     put_vector(scratch + parts.forces + row, torque);
     turns[a] = B;
     const typename Pt::Rot BB = Pt::times_transposed(B, B);
@@ -151,20 +138,19 @@ void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, c
 }
 
 /// Sums over the columns that all points left: force and coupling of each coordinate, and inertia of each pair.
-template <bool again, class P>
+template <class P>
 void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums<Space<P>> sums) {
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
   const P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
-  const Position<P>* place = reinterpret_cast<const Position<P>*>(scratch + parts.positions);
-  const typename Pt::Rot* turns = reinterpret_cast<const typename Pt::Rot*>(scratch + parts.turns);
+  const Position<P>* place = view<const Position<P>>(scratch + parts.positions);
+  const typename Pt::Rot* turns = view<const typename Pt::Rot>(scratch + parts.turns);
   for (int k = 0; k < node.ne; ++k) {
     const P *column = slopes + k * parts.rows, *of_turns = column + 3 * node.passes;
     P e{};
     Lin linear = Pt::zero(), angular = linear;
     for (int r = 0; r < parts.rows; ++r) e += column[r] * forces[r];
     sums.e[k] = e;
-    if constexpr (again) continue;
     for (int a = 0; a < node.passes; ++a) {
       const Lin slope = vector_at(column + 3 * a);
       linear += place[a].one * slope;
@@ -174,7 +160,7 @@ void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums
     sums.M_linear[k] = linear;
     sums.M_angular[k] = angular;
   }
-  if constexpr (!again) products(slopes, node.ne, parts.rows, sums.M);
+  products(slopes, node.ne, parts.rows, sums.M);
 }
 
 /// The body without the turning of its sections.
@@ -186,15 +172,14 @@ struct Whole {
 };
 
 /// Adds the remainder, not in the points, of functions linear in q: displacements of slices along x, y and z.
-template <bool again, class S>
+template <class S>
 void add_linear(const Node& node, const double*& p, const S* q, const S* dq, const typename Space<S>::Ang& w,
                 Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
   const bool stretches = node.stretching > 0;
   for (int d = 0; d < node.quadratic.directed; ++d) {
     const int k = node.quadratic.which[d];
-    const S cl = next<S>(p);
-    const typename Sp::Lin rest = Sp::read(p);
+    const auto [cl, rest] = read<records::SpaceCoordinate<Sp>>(p);
     S mx{}, my{}, mz{}, mx_dot{}, my_dot{}, mz_dot{};  // l_k is paired with x, y and z here
     for (int g = 0; g < node.quadratic.directed; ++g) {
       const S L = next<S>(p), Lq = L * q[node.quadratic.which[g]], Ld = L * dq[node.quadratic.which[g]];
@@ -220,7 +205,6 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       whole.Px += dq[k] * mk;
       const S along = w.x * Sp::dot(w, mk) - Sp::dot(w, w) * mk.x;
       out.e[k] += along + 2.0 * (w.y * mz_dot - w.z * my_dot);
-      if constexpr (again) continue;
       out.M_er[k].force.x += cl;
       out.M_er[k].moment.y += mk.z;
       out.M_er[k].moment.z -= mk.y;
@@ -234,7 +218,6 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       const S across = w.y * Sp::dot(w, mk) - Sp::dot(w, w) * mk.y;
       out.e[k] += across - 2.0 * w.x * mz_dot;
       if (stretches) out.e[k] += 2.0 * w.z * mx_dot;
-      if constexpr (again) continue;
       out.M_er[k].force.y += cl;
       out.M_er[k].moment.x -= mk.z;
       out.M_er[k].moment.z += mk.x;
@@ -248,7 +231,6 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       const S across = w.z * Sp::dot(w, mk) - Sp::dot(w, w) * mk.z;
       out.e[k] += across + 2.0 * w.x * my_dot;
       if (stretches) out.e[k] -= 2.0 * w.y * mx_dot;
-      if constexpr (again) continue;
       out.M_er[k].force.z += cl;
       out.M_er[k].moment.x += mk.y;
       out.M_er[k].moment.y -= mk.x;
@@ -257,7 +239,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
 }
 
 /// Adds the parts linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
-template <bool again, class S>
+template <class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const typename Space<S>::Ang& w,
             Sums<Space<S>> sums, typename Space<S>::Rigid& M, Force<Space<S>>& F, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
@@ -265,15 +247,12 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   const Moments<Sp>& body = *sums.body;
   for (int k = 0; k < node.ne; ++k) {
     out.e[k] = sums.e[k];
-    if constexpr (again) continue;
     out.M_er[k].force = sums.M_linear[k];
     out.M_er[k].moment = sums.M_angular[k];
   }
-  const S m = next<S>(p);
-  const Lin c = Sp::read(p);
-  const typename Sp::Sym J_rest = Sp::read_symmetric(p);
+  const auto [m, c, J_rest] = read<records::Body<Sp>>(p);
   Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero(), Sp::zero()};
-  add_linear<again>(node, p, q, dq, w, whole, out);
+  add_linear(node, p, q, dq, w, whole, out);
   const typename Sp::Sym& xx = whole.xx;
   const S trace = xx.xx + xx.yy + xx.zz;
   typename Sp::Sym J{J_rest.xx + trace - xx.xx, J_rest.yy + trace - xx.yy, J_rest.zz + trace - xx.zz,
@@ -287,7 +266,6 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   F.force = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
   Sp::add(J, body.J_turn);
   M = {m, whole.c, J};
-  if constexpr (again) return;
   finish_elastic(node, p, sums.M, q, dq, out);
 }
 

@@ -65,16 +65,14 @@ struct Sums {
   Linear* M_linear;  ///< its coupling with forces
   Ang* M_angular;    ///< and with moments;
   T* M;              ///< of each pair, packed
-  int size;          ///< numbers T of all this,
-  int forces;        ///< and of those before the couplings
+  int size;          ///< numbers T of all this
 
-  Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
+  Sums(T* at, int ne) : body(view<Body>(at)) {
     e = at + sizeof(Body) / sizeof(T);
-    M_linear = reinterpret_cast<Linear*>(e + ne);
-    M_angular = reinterpret_cast<Ang*>(M_linear + ne);
-    M = reinterpret_cast<T*>(M_angular + ne);
+    M_linear = view<Linear>(e + ne);
+    M_angular = view<Ang>(M_linear + ne);
+    M = view<T>(M_angular + ne);
     size = size_of(ne);
-    forces = static_cast<int>(sizeof(Body) / sizeof(T)) + ne;
   }
   static int size_of(int ne) {
     return static_cast<int>((sizeof(Body) + static_cast<std::size_t>(ne) * (sizeof(T) + sizeof(Linear) + sizeof(Ang))) /

@@ -46,13 +46,12 @@ void move_end(const Node& node, const double* points, const typename Sp::Scalar*
               Slice<Sp>& out, P* scratch) {
   const typename OfPoints<Sp, P>::Series s(node, scratch);
   const Rows<typename OfPoints<Sp, P>::Space> rows(node, points);
-  place_points<false>(node, rows, dq, s, s.end);
+  place_points(node, rows, dq, s, s.end);
   end_slice(node, rows, q, dq, s, out);
 }
 
-/// Inertia and forces, and the end slice, after `sample`. With `again`, after `sample<true>` of other rates where the
-/// body is: forces without the elastic ones, and how the end slice moves.
-template <bool again, class Sp, class P>
+/// Inertia and forces, and the end slice, after `sample`.
+template <class Sp, class P>
 void bend(const Node& node, const double* constants, const double* points, const typename Sp::Scalar* q,
           const typename Sp::Scalar* dq, const typename Sp::Ang& w, typename Sp::Rigid& M, Force<Sp>& F,
           Elastic<Sp>& out, P* scratch) {
@@ -61,17 +60,17 @@ void bend(const Node& node, const double* constants, const double* points, const
   const typename OfPoints<Sp, P>::Series s(node, scratch);
   const Rows<Pt> rows(node, points);
   P* at = s.end;
-  const int size = again ? Sums<Pt>::forces(node.ne) : Sums<Pt>::size(node.ne);
-  place_points<again>(node, rows, dq, s, at + size);
+  const int size = Sums<Pt>::size(node.ne);
+  place_points(node, rows, dq, s, at + size);
   place_further<Sp>(node, rows.further, points, q, dq, s, scratch);
   for (int k = 0; k < size; ++k) at[k] = P{};
   const Sums<Pt> sums(at, node.ne);
   typename Pt::Ang wide;
-  for (int c = 0; c < Sp::angular; ++c) reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
-  sum_slices<again>(node, rows, s, dq, wide, sums, at + size);
-  S* total = reinterpret_cast<S*>(at);
+  for (int c = 0; c < Sp::angular; ++c) view<P>(&wide)[c] = widen(view<const S>(&w)[c], P{});
+  sum_slices(node, rows, s, dq, wide, sums, at + size);
+  S* total = view<S>(at);
   sum_lanes(at, size, total);
-  finish<again>(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, F, out);
+  finish(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, F, out);
   end_slice(node, rows, q, dq, s, out.end);
 }
 

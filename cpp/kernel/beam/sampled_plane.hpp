@@ -77,8 +77,8 @@ struct PlanarTangent {
   }
 };
 
-/// Fills the series: x' and its derivatives at the points; with `again`, only the parts that rates change.
-template <bool again, class S, class P>
+/// Fills the series: x' and its derivatives at the points.
+template <class S, class P>
 void sample(Plane<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   const PlaneSeries<P> s(node, scratch);
   const Rows<Plane<P>> rows(node, points);
@@ -102,7 +102,7 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
       e_dot += shape * widen(dq[k], P{});
     }
     PlanarTangent<P> t(node.sampled.exact, b, p);
-    const P& L = rows.length;
+    const P& L = rows.span.length;
     if (node.stretching > 0) {
       t.stretch(node.sampled.exact, e);
       s.by_stretch.set(i, {L * t.g_p, -L * t.f_p});
@@ -121,11 +121,10 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
 }
 
 /// Places at the points and their Jacobians.
-template <bool again, class S, class P>
+template <class S, class P>
 void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const PlaneSeries<P>& s, P* work) {
   const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, work);
   const int stride = s.place.value.stride;
-  if constexpr (again) return integral(2, columns_of(s.tangent_bias), s.place.bias.at, stride);
   integral(4, columns_of(s.tangent), s.place.value.at, stride);  // and of the bias
   integral(
       2 * node.ne,
@@ -134,7 +133,7 @@ void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const 
         return [=, &rows](int i) { return rows.shape(c / 2, i) * slope[i]; };
       },
       s.place.first.at, stride);
-  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
+  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.span.origin + s.place.value(i));
 }
 
 /// Turns a slice by an angle, at its rate.
@@ -193,7 +192,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   const Rows<Plane<P>> rows(node, points);
   out.frame.r = Sp::read(p);
   // sums of x', its bias, and its derivatives, by the weights of the integral from 0 to X (Eq. 24)
-  Lin* sum = reinterpret_cast<Lin*>(s.end);
+  Lin* sum = view<Lin>(s.end);
   for (int k = 0; k < 2 + node.ne; ++k) sum[k] = Plane<P>::zero();
   for (int i = 0; i < rows.points; ++i) {
     const P w = next<P>(p);
@@ -204,7 +203,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     for (int k = 0; k < sheared; ++k) sum[2 + k] += rows.shape(k, i) * (k < node.sampled.turning ? by_turn : by_shear);
     for (int k = sheared; k < node.ne; ++k) sum[2 + k] += rows.shape(k, i) * (w * s.by_stretch(i));
   }
-  S* total = reinterpret_cast<S*>(s.end);
+  S* total = view<S>(s.end);
   sum_lanes(s.end, 2 * (2 + node.ne), total);
   const auto of = [&](int k) { return typename Sp::Lin{total[2 * k], total[2 * k + 1]}; };
   out.frame.r += of(0);

@@ -10,20 +10,18 @@ namespace sampled {
 // --- Exact. ---
 
 /// J_R' = R dK/dq, and with Omega = J_R dq its convective part Omega x R dK (Eq. 39, 40).
-template <bool again, class S, class P>
+template <class S, class P>
 void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
                     const SpaceSeries<P>& s) {
   using Sp = Space<P>;
-  if constexpr (!again) {
-    integral(
-        3 * node.sampled.turning,
-        [&](int c) {
-          const P* axis = s.R[node.about[c / 3]].column(c % 3);
-          return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
-        },
-        s.turned.first.at, s.turned.first.stride);
-    for (int k = node.sampled.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
-  }
+  integral(
+      3 * node.sampled.turning,
+      [&](int c) {
+        const P* axis = s.R[node.about[c / 3]].column(c % 3);
+        return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
+      },
+      s.turned.first.at, s.turned.first.stride);
+  for (int k = node.sampled.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
   for (int i = 0; i < rows.points; ++i) {
     auto spin = Sp::zero();
     for (int k = 0; k < node.sampled.turning; ++k) spin += widen(dq[k], P{}) * s.turned.by(k)(i);
@@ -41,7 +39,7 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
   const bool shears = node.sampled.turning < node.ne;  // or stretches
   for (int i = 0; i < rows.points; ++i) {
     const auto w = s.spin(i);
-    auto t = rows.length * s.R[0](i), rate = Sp::zero();
+    auto t = rows.span.length * s.R[0](i), rate = Sp::zero();
     if (shears) {
       const auto g = s.shear(i), g_rate = s.shear_rate(i);
       t += g.y * s.R[1](i) + g.z * s.R[2](i);
@@ -57,11 +55,10 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
 }
 
 /// Places at the points and their Jacobians: J_X' = J_R x x' + R dphi/dq (Eq. 37).
-template <bool again, class S, class P>
+template <class S, class P>
 void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral,
                   const SpaceSeries<P>& s) {
   const int stride = s.place.value.stride;
-  if constexpr (again) return integral(3, columns_of(s.tangent.bias), s.place.bias.at, stride);
   integral(6, columns_of(s.tangent.value), s.place.value.at, stride);  // and of the bias
   integral(
       3 * node.sampled.turning,
@@ -84,9 +81,9 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
 
 // --- Both. ---
 
-/// Adds the curvature at rest to K, and (but `again`) starts the rotation there: R = P R_rest, with P' P^-1 of R_rest
+/// Adds the curvature at rest to K, and starts the rotation there: R = P R_rest, with P' P^-1 of R_rest
 /// K.
-template <bool again, class P>
+template <class P>
 void add_rest(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
   if (node.sampled.uniaxial) {
     for (int i = 0; i < rows.points; ++i) s.theta.column(node.about[0])[i] += rows.at_rest(0, i);
@@ -95,50 +92,45 @@ void add_rest(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>
   using Sp = Space<P>;
   const Field<Sp> D{s.term.at, s.term.stride};
   for (int i = 0; i < rows.points; ++i) {
-    if constexpr (!again) {
-      const Quaternion<P> p{1.0 + rows.at_rest(3, i), {rows.at_rest(4, i), rows.at_rest(5, i), rows.at_rest(6, i)}};
-      s.p.set(i, p);
-      D.set(i, number<P>(0.5) * Sp::rotate(rotation_of(p), s.K(i)));
-    }
+    const Quaternion<P> p{1.0 + rows.at_rest(3, i), {rows.at_rest(4, i), rows.at_rest(5, i), rows.at_rest(6, i)}};
+    s.p.set(i, p);
+    D.set(i, number<P>(0.5) * Sp::rotate(rotation_of(p), s.K(i)));
     s.K.set(i, s.K(i) + typename Sp::Lin{rows.at_rest(0, i), rows.at_rest(1, i), rows.at_rest(2, i)});
   }
 }
 
-/// Fills the series that slices are sums of; with `again`, only the parts that rates change.
-template <bool again, class S, class P>
+/// Fills the series that slices are sums of.
+template <class S, class P>
 void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   SpaceSeries<P> s(node, scratch);
   const Rows<Space<P>> rows(node, points);
   const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, s.end);
   add_strains(node, rows, q, dq, s);
   if (!node.sampled.exact) return sample_order_3(node, rows, integral, dq, s);
-  if (node.sampled.curved) add_rest<again>(node, rows, s);
-  if constexpr (!again) {
-    if (node.sampled.uniaxial)
-      turn_about_axis(s.theta, node.about[0], rows.points, s.p);
-    else
-      solve_rotation(s.K, s.theta, rows.points, integral, node.sampled.curved, s.p, s.term, s.factor);
-    for (int i = 0; i < rows.points; ++i) {
-      const auto R = rotation_of(s.p(i));
-      s.R[0].set(i, {R.xx, R.yx, R.zx});
-      s.R[1].set(i, {R.xy, R.yy, R.zy});
-      s.R[2].set(i, {R.xz, R.yz, R.zz});
-    }
+  if (node.sampled.curved) add_rest(node, rows, s);
+  if (node.sampled.uniaxial)
+    turn_about_axis(s.theta, node.about[0], rows.points, s.p);
+  else
+    solve_rotation(s.K, s.theta, rows.points, integral, node.sampled.curved, s.p, s.term, s.factor);
+  for (int i = 0; i < rows.points; ++i) {
+    const auto R = rotation_of(s.p(i));
+    s.R[0].set(i, {R.xx, R.yx, R.zx});
+    s.R[1].set(i, {R.xy, R.yy, R.zy});
+    s.R[2].set(i, {R.xz, R.yz, R.zz});
   }
-  turn_jacobians<again>(node, rows, integral, dq, s);
+  turn_jacobians(node, rows, integral, dq, s);
   exact_tangent(node, rows, s);
 }
 
 /// Places at the points and their Jacobians; and at order 3 rotations.
-template <bool again, class S, class P>
+template <class S, class P>
 void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s, P* work) {
   const Integral<S, P> integral(node.sampled.table, node.sampled.half, node.passes, work);
   if (node.sampled.exact)
-    exact_places<again>(node, rows, integral, s);
+    exact_places(node, rows, integral, s);
   else
     third_order_places(node, rows, integral, dq, s);
-  if (again && node.sampled.exact) return;
-  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
+  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.span.origin + s.place.value(i));
 }
 
 /// The slice at the end, after `place_points`.
@@ -198,7 +190,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   out.frame.r = Sp::read(p);
   // sums by the weights of the integral from 0 to X: of x' and its bias, theta' (or the quaternion's slope) and its
   // bias, then of derivatives of x' and theta'
-  Lin* sum = reinterpret_cast<Lin*>(s.end);
+  Lin* sum = view<Lin>(s.end);
   for (int k = 0; k < 5 + 2 * ne; ++k) sum[k] = Space<P>::zero();
   for (int i = 0; i < rows.points; ++i) {
     const P w = next<P>(p);
@@ -228,7 +220,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
       }
     }
   }
-  S* total = reinterpret_cast<S*>(s.end);
+  S* total = view<S>(s.end);
   sum_lanes(s.end, 3 * (5 + 2 * ne), total);
   const auto of = [&](int k) { return typename Sp::Lin{total[3 * k], total[3 * k + 1], total[3 * k + 2]}; };
   out.frame.r += of(0);

@@ -25,7 +25,7 @@ typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
 /// A column's number at point i, which is in lane i.
 template <class S, class P>
 S lane_of(const P* column, int i) {
-  return reinterpret_cast<const S*>(column)[i];
+  return view<const S>(column)[i];
 }
 
 /// The most that an arm has: of one arm, in any lane.
@@ -79,7 +79,7 @@ auto columns_of(const Field<Sp>& f) {
 
 template <class S, class P>
 void put_lane(P* column, int i, const S& x) {
-  reinterpret_cast<S*>(column)[i] = x;
+  view<S>(column)[i] = x;
 }
 /// One point's value.
 template <class To, class Sp>
@@ -138,13 +138,11 @@ struct Rows {
   using P = typename Sp::Scalar;
   static constexpr int width = Lanes<P>::width;
   int points, stations;
-  P length;
-  typename Sp::Lin origin;  ///< of the beam, in the link
+  records::Span<Sp> span;
   const double *strain, *turn, *rest, *mass, *inertia, *further;
 
   Rows(const Node& node, const double* p) : points(points_of(node)), stations(stations_of(node)) {
-    length = next<P>(p);
-    origin = Sp::read(p);
+    span = read<records::Span<Sp>>(p);
     const auto rows = [&](int count, int length_of) {
       const double* here = p;
       p += count * length_of * width;
@@ -186,19 +184,20 @@ struct Sums {
     typename Sp::Ang n;     ///< and moment of the accelerations that velocities give (Eq. 81)
     typename Sp::Sym J;     ///< second moment
   };
-  static int forces(int ne) { return static_cast<int>(sizeof(Body) / sizeof(T)) + ne; }  ///< of body and e alone
-  static int size(int ne) { return forces(ne) + ne * (Sp::linear + Sp::angular) + ne * (ne + 1) / 2; }
+  static int size(int ne) {
+    return static_cast<int>(sizeof(Body) / sizeof(T)) + ne * (1 + Sp::linear + Sp::angular) + ne * (ne + 1) / 2;
+  }
   Body* body;
   T* e;
   typename Sp::Lin* M_linear;
   typename Sp::Ang* M_angular;
   T* M;
 
-  Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
-    e = reinterpret_cast<T*>(body + 1);
-    M_linear = reinterpret_cast<typename Sp::Lin*>(e + ne);
-    M_angular = reinterpret_cast<typename Sp::Ang*>(M_linear + ne);
-    M = reinterpret_cast<T*>(M_angular + ne);
+  Sums(T* at, int ne) : body(view<Body>(at)) {
+    e = view<T>(body + 1);
+    M_linear = view<typename Sp::Lin>(e + ne);
+    M_angular = view<typename Sp::Ang>(M_linear + ne);
+    M = view<T>(M_angular + ne);
   }
 };
 
@@ -344,7 +343,7 @@ Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Series& m,
 }
 
 /// Of N stations.
-template <bool again, int N, class Sp, class S, class Series>
+template <int N, class Sp, class S, class Series>
 void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const S* dq, const typename Sp::Ang& w,
                   int from, const Sums<Sp>& sums, typename Sp::Scalar* products) {
   using P = typename Sp::Scalar;
@@ -363,7 +362,6 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
       const Station<Sp>& s = station[a];
       const Lin J = J_T(from + a), mJ = s.mass * J;
       e += Sp::dot(J, s.force);
-      if constexpr (again) continue;
       f += mJ;
       n += Sp::moment(s.x, mJ);
       for (int c = 0; c < Sp::linear; ++c) row[c * N + a] = Sp::component(mJ, c);
@@ -376,11 +374,10 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
           const Station<Sp>& s = station[a];
           const Lin J = J_R(from + a), IJ = Sp::apply(s.J, J);
           e += Sp::dot(J, s.torque);
-          if constexpr (again) continue;
           n += IJ;
           for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
         }
-        for (int a = 0; a < N && node.rotary > 3 && !again; ++a) {  // momenta by centres of mass off the axis
+        for (int a = 0; a < N && node.rotary > 3; ++a) {  // momenta by centres of mass off the axis
           const Station<Sp>& s = station[a];
           const Lin p = s.mass * Sp::cross(J_R(from + a), s.arm), h = Sp::cross(s.arm, s.mass * J_T(from + a));
           f += p;
@@ -392,49 +389,41 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
         }
       }
     sums.e[k] += e;
-    if constexpr (again) continue;
     sums.M_linear[k] += f;
     sums.M_angular[k] += n;
   }
-  if constexpr (again) return;
   const Field<Sp> J{m.place.first.at + from, m.place.first.stride};
   Field<Sp> J_turn = J;
   if constexpr (!Sp::planar) J_turn.at = m.turned.first.at + from;
   add_products<N>(products, each, J, J_turn, turning, node.ne, sums.M);
 }
 
-/// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate; with
-/// `again`, the forces alone.
-template <bool again, class Sp, class S, class Series>
+/// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate.
+template <class Sp, class S, class Series>
 void sum_slices(const Node& node, const Rows<Sp>& rows, const Series& m, const S* dq, const typename Sp::Ang& w,
                 const Sums<Sp>& sums, typename Sp::Scalar* products) {
   int from = first_station(node);
   for (; from + kTogether <= rows.stations; from += kTogether)
-    sum_stations<again, kTogether>(node, rows, m, dq, w, from, sums, products);
-  for (; from < rows.stations; ++from) sum_stations<again, 1>(node, rows, m, dq, w, from, sums, products);
+    sum_stations<kTogether>(node, rows, m, dq, w, from, sums, products);
+  for (; from < rows.stations; ++from) sum_stations<1>(node, rows, m, dq, w, from, sums, products);
 }
 
-/// The sums, with the hub's part and the elastic forces, into the elastic body; with `again`, forces without
-/// the elastic ones.
-template <bool again, class Sp, class S>
+/// The sums, with the hub's part and the elastic forces, into the elastic body.
+template <class Sp, class S>
 void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
             typename Sp::Rigid& M, Force<Sp>& F, Elastic<Sp>& out) {
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
-  const S m = next<S>(p);  // all of it
-  const typename Sp::Lin c = Sp::read(p);
-  const typename Sp::Sym J = Sp::read_symmetric(p);
+  const auto [m, c, J] = read<records::Body<Sp>>(p);  // m is all of it
   M = {m, c + sums.body->c, J};
   Sp::add(M.J, sums.body->J);
   F.force = sums.body->f + Sp::cross(w, Sp::cross(w, c));
   F.moment = sums.body->n + Sp::cross(w, Sp::apply(J, w));
   for (int k = 0; k < ne; ++k) {
     out.e[k] = sums.e[k];
-    if constexpr (again) continue;
     out.M_er[k].force = sums.M_linear[k];
     out.M_er[k].moment = sums.M_angular[k];
     if constexpr (Sp::planar) out.M_er[k].moment.z += next<S>(p);  // sections turn by an angle linear in q
   }
-  if constexpr (again) return;
   for (int k = 0; k < pairs; ++k) {
     out.M[k] = sums.M[k];
     if constexpr (Sp::planar) out.M[k] += next<S>(p);

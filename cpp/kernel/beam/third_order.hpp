@@ -83,7 +83,7 @@ void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const Sp
                                moving(shear, s.shear_rate(i), zero),
                                moving(theta_2, rate_of(s.theta_2, i), s.theta_2.bias(i)),
                                moving(third, rate_of(s.third, i), s.third.bias(i)),
-                               rows.length};
+                               rows.span.length};
     const auto y = f(all);
     out.value.set(i, {y.x.x, y.y.x, y.z.x});
     out.bias.set(i, {y.x.b, y.y.b, y.z.b});
@@ -101,7 +101,7 @@ void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const Sp
                                  along(shear, dshear),
                                  along(theta_2, s.theta_2.by(k)(i)),
                                  along(third, s.third.by(k)(i)),
-                                 rows.length};
+                                 rows.span.length};
       const auto z = f(one);
       out.by(k).set(i, {z.x.d, z.y.d, z.z.d});
     }

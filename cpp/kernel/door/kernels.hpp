@@ -117,10 +117,12 @@ struct Kernels {
   /// Slopes of the joints' forces by their coordinates (nv) as implicit steps take them, where the chain is.
   void (*joint_stiffness)(void* self, double* slopes);
   /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
-  /// lane l are at i width + l; they and the memory are aligned to 64 bytes.
+  /// lane l are at i width + l; they and the memory are aligned to 64 bytes. Elastic bodies of nodes that are not
+  /// `own` (without loads, and not cut) are the same in all lanes, and in all calls from one in which none is `known`
+  /// on, at the same q and v: they are bent once.
   std::size_t (*side_memory)(const Layout&);
-  void (*inverse_side_by_side)(const Layout&, const double* numbers, void* memory, const double* wrenches,
-                               const double* q, const double* v, const double* a, double* tau);
+  void (*inverse_side_by_side)(const Layout&, const double* numbers, const bool* own, void* memory, bool* known,
+                               const double* wrenches, const double* q, const double* v, const double* a, double* tau);
   std::size_t (*roll_memory)(Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);

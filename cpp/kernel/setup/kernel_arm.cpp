@@ -76,6 +76,18 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   return *this;
 }
 
+bool KernelArm::same_body(int node, const KernelArm& other) const {
+  const auto k = static_cast<std::size_t>(node);
+  if (k >= other.lists_.size()) return false;
+  const Lists &mine = lists_[k], &its = other.lists_[k];
+  const auto same = [](const auto& x, const std::size_t* a, const auto& y, const std::size_t* b) {
+    const auto at = [](const auto& list, std::size_t i) { return list.begin() + static_cast<std::ptrdiff_t>(i); };
+    return std::equal(at(x, a[0]), at(x, a[1]), at(y, b[0]), at(y, b[1]));
+  };
+  return same(numbers_, mine.body, other.numbers_, its.body) &&
+         same(structure_, mine.structure, other.structure_, its.structure);
+}
+
 KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
   KernelArm out = *this;
   out.prescribe(given);

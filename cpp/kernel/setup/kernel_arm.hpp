@@ -23,6 +23,8 @@ class KernelArm {
   KernelArm grouped(int width, const std::vector<bool>& given) const;
   /// Whether the arms are of one structure.
   bool like(const KernelArm& other) const { return structure_ == other.structure_; }
+  /// Whether the elastic bodies of a node are equal, whatever the joints are.
+  bool same_body(int node, const KernelArm& other) const;
   /// Arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
   /// repeat it.
   static KernelArm side_by_side(const std::vector<const KernelArm*>& arms, int width, const std::vector<bool>& given);
@@ -48,8 +50,10 @@ class KernelArm {
   struct Lists {
     std::vector<int> which, direction, about, loads;
     std::vector<Block> blocks;
-    int points = 0, few_points = 0;                   ///< of a sampled body, and fewer of them,
-    std::shared_ptr<const Numbers> table, few_table;  ///< and integrals over them
+    int points = 0, few_points = 0;                       ///< of a sampled body, and fewer of them,
+    std::shared_ptr<const Numbers> table, few_table;      ///< and integrals over them
+    std::size_t body[2] = {0, 0}, structure[2] = {0, 0};  ///< where an elastic body's numbers, and its part of the
+                                                          ///< structure, begin and end
   };
   /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
   struct Seat {
@@ -77,9 +81,6 @@ class KernelArm {
   Numbers load_numbers_;
 };
 
-/// The numbers of a vector, and of a rotation, in the axes that the arm moves in.
-void put(const Layout& layout, const Eigen::Vector3d& r, Numbers& out);
-void put(const Layout& layout, const Eigen::Matrix3d& R, Numbers& out);
 /// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.
 void put_slice(const Layout& layout, const Node& node, const Eigen::Vector3d& rest, const SliceTable& table,
                Numbers& out);

@@ -114,9 +114,8 @@ void ArmBuilder::add_motion(const Link& link, std::size_t n, std::size_t i) {
   set(node.stops, std::isfinite(f.lower) || std::isfinite(f.upper));
   set(node.passive, node.stops || f.stiffness != 0.0 || f.damping != 0.0 || f.reflected_inertia != 0.0);
   if (!node.passive) return;
-  for (double x : {f.stiffness, f.rest, f.damping, f.reflected_inertia}) put(x);
-  if (node.stops)
-    for (double x : {f.lower, f.upper, f.limit_stiffness, f.limit_damping}) put(x);
+  put(records::Spring<double>{f.stiffness, f.rest, f.damping, f.reflected_inertia});
+  if (node.stops) put(records::Stops<double>{f.lower, f.upper, f.limit_stiffness, f.limit_damping});
 }
 
 void ArmBuilder::add_ball(const Link& link, std::size_t n) {
@@ -138,13 +137,12 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
     set(one.passive, passive);
     set(one.stops, std::isfinite(forces[0].upper));
     if (k > 0 || !passive) continue;
-    put(forces[0].stiffness);
-    for (const JointForce& f : forces) {
-      put(f.damping);
-      put(f.reflected_inertia);
-    }
-    if (!one.stops) continue;
-    for (double x : {forces[0].upper, forces[0].limit_stiffness, forces[0].limit_damping}) put(x);
+    const JointForce &x = forces[0], &y = forces[1], &z = forces[2];
+    put(records::BallSpring<double>{x.stiffness,
+                                    {x.damping, x.reflected_inertia},
+                                    {y.damping, y.reflected_inertia},
+                                    {z.damping, z.reflected_inertia}});
+    if (one.stops) put(records::BallStop<double>{x.upper, x.limit_stiffness, x.limit_damping});
   }
   turn.setIdentity();
 }
@@ -198,12 +196,16 @@ void ArmBuilder::add_rigid(const Link& link) {
 
 void ArmBuilder::add_beam(const Link& link, std::size_t n) {
   const Beam& beam = *link.beam();
+  lists().body[0] = out.numbers_.size();
+  lists().structure[0] = out.structure_.size();
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
   set(node().stretching, beam.options().modes[extension]);
   set(node().damped, beam.damped());
   beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
+  lists().body[1] = out.numbers_.size();
+  lists().structure[1] = out.structure_.size();
   offset = link.tip().end;
   turn.setIdentity();
 }
@@ -220,7 +222,7 @@ void ArmBuilder::put_end(const Link& link) {
 
 void ArmBuilder::put_tip(const Link& link) {
   set(node().tip, link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0));
-  set(node().tip_body, out.numbers_.size());
+  begin_part(node().tip_body);
   if (!node().tip) return;
   Mass tip;
   tip.add(link.tip(), Vector3d::Zero());

@@ -3,16 +3,10 @@
 #pragma once
 
 #include "setup/kernel_arm.hpp"
+#include "setup/written.hpp"
 
 namespace flexarm {
 namespace lanes {
-
-/// The world's axes that an arm moves in.
-struct Axes {
-  bool planar = false;
-  int x = 0, y = 1, z = 2;  ///< of the plane, and about which it turns
-  double sign = 1.0;        ///< of a turn about z, seen with x to y as positive
-};
 
 /// Inertia of a second moment.
 inline Eigen::Matrix3d second_moment_to_inertia(const Eigen::Matrix3d& Q) {
@@ -52,28 +46,18 @@ struct ArmBuilder {
   ArmBuilder(const Arm& a, bool in_space);
 
   void put(double x) { out.numbers_.push_back(x); }
-  void put(const Eigen::Vector3d& v) { lanes::put(out.layout_, v, out.numbers_); }
-  void put(const Eigen::Matrix3d& R) { lanes::put(out.layout_, R, out.numbers_); }
-  void put_angular(const Eigen::Vector3d& v) {
-    if (axes.planar)
-      put(axes.sign * v[axes.z]);
-    else
-      put(v);
+  void put(const Eigen::Vector3d& v) {
+    in_axes(axes, [&](auto to) { put_record(out.numbers_, to.lin(v)); });
   }
-  void put_symmetric(const Eigen::Matrix3d& J) {
-    if (axes.planar) {
-      put(J(axes.z, axes.z));
-    } else {
-      for (int i = 0; i < 3; ++i) put(J(i, i));
-      put(J(0, 1));
-      put(J(0, 2));
-      put(J(1, 2));
-    }
+  void put(const Eigen::Matrix3d& R) {
+    in_axes(axes, [&](auto to) { put_record(out.numbers_, to.rot(R)); });
+  }
+  template <class Record, class = typename Record::Number>
+  void put(const Record& record) {
+    put_record(out.numbers_, record);
   }
   void put(const Mass& b) {
-    put(b.m);
-    put(b.c);
-    put_symmetric(b.J);
+    in_axes(axes, [&](auto to) { put(records::Body<decltype(to)>{b.m, to.lin(b.c), to.sym(b.J)}); });
   }
   void put(const std::vector<double>& numbers) {
     out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end());
@@ -88,6 +72,11 @@ struct ArmBuilder {
   void set(T& field, V value) {
     field = static_cast<T>(value);
     out.structure_.push_back(static_cast<int>(field));
+  }
+  /// Of numbers of a body that come next; the structure has where they are in the body.
+  void begin_part(std::size_t& at) {
+    at = out.numbers_.size();
+    out.structure_.push_back(static_cast<int>(at - lists().body[0]));
   }
   void note(const std::vector<int>& list) { out.structure_.insert(out.structure_.end(), list.begin(), list.end()); }
   Node& node() { return out.nodes_.back(); }
@@ -113,10 +102,10 @@ struct ArmBuilder {
   /// Their shape functions. @throws std::logic_error where it has not the forms of beam/elastic.hpp
   void find_slices(const Beam& beam);
   void put_stiffness(const Link& link);
-  void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
-  void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp
+  void begin_end() { begin_part(node().end); }  ///< the slice there
+  void put_end(const Link& link);               ///< the slice there, for quadratic.hpp
   void put_tip(const Link& link);
-  void begin_points() { set(node().points, out.numbers_.size()); }  ///< of which kernels may take several at once
+  void begin_points() { begin_part(node().points); }  ///< of which kernels may take several at once
 };
 
 }  // namespace lanes

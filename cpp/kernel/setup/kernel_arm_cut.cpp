@@ -57,15 +57,13 @@ void ArmBuilder::add_cut(const Link& link) {
   cut.add(tip.mass, at_rest, tip.inertia, moved, turned);
 
   put(cut.rest);
-  put(tip.mass);
-  put(tip.com);
-  put(at_rest);
-  for (Eigen::Index k = 0; k < beam.ne(); ++k) {
-    put(Vector3d(cut.L.col(k)));
-    put_angular(cut.C.col(k));
-    put_symmetric(cut.dJ[static_cast<std::size_t>(k)]);
-    put(Vector3d(tip.mass * moved.col(k)));
-  }
+  in_axes(axes, [&](auto to) {
+    put(records::CutTip<decltype(to)>{tip.mass, to.lin(tip.com), to.lin(at_rest)});
+    for (Eigen::Index k = 0; k < beam.ne(); ++k)
+      put(records::CutCoordinate<decltype(to)>{to.lin(cut.L.col(k)), to.ang(cut.C.col(k)),
+                                               to.sym(cut.dJ[static_cast<std::size_t>(k)]),
+                                               to.lin(tip.mass * moved.col(k))});
+  });
   put_lower(cut.Mee);
   put_stiffness(link);
   begin_end();

@@ -117,10 +117,8 @@ void put_plane(ArmBuilder& b, const Link& link, const Stations& at) {
   b.put(body);
   const MatrixXd Lambda = l.transpose() * at.mass.asDiagonal() * l;
   for (Eigen::Index k = 0; k < ne; ++k) {
-    b.put(at.mass.dot(l.col(k)));
-    b.put((at.rest.row(axes.x).transpose().cwiseProduct(at.mass)).dot(l.col(k)));
-    b.put((at.rest.row(axes.y).transpose().cwiseProduct(at.mass)).dot(l.col(k)));
-    b.put(inertia.dot(T.col(k)));
+    const auto with = [&](int axis) { return at.rest.row(axis).transpose().cwiseProduct(at.mass).dot(l.col(k)); };
+    b.put(records::PlaneCoordinate<double>{at.mass.dot(l.col(k)), with(axes.x), with(axes.y), inertia.dot(T.col(k))});
     for (Eigen::Index j = 0; j < ne; ++j) b.put(Lambda(k, j));
   }
   b.put_lower(Lambda + T.transpose() * inertia.asDiagonal() * T);
@@ -143,8 +141,8 @@ void put_space(ArmBuilder& b, const Link& link, const Stations& at) {
   b.put(body);
   MatrixXd Mee = MatrixXd::Zero(ne, ne);
   for (int d = 0; d < node.quadratic.directed; ++d) {
-    b.put(at.rest_of(one, at.linear.col(d)));
-    for (int i = 0; i < 3; ++i) b.put(at.rest_of(at.rest.row(i), at.linear.col(d)));
+    const auto with = [&](int axis) { return at.rest_of(at.rest.row(axis), at.linear.col(d)); };
+    b.put(records::SpaceCoordinate<::Space<double>>{at.rest_of(one, at.linear.col(d)), {with(0), with(1), with(2)}});
     for (int g = 0; g < node.quadratic.directed; ++g) {
       const double L = at.rest_of(at.linear.col(d), at.linear.col(g));
       b.put(L);

@@ -62,7 +62,7 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
   node.sampled.further_passes = node.sampled.further;
 }
 
-SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about)
+SampledTables::SampledTables(const Link& link, const Axes& axes, const Node& node, const std::vector<int>& about)
     : link_(link), beam_(*link.beam()), axes_(axes), node_(node), about_(about) {}
 
 /// In the order of the points, of a function at X = 0, the points, and the end. The middle one of an odd number is
@@ -101,8 +101,8 @@ std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables)
   const Index n = static_cast<Index>(tables.size());
   const double L = beam_.length();
   const Vector3d& origin = link_.hub().end;
-  std::vector<double> out{L, origin[0], origin[axes_.y]};
-  if (!axes_.planar) out.push_back(origin[axes_.z]);
+  std::vector<double> out;
+  in_axes(axes_, [&](auto to) { put_record(out, records::Span<decltype(to)>{L, to.lin(origin)}); });
   const auto rows = [&](const auto& value) {
     for (int k = 0; k < node_.ne; ++k) {
       VectorXd row(n);
@@ -153,9 +153,8 @@ std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables)
 }
 
 std::vector<double> SampledTables::slice(const SliceTable& at) const {
-  const Vector3d& origin = link_.hub().end;
-  std::vector<double> out{origin[0], origin[axes_.y]};
-  if (!axes_.planar) out.push_back(origin[axes_.z]);
+  std::vector<double> out;
+  in_axes(axes_, [&](auto to) { put_record(out, to.lin(link_.hub().end)); });
   VectorXd weights = VectorXd::Zero(at.weights.size() + 2);
   weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
   append(out, of_points(weights, true));
@@ -262,7 +261,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   note(list.about);
   note({n.body, n.sampled.exact, n.sampled.turning, n.sampled.further, n.sampled.points_have_mass, n.sampled.curved,
         n.sampled.uniaxial, n.rotary, list.points});
-  const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, n, list.about);
+  const SampledTables tables(link, axes, n, list.about);
   Mass body;  // of the hub, and of the beam's part that does not move in it
   body.add(link.hub(), Vector3d::Zero());
   body.m += beam.mass();
@@ -275,7 +274,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   put_stiffness(link);
   put_tip(link);
   const PointTables& at = PointTables::of(beam);
-  set(node().bounds, out.numbers_.size());
+  begin_part(node().bounds);
   for (double x : at.bounds) put(x);
   begin_points();  // of which the end is one
   put(tables.points(at.all));
@@ -285,8 +284,8 @@ void ArmBuilder::add_sampled(const Link& link) {
   few() = node();
   few().sampled.half = list.few_points / 2;
   few().passes = few().sampled.half + 1;
-  set(few().points, out.numbers_.size());
-  put(SampledTables(link, {axes.planar, axes.y, axes.z, axes.sign}, few(), list.about).points(at.few));
+  begin_part(few().points);
+  put(SampledTables(link, axes, few(), list.about).points(at.few));
 }
 
 }  // namespace lanes

@@ -4,32 +4,19 @@
 #include "setup/beam_points.hpp"
 #include "setup/kernel_arm.hpp"
 #include "setup/sampled_tables.hpp"
+#include "setup/written.hpp"
 
 namespace flexarm {
 namespace lanes {
 
-using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-void put(const Layout& layout, const Vector3d& r, Numbers& out) {
-  for (int i = 0; i < (layout.planar ? 2 : 3); ++i) out.push_back(r[layout.planar ? layout.along[i] : i]);
-}
-
-void put(const Layout& layout, const Matrix3d& R, Numbers& out) {
-  if (layout.planar) {
-    for (int i : layout.along) out.push_back(R(i, layout.along[0]));
-    return;
-  }
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) out.push_back(R(i, j));
-}
-
 void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, const SliceTable& table, Numbers& out) {
-  put(layout, rest, out);
+  in_axes(axes_of(layout), [&](auto to) { put_record(out, to.lin(rest)); });
   if (layout.planar) {
     for (int k = 0; k < node.ne; ++k) {
-      out.push_back(table.linear(layout.along[1], k));
-      out.push_back(layout.turning * table.linear(3 + layout.about, k));
+      put_record(out, records::PlaneSlope<double>{table.linear(layout.along[1], k),
+                                                  layout.turning * table.linear(3 + layout.about, k)});
     }
   } else {
     for (int d = 0; d < node.quadratic.directed; ++d)
@@ -42,8 +29,9 @@ void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, con
 
 KernelArm::Spot KernelArm::fixed(int node, Place::On on, const Placement& at) const {
   Spot spot{{on, node}, {}};
-  put(layout_, at.position, spot.numbers);
-  put(layout_, at.rotation, spot.numbers);
+  in_axes(axes_of(layout_), [&](auto to) {
+    put_record(spot.numbers, records::Seat<decltype(to)>{to.lin(at.position), to.rot(at.rotation)});
+  });
   return spot;
 }
 
@@ -56,9 +44,9 @@ KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTa
     return fixed(seat.node, Place::frame, {origin.position + origin.rotation * rest, origin.rotation * table.rest.R});
   Spot spot{{Place::slice, seat.node}, {}};
   if (node.body == Node::sampled_beam) {
-    const BeamAxes axes{layout_.planar, layout_.along[1], layout_.about, layout_.turning};
     const Lists& lists = lists_[static_cast<std::size_t>(seat.node)];
-    for (double x : SampledTables(arm.link(link), axes, node, lists.about).slice(table)) spot.numbers.push_back(x);
+    for (double x : SampledTables(arm.link(link), axes_of(layout_), node, lists.about).slice(table))
+      spot.numbers.push_back(x);
   } else {
     put_slice(layout_, node, rest, table, spot.numbers);
   }

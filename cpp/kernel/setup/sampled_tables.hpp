@@ -4,19 +4,12 @@
 #include <memory>
 #include <vector>
 
-#include "door/layout.hpp"
 #include "flexarm/link.hpp"
 #include "setup/numbers.hpp"
+#include "setup/written.hpp"
 
 namespace flexarm {
 namespace lanes {
-
-/// The axes of the world, besides x, in which a beam's numbers are.
-struct BeamAxes {
-  bool planar = false;
-  int y = 1, z = 2;   ///< of the plane: across, and about which it turns
-  double sign = 1.0;  ///< of a turn about z, seen with x to y as positive
-};
 
 /// Fills a node's fields of a sampled body, and the axes of its coordinates (Node::about).
 void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about);
@@ -37,7 +30,7 @@ struct PointTables {
 /// The numbers of one body, a point at a time. `node` and `about` are as described.
 class SampledTables {
  public:
-  SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about);
+  SampledTables(const Link& link, const Axes& axes, const Node& node, const std::vector<int>& about);
   /// Of the points (sampled.hpp's Rows), by their tables.
   std::vector<double> points(const std::vector<SliceTable>& tables) const;
   /// Of a slice: where the beam begins, weights of the integral from 0 to X, and how it turns.
@@ -55,7 +48,7 @@ class SampledTables {
 
   const Link& link_;
   const Beam& beam_;
-  BeamAxes axes_;
+  Axes axes_;
   const Node& node_;
   const std::vector<int>& about_;
 };

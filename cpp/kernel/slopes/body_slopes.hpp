@@ -23,10 +23,10 @@ Any* make_chain(const Layout& layout, const double* numbers, Arena& arena) {
 
 template <class Sp>
 class BodySlopes {
-  static constexpr int kAtOnce = 4;  ///< coordinates by which a body is differentiated
+  static constexpr int kAtOnce = kFew;  ///< coordinates by which a body is differentiated
   using One = typename SpaceOf<Sp, double>::type;
   using Value = Chain<One, Pack>;
-  using Bent = Chain<typename SpaceOf<Sp, Dual<double, double, kAtOnce>>::type, Dual<Pack, Pack, kAtOnce>>;
+  using Bent = Chain<typename SpaceOf<Sp, Few>::type, FewPacks>;
   using B = typename Bent::S;
   static constexpr int kForce = Sp::linear + Sp::angular;
 
@@ -43,7 +43,6 @@ class BodySlopes {
     const std::size_t most = static_cast<std::size_t>(Bent::most_elastic(layout_));
     bent_ = make_chain<Bent>(of.grouped, of.grouped_numbers, arena);
     q_ = arena.take_lines<B>(2 * most);  // and dq
-    work_ = arena.take_lines<double>(2 * most);
     table_ = arena.take_lines<Table>(static_cast<std::size_t>(layout_.nodes));
     for (int i = 0; i < layout_.nodes; ++i) {
       const Table t = table_of(layout_.node[i], arena);
@@ -54,10 +53,8 @@ class BodySlopes {
   /// Whether a node has such a body. Others are differentiated with the chain.
   bool has(int i) const { return table_[i].values != nullptr; }
 
-  /// Of the body of node i, which `value` has just bent to q and dq. `dual` and its coordinates from `dual_q` on, and
-  /// rates, are those that `look_up` is for.
-  void tabulate(int i, const double* constants, const double* q, const double* dq, Value& value, State<Sp>& dual,
-                const LaneDual* dual_q, LaneDual* dual_dq) {
+  /// Of the body of node i, which `value` has just bent to q and dq.
+  void tabulate(int i, const double* constants, const double* q, const double* dq, Value& value) {
     const Node& node = value.layout.node[i];
     State<One>& s = value.state[i];
     Table& t = table_[i];
@@ -66,16 +63,14 @@ class BodySlopes {
     for_parts(s, node.ne, [&](const double* x, int n) {
       for (int r = 0; r < n; ++r) *values++ = x[r];
     });
-    by_rates(node, t, constants, q, dq, value, s);
-    if (node.body == Node::quadratic_beam)
-      end_by_rates(node, t, dual.elastic, dual_q, dual_dq, value.numbers + node.end);
     by_coordinates(i, constants, q, dq, s.w);
+    by_rates(node, t, dq, s);
   }
 
   /// The body of node i and its end slice. @param bends  whether q has slopes
   void look_up(int i, bool bends, const LaneDual* q, const LaneDual* dq, State<Sp>& s) {
     Table& t = table_[i];
-    const LaneDual* w = reinterpret_cast<const LaneDual*>(&s.w);
+    const LaneDual* w = view<const LaneDual>(&s.w);
     const int ne = layout_.node[i].ne;
     const double *value = t.values, *by_q = t.by_q, *by_rates = t.by_rates;
     for_parts(s, ne, [&](LaneDual* x, int n) {
@@ -141,63 +136,96 @@ class BodySlopes {
   }
   template <class T, class X, class Visit>
   static void pass(X& x, int count, const Visit& visit) {
-    visit(reinterpret_cast<T*>(&x), count * static_cast<int>(sizeof(x) / sizeof(T)));
+    visit(view<T>(&x), count * static_cast<int>(sizeof(x) / sizeof(T)));
   }
 
-  // --- By rates: forces are quadratic in them. ---
+  // --- By rates: forces are those of a kinetic energy, whose inertias are in the table. ---
 
-  static double trace(const Space<double>::Sym& J) { return J.xx + J.yy + J.zz; }
-  static double trace(const Plane<double>::Sym& J) { return J.zz; }
+  /// The slope of a body's part, whose numbers begin at a row, by coordinate k.
+  template <class X>
+  static X slope_at(const Table& t, int ne, int row, int k) {
+    X out;
+    double* to = view<double>(&out);
+    for (std::size_t r = 0; r < sizeof(X) / sizeof(double); ++r) to[r] = t.by_q[(row + static_cast<int>(r)) * ne + k];
+    return out;
+  }
+  /// Of a slice or an inertia X of each coordinate, as a sum over dq: by dq_k of the sum's rate.
+  template <class X>
+  static X by_rate(const Table& t, int ne, int row, const double* dq, int k) {
+    X out = X::zero();
+    for (int j = 0; j < ne; ++j)
+      out += dq[j] * (slope_at<X>(t, ne, row + k * kForce, j) + slope_at<X>(t, ne, row + j * kForce, k));
+    return out;
+  }
 
-  /// By central differences, which are exact for quadratic functions, over steps of as much kinetic energy as there is.
-  void by_rates(const Node& node, const Table& t, const double* constants, const double* q, const double* dq,
-                Value& value, const State<One>& s) {
+  /// Of Lagrange's equations of the energy of M, w and dq, the link's origin at rest. That M and the forces, which
+  /// kernels find from slices, are of one energy is what tests against duals of the latter show.
+  void by_rates(const Node& node, const Table& t, const double* dq, const State<One>& s) {
+    using Rigid = typename One::Rigid;
+    using Ang = typename One::Ang;
     const int ne = node.ne, columns = ne + Sp::angular;
-    double *rates = work_, *e = rates + ne;
-    for (int k = 0; k < ne; ++k) rates[k] = dq[k];
-    typename One::Ang w = s.w;
-    const double J = trace(s.body.J);
-    double energy = J * One::dot(w, w);
-    for (int k = 0; k < ne; ++k) energy += s.elastic.M[packed(k, k)] * dq[k] * dq[k];
-    Elastic<One> moved = s.elastic;
-    moved.e = e;
+    const int of_J = static_cast<int>((sizeof(Rigid) + sizeof(Frame<One>)) / sizeof(double));
+    const int of_M_er = of_J + kForce * ne, of_M = of_M_er + kForce * ne;
+    const Ang& w = s.w;
+    const double* turning = view<const double>(&w);
     for (int k = 0; k < t.moving * columns; ++k) t.by_rates[k] = 0.0;
-    for (int column = 0; column < columns; ++column) {
-      double& x = column < ne ? rates[column] : reinterpret_cast<double*>(&w)[column - ne];
-      const double at = x, square = energy / (column < ne ? s.elastic.M[packed(column, column)] : J);
-      const double step = square > 1e-200 && square < 1e200 ? __builtin_sqrt(square) : 1.0;
-      for (int side = 1; side >= -1; side -= 2) {
-        Force<One> F;
-        x = at + side * step;
-        value.bend_again(node, constants, q, rates, w, F, moved);
-        double* to = t.by_rates + column;
-        for_moving(F, moved, ne, [&](const double* number, int count) {
-          for (int r = 0; r < count; ++r, to += columns) *to += (0.5 * side / step) * number[r];
-        });
+    const auto put = [&](int row, int column, const auto& x) {
+      const double* from = view<const double>(&x);
+      for (std::size_t r = 0; r < sizeof(x) / sizeof(double); ++r)
+        t.by_rates[(row + static_cast<int>(r)) * columns + column] = from[r];
+    };
+    double* e = t.by_rates + kForce * columns;  // rows of coordinates' forces
+    const int of_rate = kForce + ne, of_bias = of_rate + kForce;
+
+    // of a coordinate's momentum p_k, by coordinates: dp_k/dq_m of de_k/d(dq_m), and less dp_m/dq_k
+    const auto add_momentum = [&](int k, double rate, const double* by_q) {
+      for (int m = 0; m < ne; ++m) {
+        e[k * columns + m] += rate * by_q[m];
+        e[m * columns + k] -= rate * by_q[m];
       }
-      x = at;
-    }
-    if (!node.damped) return;
+    };
+    const double* row = t.by_q + of_M * ne;
+    for (int k = 0; k < ne; ++k)
+      for (int j = 0; j <= k; ++j, row += ne) {
+        double M_rate = 0.0;
+        for (int m = 0; m < ne; ++m) M_rate += row[m] * dq[m];
+        if (node.damped) M_rate += s.elastic.constants[packed(ne, 0) + packed(k, j)];
+        e[k * columns + j] += M_rate;
+        add_momentum(k, dq[j], row);
+        if (j == k) continue;
+        e[j * columns + k] += M_rate;
+        add_momentum(j, dq[k], row);
+      }
+    Rigid rate = One::no_body();  // of the body, and of its angular momentum without w
+    Force<One> momentum = Force<One>::zero();
     for (int k = 0; k < ne; ++k) {
-      for (int j = 0; j < ne; ++j) rates[j] = e[j] = 0.0;
-      rates[k] = 1.0;
-      add_elastic_forces(node, s.elastic.constants, e, rates, e);  // of damping; of stiffness, none
-      for (int j = 0; j < ne; ++j) t.by_rates[(kForce + j) * columns + k] += e[j];
+      const int mine = of_M_er + k * kForce;
+      for (int a = 0; a < Sp::angular; ++a) add_momentum(k, turning[a], t.by_q + (mine + Sp::linear + a) * ne);
+      momentum += dq[k] * s.elastic.M_er[k];
+      const Rigid by_q = slope_at<Rigid>(t, ne, 0, k);
+      One::add(rate, {0.0, dq[k] * by_q.c, One::scaled(dq[k], by_q.J)});
+      Force<One> F = by_rate<Force<One>>(t, ne, of_M_er, dq, k);
+      const Ang turned = One::apply(by_q.J, w);
+      F.force += 2.0 * One::cross(w, s.elastic.M_er[k].force);
+      F.moment += turned + One::cross(w, s.elastic.M_er[k].moment);
+      put(0, k, F);
+      Ang by_w = -1.0 * turned;  // of e_k
+      for (int j = 0; j < ne; ++j)
+        by_w += dq[j] * (slope_at<Force<One>>(t, ne, mine, j).moment -
+                         slope_at<Force<One>>(t, ne, of_M_er + j * kForce, k).moment);
+      for (int a = 0; a < Sp::angular; ++a) e[k * columns + ne + a] = view<const double>(&by_w)[a];
+      put(of_rate, k, s.elastic.end.J[k]);
+      put(of_bias, k, by_rate<Motion<One>>(t, ne, of_J, dq, k));
     }
-  }
-  /// The end of a quadratic body, which is moved without its points.
-  void end_by_rates(const Node& node, const Table& t, Elastic<Sp>& e, const LaneDual* q, LaneDual* dq,
-                    const double* numbers) {
-    const int columns = node.ne + Sp::angular;
-    for_directions(dq, node.ne, [&](int first, int count) {
-      move_slice(node, numbers, q, dq, e.end);
-      Force<Sp> F = Force<Sp>::zero();
-      double *to = t.by_rates + first, *of_end = to + (kForce + node.ne) * columns;
-      for_moving(F, e, node.ne, [&](const LaneDual* x, int numbers_of) {
-        for (int r = 0; r < numbers_of; ++r, to += columns)
-          for (int k = 0; k < count && to >= of_end; ++k) to[k] = slope_of(x[r], k);
-      });
-    });
+    const Ang spin = One::apply(s.body.J, w) + momentum.moment;
+    for (int a = 0; a < Sp::angular; ++a) {
+      Ang about = One::zero_angular();
+      view<double>(&about)[a] = 1.0;
+      put(0, ne + a,
+          Force<One>{One::cross(about, One::cross(w, s.body.c)) + One::cross(w, One::cross(about, s.body.c)) +
+                         2.0 * One::cross(about, momentum.force),
+                     One::apply(rate.J, about) + One::cross(about, spin) + One::cross(w, One::apply(s.body.J, about))});
+    }
   }
 
   // --- By coordinates: everything, points in the lanes, some directions at a time. ---
@@ -211,16 +239,16 @@ class BodySlopes {
       q[k] = B{} + q0[k];
       dq[k] = B{} + dq0[k];
     }
-    for (int k = 0; k < Sp::angular; ++k) reinterpret_cast<B*>(&s.w)[k] = B{} + reinterpret_cast<const double*>(&w)[k];
+    for (int k = 0; k < Sp::angular; ++k) view<B>(&s.w)[k] = B{} + view<const double>(&w)[k];
     for (int first = 0; first < ne; first += kAtOnce) {
       const int count = ne - first < kAtOnce ? ne - first : kAtOnce;
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 1.0;
+      for (int k = 0; k < count; ++k) q[first + k].d[0].v[k] = 1.0;
       bent_->template bend_body<true>(node, constants, Bent::Space::zero(), q, dq, s);
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 0.0;
+      for (int k = 0; k < count; ++k) q[first + k].d[0].v[k] = 0.0;
       double* row = table_[i].by_q + first;
       for_parts(s, ne, [&](const B* x, int n) {
         for (int r = 0; r < n; ++r, row += ne)
-          for (int k = 0; k < count; ++k) row[k] = x[r].d[k];
+          for (int k = 0; k < count; ++k) row[k] = x[r].d[0].v[k];
       });
     }
   }
@@ -228,7 +256,6 @@ class BodySlopes {
   const Layout& layout_;
   Bent* bent_;
   B* q_;
-  double* work_;
   Table* table_;
 };
 

@@ -170,9 +170,7 @@ class Slopes {
       value_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
             value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
-            if (bodies_->has(i))
-              bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_, dual_->state[i], q_ + node.qe,
-                                q_ + nq_ + node.ve);
+            if (bodies_->has(i)) bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_);
           });
   }
 
@@ -194,9 +192,9 @@ class Slopes {
   };
   Ends ends_of(const Segment& s) const {
     Ends e;
-    LaneDual* at = reinterpret_cast<LaneDual*>(&e);
+    LaneDual* at = view<LaneDual>(&e);
     const auto put = [&](const auto& x) {
-      const double* p = reinterpret_cast<const double*>(&x);
+      const double* p = view<const double>(&x);
       for (std::size_t k = 0; k < sizeof(x) / sizeof(double); ++k) *at++ = LaneDual{} + p[k];
     };
     typename One::Ang w = One::zero_angular();
@@ -256,7 +254,7 @@ class Slopes {
 
   void differentiate(const Segment& s) {
     Ends ends = ends_of(s);
-    LaneDual* const inputs = reinterpret_cast<LaneDual*>(&ends);
+    LaneDual* const inputs = view<LaneDual>(&ends);
     const int from = s.first > 0 ? 0 : motion_, to = motion_ + (s.end < layout_.nodes ? kForce : 0);
     const auto input = [&](int k) {  // without attitudes no turn is asked for
       return inputs + (k < motion_ ? k : k - motion_ + kMostMotion);
@@ -285,7 +283,7 @@ class Slopes {
       row += s.stride();
     };
     const auto put_all = [&](const auto& x) {
-      const LaneDual* p = reinterpret_cast<const LaneDual*>(&x);
+      const LaneDual* p = view<const LaneDual>(&x);
       for (std::size_t k = 0; k < sizeof(x) / sizeof(LaneDual); ++k) put(p[k]);
     };
     const LaneDual *q = q_, *v = q + nq_, *x = v + nv_;

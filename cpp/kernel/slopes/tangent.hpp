@@ -6,7 +6,7 @@
 namespace {
 
 /// A number T and its derivatives, `count` of type D: T a double and D a pack, of as many directions as there are
-/// lanes; or both a double, or a pack, of one direction each.
+/// lanes, or of a few; or both a pack, of one direction each.
 template <class T, class D, int count>
 struct Dual {
   T x;
@@ -138,41 +138,56 @@ void for_directions(LaneDual* x, int all, const Visit& visit) {
   }
 }
 
-// --- Points of a beam in the lanes, and some directions one after the other. ---
+// --- A few directions: of one arm in a vector, and one after the other where points of a beam lie in the lanes. ---
 
-template <int count>
-Dual<Pack, Pack, count> widen(const Dual<double, double, count>& x, const Dual<Pack, Pack, count>&) {
-  return Dual<Pack, Pack, count>::map(widen(x.x, Pack{}), [&](int i) { return widen(x.d[i], Pack{}); });
+constexpr int kFew = 4;
+struct __attribute__((packed, aligned(8))) FewSlopes {
+  typedef double Vector __attribute__((vector_size(8 * kFew)));
+  Vector v;
+  FewSlopes operator-() const { return {-v}; }
+  friend FewSlopes operator+(const FewSlopes& a, const FewSlopes& b) { return {a.v + b.v}; }
+  friend FewSlopes operator-(const FewSlopes& a, const FewSlopes& b) { return {a.v - b.v}; }
+  friend FewSlopes operator*(double k, const FewSlopes& a) { return {k * a.v}; }
+  friend FewSlopes operator*(const FewSlopes& a, double k) { return {k * a.v}; }
+};
+using Few = Dual<double, FewSlopes, 1>;  // as dense as so many doubles, so that sums over lanes are
+using FewPacks = Dual<Pack, Pack, kFew>;
+static_assert(sizeof(Few) == (1 + kFew) * sizeof(double), "numbers side by side");
+
+inline FewPacks widen(const Few& x, const FewPacks&) {
+  return FewPacks::map(widen(x.x, Pack{}), [&](int i) { return widen(x.d[0].v[i], Pack{}); });
 }
-template <int count>
-void sum_lanes(const Dual<Pack, Pack, count>* in, int n, Dual<double, double, count>* out) {
-  sum_lanes(reinterpret_cast<const Pack*>(in), n * (1 + count), reinterpret_cast<double*>(out));
+inline void sum_lanes(const FewPacks* in, int n, Few* out) {
+  sum_lanes(view<const Pack>(in), n * (1 + kFew), view<double>(out));
 }
-template <class S, int count>
-S lane_of(const Dual<Pack, Pack, count>* column, int i) {
+template <class S>
+S lane_of(const FewPacks* column, int i) {
   constexpr int W = FLEXARM_WIDTH;
-  const Dual<Pack, Pack, count>& at = column[i / W];
-  return S::map(at.x[i % W], [&](int k) { return at.d[k][i % W]; });
+  const FewPacks& at = column[i / W];
+  S out;
+  out.x = at.x[i % W];
+  for (int k = 0; k < kFew; ++k) out.d[0].v[k] = at.d[k][i % W];
+  return out;
 }
-template <class S, int count>
-void put_lane(Dual<Pack, Pack, count>* column, int i, const S& x) {
+template <class S>
+void put_lane(FewPacks* column, int i, const S& x) {
   constexpr int W = FLEXARM_WIDTH;
-  Dual<Pack, Pack, count>& at = column[i / W];
+  FewPacks& at = column[i / W];
   at.x[i % W] = x.x;
-  for (int k = 0; k < count; ++k) at.d[k][i % W] = x.d[k];
+  for (int k = 0; k < kFew; ++k) at.d[k][i % W] = x.d[0].v[k];
 }
 
 /// Integrals are linear: those of a dual number's parts, as of plain columns.
-template <int count>
-class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
-  using P = Dual<Pack, Pack, count>;
+template <>
+class Integral<Few, FewPacks> {
+  using P = FewPacks;
 
  public:
   Integral(const double* table, int half, int packs, P* work)
-      : plain_(table, half, packs, reinterpret_cast<Pack*>(work + 4 * packs)),
+      : plain_(table, half, packs, view<Pack>(work + 4 * packs)),
         points_(2 * packs),
-        in_(reinterpret_cast<Pack*>(work)),
-        out_(reinterpret_cast<Pack*>(work + 2 * packs)) {}
+        in_(view<Pack>(work)),
+        out_(view<Pack>(work + 2 * packs)) {}
 
   template <class Slope>
   void operator()(int columns, const Slope& slope, P* out, int stride) const {
@@ -181,13 +196,13 @@ class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
       for (int i = 0; i < points_; ++i) {
         const P x = f(i);
         in_[i] = x.x;
-        for (int k = 0; k < count; ++k) in_[(1 + k) * points_ + i] = x.d[k];
+        for (int k = 0; k < kFew; ++k) in_[(1 + k) * points_ + i] = x.d[k];
       }
-      plain_(1 + count, columns_at(in_, points_), out_, points_);
+      plain_(1 + kFew, columns_at(in_, points_), out_, points_);
       P* to = out + c * stride;
       for (int i = 0; i < points_; ++i) {
         to[i].x = out_[i];
-        for (int k = 0; k < count; ++k) to[i].d[k] = out_[(1 + k) * points_ + i];
+        for (int k = 0; k < kFew; ++k) to[i].d[k] = out_[(1 + k) * points_ + i];
       }
     }
   }

@@ -54,16 +54,6 @@ struct Plane {
     p += 2 * w;
     return r;
   }
-  static Rot read_rotation(const double*& p) {
-    const Lin a = read(p);
-    return {a.x, a.y};
-  }
-  static Sym read_symmetric(const double*& p) {
-    Sym J{Lanes<S>::load(p)};
-    p += Lanes<S>::width;
-    return J;
-  }
-  static Ang read_angular(const double*& p) { return {read_symmetric(p).zz}; }
   static Lin cross(const Ang& w, const Lin& r) { return {-w.z * r.y, w.z * r.x}; }
   static Ang cross(const Ang&, const Ang&) { return {S{}}; }
   static Ang moment(const Lin& r, const Lin& f) { return {r.x * f.y - r.y * f.x}; }
@@ -122,14 +112,6 @@ struct Plane {
   static Inertia rotate(int, const S& s, const S& c, const Inertia& M) { return rotate(Rot{c, s}, M); }
   static Sym scaled(const S& k, const Sym& a) { return {k * a.zz}; }
   static void add(Sym& a, const Sym& b) { a.zz += b.zz; }
-  static void add(Inertia& a, const Inertia& b) {
-    a.A.xx += b.A.xx;
-    a.A.yy += b.A.yy;
-    a.A.xy += b.A.xy;
-    a.B.x += b.B.x;
-    a.B.y += b.B.y;
-    a.D.zz += b.D.zz;
-  }
   static Force<Plane> column(const Inertia& M, bool about, int axis) {
     if (about) return {M.B, {M.D.zz}};
     return axis == 0 ? Force<Plane>{{M.A.xx, M.A.xy}, {M.B.x}} : Force<Plane>{{M.A.xy, M.A.yy}, {M.B.y}};

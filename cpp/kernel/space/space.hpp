@@ -44,15 +44,6 @@ struct Space {
     p += 3 * w;
     return r;
   }
-  static Rot read_rotation(const double*& p) {
-    const Lin a = read(p), b = read(p), c = read(p);
-    return {a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z};
-  }
-  static Sym read_symmetric(const double*& p) {
-    const Lin a = read(p), b = read(p);
-    return {a.x, a.y, a.z, b.x, b.y, b.z};
-  }
-  static Ang read_angular(const double*& p) { return read(p); }
   static Lin cross(const Lin& a, const Lin& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
   }
@@ -168,19 +159,6 @@ struct Space {
     a.xy += b.xy;
     a.xz += b.xz;
     a.yz += b.yz;
-  }
-  static void add(Inertia& a, const Inertia& b) {
-    add(a.A, b.A);
-    add(a.D, b.D);
-    a.B.xx += b.B.xx;
-    a.B.xy += b.B.xy;
-    a.B.xz += b.B.xz;
-    a.B.yx += b.B.yx;
-    a.B.yy += b.B.yy;
-    a.B.yz += b.B.yz;
-    a.B.zx += b.B.zx;
-    a.B.zy += b.B.zy;
-    a.B.zz += b.B.zz;
   }
   /// Column of a freedom along, or about, an axis.
   static Force<Space> column(const Inertia& M, bool about, int axis) {

@@ -113,7 +113,7 @@ struct Roller {
     }
   }
 
-  static double* raw(S* p) { return reinterpret_cast<double*>(p); }
+  static double* raw(S* p) { return view<double>(p); }
   void set(long half) {
     job.scenarios->set(half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset), raw(arms.chain.wrench));
   }

@@ -3,6 +3,8 @@
 
 #include <cstddef>
 
+#include "wide/views.hpp"
+
 namespace {
 
 template <class S>

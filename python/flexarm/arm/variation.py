@@ -9,7 +9,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -150,12 +150,14 @@ class Variation:
     Args:
         setup: common to all.
         parameters: values (B, ...) or (1, ...) by path.
+        once: each scenario is asked for once, and all are different: no part is kept for others, and errors are
+            those of the scenarios.
     """
 
-    def __init__(self, setup: Setup, parameters: Mapping[str, ArrayLike] | None) -> None:
+    def __init__(self, setup: Setup, parameters: Mapping[str, ArrayLike] | None, once: bool = False) -> None:
         if parameters is not None and not isinstance(parameters, Mapping):
             raise ValueError(f"parameters = {parameters!r}: must be a dictionary, by paths such as 'link.0.tip.mass'")
-        self.setup = setup
+        self.setup, self.once = setup, once
         self.values: dict[str, Array] = {}
         known = setup.known if parameters else []
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
@@ -176,7 +178,7 @@ class Variation:
         self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "sensor", "gravity")}
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
-        if not self.one_setup:
+        if not self.one_setup and not once:
             self.scenario(0)  # so that an error of all is raised here
 
     @property
@@ -248,7 +250,7 @@ class Variation:
         links = self._rebuilt("link", base.links, self._trees["link"], i)
         gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
         try:
-            return base if links is base.links and gravity is base.gravity else Arm(links, gravity)
+            return base if links is base.links and gravity is base.gravity else Arm._varied(base, links, gravity)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 
@@ -274,6 +276,8 @@ class Variation:
 
     def _memo(self, where: str, tree: Any, i: int, build: Callable[[int], Any]) -> Any:
         """build(i), or its earlier result for the same values."""
+        if self.once:
+            return build(i)
         key = b"".join(_values_at(tree, i))
         with self._lock:
             kept = self._parts.setdefault(where, OrderedDict())
@@ -300,8 +304,11 @@ class Variation:
         return self._memo(where, tree, i, lambda k: self._build(where, part, tree, k))
 
     def _build(self, where: str, part: Any, tree: _Tree, i: int) -> Any:
-        old = fields_of(part)
-        new = {name: self._rebuilt(f"{where}.{name}", old[name], below, i) for name, below in tree.items()}
+        old = None if isinstance(part, (Part, tuple)) else fields_of(part)
+        new = {}
+        for name, below in tree.items():
+            was = old[name] if old is not None else part[int(name)] if isinstance(part, tuple) else getattr(part, name)
+            new[name] = self._rebuilt(f"{where}.{name}", was, below, i)
         try:
             return _replaced(part, new)
         except ValueError as e:
@@ -318,6 +325,8 @@ def _values_at(tree: Any, i: int) -> Iterator[bytes]:
 
 def _leaf(where: str, old: Any, value: Any, i: int) -> Any:
     """The value of scenario i, as the field it replaces has it."""
+    if isinstance(old, float) and isinstance(value, float):  # NumPy's are, and shapes are slow
+        return float(value)
     if old is not None and np.shape(old) != np.shape(value):
         want = f"(B, {', '.join(str(n) for n in np.shape(old))})" if np.ndim(old) else "(B,)"
         raise ValueError(f"parameters['{where}'] has entries of shape {np.shape(value)}: must be {want}")
@@ -332,7 +341,7 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
             out[int(name)] = value
         return np.array(out) if isinstance(part, np.ndarray) else tuple(out)
     if isinstance(part, Part):
-        return replace(part, **new)  # type: ignore[type-var]
+        return part._replaced(new)
     if isinstance(part, Load):
         scale = new.pop("scale", None)
         load = Load(**{**part.given, **new}) if new else part

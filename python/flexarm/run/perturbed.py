@@ -127,7 +127,7 @@ def _parameter(
         for steps, weights in (_CENTRAL, _AHEAD, _BEHIND):
             offsets = h * np.array(steps)
             try:
-                near = Variation(setup, {**others, path: value + offsets})
+                near = Variation(setup, {**others, path: value + offsets}, once=True)
                 found = [_problem(near, i, t, begin, tau, word) for i in range(len(steps))]
             except ValueError as e:
                 why = why or e

@@ -246,8 +246,8 @@ class Source:
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         if look:
             look(2 / 3, "by parameters")
-        forces = dict(zip(near, tape.weigh(core_parameters(run, list(near.values())), needed, applied, workers),
-                          strict=True))  # fmt: skip
+        by_forces = tape.weigh(core, core_parameters(run, list(near.values())), needed, applied, workers)
+        forces = dict(zip(near, by_forces, strict=True))
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)
         whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
         out: dict[str, Any] = {}

@@ -21,12 +21,13 @@ void keep_sides(const Problem& of, Tape& tape);
 
 /// Derivatives of the balance at the places of a tape by each parameter, at fixed q, v and a, but for those prescribed,
 /// under the forces that the run's controllers hold.
-std::vector<Balance> balance_slopes(const std::vector<Parameter>& parameters, const Tape& tape, int threads = 1);
+std::vector<Balance> balance_slopes(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape,
+                                    int threads = 1);
 
 /// The sums of `balance_slopes` over the places of a tape, times weights (places, nv): with those of an adjoint, the
 /// derivative of its number by each parameter.
-Eigen::VectorXd weigh(const std::vector<Parameter>& parameters, const Tape& tape, const Trajectory::Rows& needed,
-                      const Trajectory::Rows& applied, int threads = 1);
+Eigen::VectorXd weigh(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape,
+                      const Trajectory::Rows& needed, const Trajectory::Rows& applied, int threads = 1);
 
 /// Steps that this problem takes from the beginnings of the tape's switches.
 struct Repeated {

@@ -248,7 +248,7 @@ class _Rolls:
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
         np.add.at(forces, ends - 1, held)
         forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # beyond the limits of motors
-        by = tape.weigh([p.core for p in of.neighbours.values()], needed, applied, self.workers)
+        by = tape.weigh(of.problem, [p.core for p in of.neighbours.values()], needed, applied, self.workers)
         if len(ends):
 
             def near(path: str, part: float) -> Parameter:

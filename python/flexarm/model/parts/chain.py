@@ -39,6 +39,14 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
     return out
 
 
+def _alike(x: Link, y: Link) -> bool:
+    """Whether links have the same names and coordinates."""
+    counts = [link.beam.counts if link.beam is not None else {} for link in (x, y)]
+    return (x.name, x.joint.name, x.joint.type, x.joint.labels, counts[0]) == (
+        y.name, y.joint.name, y.joint.type, y.joint.labels, counts[1]
+    )  # fmt: skip
+
+
 def _quaternion(turn: Array) -> Array:
     """w, x, y, z of a rotation vector (rad)."""
     half = 0.5 * float(np.linalg.norm(turn))
@@ -59,6 +67,10 @@ class Chain:
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
+        self._name()
+        self._make()
+
+    def _name(self) -> None:
         self._numbers = _numbers(self.links)
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
                for k, link in enumerate(self.links)]  # fmt: skip
@@ -71,6 +83,8 @@ class Chain:
             joint or f"{self.names[k]} {self.links[k].joint.type}" for k, joint in enumerate(own)
         )
         self.coordinates: tuple[str, ...] = self._labels()
+
+    def _make(self) -> None:
         with self.naming():
             self._core = _core.Arm([link._core for link in self.links], self.gravity)
         self.nq: int = self._core.nq
@@ -89,6 +103,18 @@ class Chain:
         """An arm of the same class; a subclass's own `__init__`, which may take other arguments, is not called."""
         out = type(self).__new__(type(self))
         Chain.__init__(out, links, gravity)
+        return out
+
+    @classmethod
+    def _varied(cls: type[_Kind], of: Chain, links: Sequence[Link], gravity: Sequence[float]) -> _Kind:
+        """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
+        if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
+            return cls(links, gravity)
+        out = cls.__new__(cls)
+        out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
+        out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
+        out.coordinates = of.coordinates
+        out._make()
         return out
 
     def __reduce__(self) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 from typing import Annotated, Any, get_origin
 
@@ -71,6 +71,17 @@ class Part:
         for name, read in _checks(kind).items():
             self._set(name, read(name, getattr(self, name)))
         self._set("_core", self._made())
+
+    def _replaced(self, new: Mapping[str, Any]) -> Part:
+        """As `dataclasses.replace`; arguments that stay are not checked again."""
+        kind: Any = type(self)
+        if kind.__post_init__ is not Part.__post_init__:  # which checks more
+            return replace(self, **new)  # type: ignore[type-var]
+        out: Part = object.__new__(kind)
+        for name, read in _checks(kind).items():
+            out._set(name, read(name, new[name]) if name in new else getattr(self, name))
+        out._set("_core", out._made())
+        return out
 
     def _made(self) -> Any:
         return None
