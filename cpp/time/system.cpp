@@ -37,7 +37,8 @@ System::System(const Problem& problem, Control& control_)
       v(Eigen::VectorXd::Zero(arm.nv())),
       a(v),
       tau(constant_tau),
-      friction(v) {
+      friction(v),
+      held_before(v) {
   std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
   for (const Drive& d : drives)
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
@@ -80,9 +81,9 @@ Status System::accelerate(bool between) {
 bool System::sample(double t) {
   if (!control.due(t)) return false;
   if (accelerate() == Status::ok) a = ws.a;
-  const Eigen::VectorXd before = control.held();
+  held_before = control.held();
   if (!control.run(t, q, v, a)) return false;
-  tau += control.held() - before;
+  tau += control.held() - held_before;
   ws.give(tau.data());
   return true;
 }

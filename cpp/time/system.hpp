@@ -22,6 +22,7 @@ struct System {
   Eigen::VectorXd q, v, a, tau;  // of all coordinates
   OneStep* rubbing = nullptr;    // the method that knows dry friction (Step::rubbing)
   Eigen::VectorXd friction;      // of that
+  Eigen::VectorXd held_before;   // forces of sampled controllers, before these sample
 
   /// @param control  of the problem, with its samples. Both must outlive this
   System(const Problem& problem, Control& control);

@@ -4,8 +4,7 @@
  * flexarm_error() then says what. Arrays of matrices are row by row. Indices begin at 0.
  *
  * A scene may serve many simulations in many threads at once. A simulation is used by one thread at a time. After
- * flexarm_start, steps, inputs and outputs allocate and lock nothing, but for a sampled controller, which allocates a
- * few numbers when it samples, and for the text of an error.
+ * flexarm_start, steps, inputs and outputs allocate and lock nothing, but for the text of an error.
  */
 #ifndef FLEXARM_H
 #define FLEXARM_H
