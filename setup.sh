@@ -152,7 +152,7 @@ lint() {
   mypy
   python -m mypy.stubtest flexarm._core --ignore-missing-stub --mypy-config-file pyproject.toml \
     --allowlist <(echo 'flexarm\._core\.[A-Za-z]+')  # pybind11's metaclass, of the classes themselves
-  find cpp bench python/bindings \( -name '*.hpp' -o -name '*.cpp' \) -print0 | xargs -0r clang-format --dry-run -Werror
+  find cpp bench python/bindings \( -name '*.[ch]pp' -o -name '*.[ch]' \) -print0 | xargs -0r clang-format --dry-run -Werror
   echo "all clean"
 }
 
