@@ -14,7 +14,7 @@ namespace {
 
 /// A neighbour of one or more parameters, with its weight in each; and which elastic bodies of its arm are not those
 /// of the run's.
-struct Near {
+struct NearArm {
   std::vector<std::pair<std::size_t, double>> of;
   const Problem* problem;
   lanes::KernelArm arm;
@@ -23,8 +23,9 @@ struct Near {
 
 lanes::KernelArm near_arm(const Problem& of) { return lanes::KernelArm::of(*of.arm).loaded(*of.arm, places(of.loads)); }
 
-Near near_of(const Problem& problem, const lanes::KernelArm& run, std::vector<std::pair<std::size_t, double>> weights) {
-  Near out{std::move(weights), &problem, near_arm(problem), {}};
+NearArm near_of(const Problem& problem, const lanes::KernelArm& run,
+                std::vector<std::pair<std::size_t, double>> weights) {
+  NearArm out{std::move(weights), &problem, near_arm(problem), {}};
   for (int i = 0; i < out.arm.layout().nodes; ++i) {
     const lanes::Node& node = out.arm.layout().node[i];
     out.own.push_back(node.ne > 0 &&  // whose forces have those of loads, or gravity, among them, too
@@ -37,7 +38,7 @@ Near near_of(const Problem& problem, const lanes::KernelArm& run, std::vector<st
 class SideBySide {
  public:
   /// Of as many from `first` on as are alike and fit.
-  SideBySide(const std::vector<Near>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_kernels()) {
+  SideBySide(const std::vector<NearArm>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_kernels()) {
     std::vector<const lanes::KernelArm*> arms;
     const std::size_t nodes = all[first].own.size();
     own_ = std::make_unique<bool[]>(nodes);
@@ -111,7 +112,7 @@ class SideBySide {
 
  private:
   const lanes::Kernels& kernels_;
-  std::vector<const Near*> near_;
+  std::vector<const NearArm*> near_;
   std::vector<std::unique_ptr<Places>> at_;
   std::unique_ptr<bool[]> own_;
   std::unique_ptr<lanes::KernelArm> packed_;
@@ -126,9 +127,9 @@ template <class Asked, class Take>
 void for_neighbours(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape, int threads,
                     const Asked& asked, const Take& take) {
   struct Group {
-    std::size_t parameter, alike;  ///< the first one of such arms
-    double at_run = 0.0;           ///< weight of the run itself, which then is one of the neighbours
-    std::vector<Near> near = {};   ///< the others
+    std::size_t parameter, alike;    ///< the first one of such arms
+    double at_run = 0.0;             ///< weight of the run itself, which then is one of the neighbours
+    std::vector<NearArm> near = {};  ///< the others
   };
   std::vector<Group> all;
   const lanes::KernelArm run = near_arm(of);
@@ -154,10 +155,10 @@ void for_neighbours(const Problem& of, const std::vector<Parameter>& parameters,
   std::mutex lock;
   const auto work = [&](std::size_t thread) {
     try {
-      std::vector<Near> near;
-      Near itself = near_of(of, run, {});
+      std::vector<NearArm> near;
+      NearArm itself = near_of(of, run, {});
       for (std::size_t k = all.size() * thread / most; k < all.size() * (thread + 1) / most; ++k) {
-        for (Near& n : all[k].near) near.push_back(std::move(n));
+        for (NearArm& n : all[k].near) near.push_back(std::move(n));
         if (all[k].at_run != 0.0) itself.of.emplace_back(all[k].parameter, all[k].at_run);
       }
       if (!itself.of.empty()) near.push_back(std::move(itself));

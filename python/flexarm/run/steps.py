@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array
 from ..analysis.findings import Finding, RunWarning, SlowWarning, StepWarning
-from ..analysis.modes import locked_modes, motions_about, small_motions
+from ..analysis.modes import SmallMotions, locked_modes, motions_about, small_motions
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
 
@@ -22,6 +23,7 @@ _RINGS = 40.0  # phase (rad) over which a vibration must ring to matter
 _MOST_STRUCK = 1.5  # switches times share of what they strike: of 90 drawn runs those below it were right to 4e-4
 _FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be halved: a pulse or a start costs some
 _GREAT_GROWTH = 20.0  # logarithm of a growth that makes rounding errors felt
+_SURELY_STABLE = 2.0  # step times |s|, up to which rk4 amplifies no motion e^(s t) that decays
 FAST_JOINTS = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _NEAR_FASTEST = 0.9  # of a run's largest rate: rates that are like it
 _STEPS_JUDGED = 1e4  # steps of a run that is done, from which on the modes that they follow are sought
@@ -39,11 +41,14 @@ def explicit_limit(
     """Words the limit of rk4's steps, of small motions of all rates but those `held`, about rest with the joints as in
     q, or about a motion at rates v; stuck joints are free to slide. And how much the fastest grows by one step, and
     the limit (s). "", 1.0 and inf if these steps are below it."""
-    free = ~np.isin(np.arange(arm.nv), held)
+    free = np.ones(arm.nv, bool)
+    free[list(held)] = False
     if not free.any():
         return "", 1.0, np.inf
     q = np.array(q)
     try:
+        if step * _fastest(motions_about(arm, q, np.zeros(arm.nv) if v is None else v), free) <= _SURELY_STABLE:
+            return "", 1.0, np.inf
         if v is None:
             q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
             motions = small_motions(arm._alike(arm.links), q)
@@ -58,7 +63,7 @@ def explicit_limit(
     if not s.size:
         return "", 1.0, np.inf
     s, w = np.minimum(s.real, 0.0) + 1j * s.imag, np.abs(s)
-    low, high = np.full(s.size, 2.0), np.full(s.size, 4.0)  # of step times |s|: between them rk4 begins to amplify
+    low, high = np.full(s.size, _SURELY_STABLE), np.full(s.size, 4.0)  # between them rk4 begins to amplify
     for _ in range(40):
         middle = (low + high) / 2.0
         grows = _growth(middle * s / w) > 1.0
@@ -70,6 +75,15 @@ def explicit_limit(
     most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
     limit = float(low[k] / w[k])
     return f", here {w[k]:.3g} rad/s of {most}: below {limit:.3g} s", float(_growth(step * s).max()), limit
+
+
+def _fastest(about: SmallMotions, free: NDArray[np.bool_]) -> float:
+    """A bound of the eigenvalues s (1/s) of M s^2 + G s + K: |s|^2 <= |M^-1 G| |s| + |M^-1 K| in any matrix norm."""
+    M, G, K = np.array([about.M, about.G, about.K])[:, free][:, :, free]
+    size = np.sqrt(M.diagonal())
+    damping, stiffness = np.linalg.solve(M / np.outer(size, size), np.array([G, K]) / np.outer(size, size))
+    g, k = float(np.linalg.norm(damping)), float(np.linalg.norm(stiffness))
+    return 0.5 * (g + float(np.sqrt(g * g + 4.0 * k)))
 
 
 def _growth(z: Any) -> Array:
@@ -87,7 +101,8 @@ def beyond_explicit(
     when = ""
     if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _GREAT_GROWTH:
         t, qs, v = rows
-        joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
+        joints = np.ones(arm.nv, bool)
+        joints[_elastic(arm)] = False
         speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
         k = int(speed.argmax())
         if step * speed[k] > FAST_JOINTS:
