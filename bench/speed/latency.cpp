@@ -60,7 +60,8 @@ void run(const char* scene, const Arm& arm, int steps) {
   std::vector<double> wall, own;
   wall.reserve(static_cast<std::size_t>(steps));
   own.reserve(static_cast<std::size_t>(steps));
-  long iterations = 0;
+  long iterations = 0, of_one = 0;
+  int most = 0;
   for (int k = -100; k < steps; ++k) {  // the first hundred warm up
     for (std::size_t n = 0; n < arm.size(); ++n)
       tau[arm.first(n)] = 0.5 * std::sin(3.0 * h * k + static_cast<double>(n));
@@ -72,11 +73,14 @@ void run(const char* scene, const Arm& arm, int steps) {
     wall.push_back(end - start);
     own.push_back(after - before);
     iterations += step.iterations();
+    of_one += step.iterations() == 1;
+    most = std::max(most, step.iterations());
   }
   print(scene, "wall", std::move(wall));
   print(scene, "thread", std::move(own));
-  std::printf("# %s: %d coordinates, %d steps, %.2f iterations a step\n", scene, arm.nv(), steps,
-              static_cast<double>(iterations) / steps);
+  std::printf("# %s: %d coordinates, %d steps, %.2f iterations a step: one in %.0f %% of them, at most %d\n", scene,
+              arm.nv(), steps, static_cast<double>(iterations) / steps, 100.0 * static_cast<double>(of_one) / steps,
+              most);
 }
 
 }  // namespace
