@@ -102,13 +102,27 @@ void LinearLaw::slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::Ma
     if (std::abs(w[i]) > limit[i]) du.row(i).setZero();
 }
 
+namespace {
+
+constexpr double kOnTheirWay = 1000.0;  // samples for which there is memory from the start
+
+/// Room for twice as many forces, of which those from `first` to `end` stand at their numbers modulo the room.
+void make_room(std::vector<Eigen::VectorXd>& forces, long first, long end) {
+  const std::size_t before = forces.size();
+  std::vector<Eigen::VectorXd> more(2 * before, Eigen::VectorXd::Zero(forces.front().size()));
+  for (auto k = static_cast<std::size_t>(first); k < static_cast<std::size_t>(end); ++k)
+    more[k % more.size()] = forces[k % before];
+  forces = std::move(more);
+}
+
+}  // namespace
+
 Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv)
     : feedback_(std::move(feedback)), held_(Eigen::VectorXd::Zero(nv)) {
   for (Sampler& s : samplers) {
     positive("period", s.period);
-    if (!(s.delay >= 0.0 && std::isfinite(s.delay)))
-      bad_value("delay", s.delay, "must be zero or positive, and finite");
-    const auto most = static_cast<std::size_t>(s.delay / s.period) + 2;  // on their way at once
+    if (!(s.delay >= 0.0)) bad_value("delay", s.delay, "must be zero or positive");
+    const auto most = static_cast<std::size_t>(std::min(s.delay / s.period, kOnTheirWay)) + 2;
     lines_.push_back({std::move(s), std::vector<Eigen::VectorXd>(most, held_), held_});
   }
 }
@@ -139,7 +153,12 @@ bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, 
       l.force = force;
     };
     for (; l.looks(t); ++l.sampled) {
-      if (l.sampled - l.acted == static_cast<long>(l.forces.size())) act();  // it was to act before this sample
+      if (l.sampled - l.acted == static_cast<long>(l.forces.size())) {
+        if (l.changes(l.sample(l.sampled)))
+          act();
+        else
+          make_room(l.forces, l.acted, l.sampled);
+      }
       l.sampler.law(l.sample(l.sampled), q, v, a, l.at(l.sampled));
     }
     while (l.changes(t)) act();

@@ -1,6 +1,7 @@
 // The C interface: see flexarm.h.
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <new>
 #include <optional>
@@ -32,6 +33,7 @@ struct flexarm_simulation {
 };
 
 struct flexarm_state {
+  std::shared_ptr<const Scene> scene;
   Simulation::State state;
 };
 
@@ -145,7 +147,10 @@ int flexarm_step(flexarm_simulation* s) {
   return tried([&] { return went(*s, s->simulation.step()); }, FLEXARM_STOPPED);
 }
 int flexarm_advance(flexarm_simulation* s, double until) {
-  return tried([&] { return went(*s, s->simulation.advance(until)); }, FLEXARM_INVALID);
+  if (!(until >= s->simulation.t()) || !std::isfinite(until))
+    return done(
+        [&] { bad_value("until", until, "must be finite, and not before " + std::to_string(s->simulation.t())); });
+  return tried([&] { return went(*s, s->simulation.advance(until)); }, FLEXARM_STOPPED);
 }
 
 double flexarm_time(const flexarm_simulation* s) { return s->simulation.t(); }
@@ -190,10 +195,15 @@ int flexarm_set_reference(flexarm_simulation* s, int law, double value) {
 }
 
 flexarm_state* flexarm_save(const flexarm_simulation* s) {
-  return tried([&] { return new flexarm_state{s->simulation.state()}; }, static_cast<flexarm_state*>(nullptr));
+  return tried([&] { return new flexarm_state{s->scene, s->simulation.state()}; },
+               static_cast<flexarm_state*>(nullptr));
 }
 int flexarm_restore(flexarm_simulation* s, const flexarm_state* state) {
-  return done([&] { needs(state, "state"), s->simulation.restore(state->state); });
+  return done([&] {
+    needs(state, "state");
+    if (state->scene != s->scene) bad_value("state", "of another scene", "must be of this simulation's");
+    s->simulation.restore(state->state);
+  });
 }
 void flexarm_free_state(flexarm_state* state) { delete state; }
 

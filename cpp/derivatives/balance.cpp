@@ -28,8 +28,11 @@ NearArm near_of(const Problem& problem, const lanes::KernelArm& run,
   NearArm out{std::move(weights), &problem, near_arm(problem), {}};
   for (int i = 0; i < out.arm.layout().nodes; ++i) {
     const lanes::Node& node = out.arm.layout().node[i];
+    const bool moved = std::any_of(problem.drives.begin(), problem.drives.end(), [&](const Drive& d) {
+      return d.motion && d.coordinate >= node.ve && d.coordinate < node.ve + node.ne;
+    });
     out.own.push_back(node.ne > 0 &&  // whose forces have those of loads, or gravity, among them, too
-                      (node.loads > 0 || node.body == lanes::Node::cut || !out.arm.same_body(i, run)));
+                      (moved || node.loads > 0 || node.body == lanes::Node::cut || !out.arm.same_body(i, run)));
   }
   return out;
 }
@@ -142,6 +145,8 @@ void for_neighbours(const Problem& of, const std::vector<Parameter>& parameters,
       else
         mine.near.push_back(near_of(n.problem, run, {{p, n.weight}}));
     }
+    if (mine.near.empty())
+      bad_value("neighbours of parameter " + std::to_string(p), 0, "must be one or more beside it");
     const auto like = [&](const Group& g) { return g.near.front().arm.like(mine.near.front().arm); };
     const auto first = std::find_if(all.begin(), all.end(), like);
     if (first != all.end()) mine.alike = first->alike;

@@ -19,11 +19,18 @@ enum { SCENE, SIMULATION, POINTERS };
 
 static double sample_time(SimStruct* S) { return mxGetScalar(ssGetSFcnParam(S, SAMPLE_TIME)); }
 
+/* Simulink keeps the pointer. */
+static void fail(SimStruct* S, const char* what) {
+  static char text[1000];
+  strncpy(text, what, sizeof text - 1);
+  ssSetErrorStatus(S, text);
+}
+
 static flexarm_scene* load(SimStruct* S) {
   char* path = mxArrayToString(ssGetSFcnParam(S, FILE_NAME));
   flexarm_scene* scene = path ? flexarm_load(path) : NULL;
   mxFree(path);
-  if (!scene) ssSetErrorStatus(S, flexarm_error());
+  if (!scene) fail(S, flexarm_error());
   return scene;
 }
 
@@ -31,6 +38,10 @@ static void mdlInitializeSizes(SimStruct* S) {
   flexarm_scene* scene;
   ssSetNumSFcnParams(S, PARAMETERS);
   if (ssGetNumSFcnParams(S) != ssGetSFcnParamsCount(S)) return; /* Simulink tells the user */
+  if (!(sample_time(S) > 0.0)) {
+    fail(S, "sample time: must be positive");
+    return;
+  }
   scene = load(S);
   if (!scene) return;
   if (ssSetNumInputPorts(S, 1) && ssSetNumOutputPorts(S, 3)) {
@@ -57,7 +68,7 @@ static void mdlStart(SimStruct* S) {
   if (!scene) return;
   ssSetPWorkValue(S, SCENE, scene);
   ssSetPWorkValue(S, SIMULATION, flexarm_start(scene, 0.0));
-  if (!ssGetPWorkValue(S, SIMULATION)) ssSetErrorStatus(S, flexarm_error());
+  if (!ssGetPWorkValue(S, SIMULATION)) fail(S, flexarm_error());
 }
 
 static void mdlOutputs(SimStruct* S, int_T tid) {
@@ -75,7 +86,7 @@ static void mdlUpdate(SimStruct* S, int_T tid) {
   (void)tid;
   if (flexarm_set_tau(simulation, ssGetInputPortRealSignal(S, 0)) != FLEXARM_OK ||
       flexarm_advance(simulation, flexarm_time(simulation) + sample_time(S)) != FLEXARM_OK)
-    ssSetErrorStatus(S, flexarm_error());
+    fail(S, flexarm_error());
 }
 
 static void mdlTerminate(SimStruct* S) {

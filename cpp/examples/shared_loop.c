@@ -48,6 +48,7 @@ static int run(flexarm_simulation* arm, struct shared* all, size_t nq, size_t nv
     if (flexarm_set_tau(arm, tau) != FLEXARM_OK || flexarm_advance(arm, flexarm_time(arm) + PERIOD) != FLEXARM_OK)
       return failed(flexarm_error());
     __atomic_add_fetch(&all->count, 1, __ATOMIC_ACQ_REL);
+    __atomic_thread_fence(__ATOMIC_RELEASE);
     all->time = flexarm_time(arm);
     memcpy(all->q, flexarm_q(arm), nq * sizeof(double));
     memcpy(all->v, flexarm_v(arm), nv * sizeof(double));

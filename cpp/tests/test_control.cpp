@@ -5,6 +5,7 @@
 #include "flexarm/collocation.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
+#include "flexarm/simulation.hpp"
 #include "step/feedback.hpp"
 
 using namespace flexarm;
@@ -152,6 +153,36 @@ TEST_CASE(
     CHECK(left.norm() <= 1e-9 * gain);
   }
   CHECK(changed > 50);
+}
+
+TEST_CASE("a delay of thousands of samples") {
+  const auto law = [](double t, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&,
+                      Eigen::VectorXd& force) { force[0] = 1.0 + t; };
+  Control control({}, {{0.0, 1.0, 2500.0, law}, {0.0, 1.0, HUGE_VAL, law}}, 1);
+  const Eigen::VectorXd none = Eigen::VectorXd::Zero(1);
+  for (int t = 0; t < 6000; ++t) {
+    control.run(t, none, none, none);
+    CHECK(control.held()[0] == (t < 2500 ? 0.0 : t - 2499.0));
+  }
+}
+
+TEST_CASE("a simulation goes on behind a law that threw") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  Problem problem(arm);
+  bool bad = true;
+  problem.samplers = {{0.0, 2e-3, 0.0, [&bad](double t, const auto&, const auto&, const auto&, Eigen::VectorXd& force) {
+                         if (bad && t > 0.011) throw std::invalid_argument("bad");
+                         force.setZero();
+                       }}};
+  Simulation sim(problem, {"implicit"}, 1e-3);
+  CHECK_THROWS_WITH_AS(sim.advance(0.02), "bad", std::invalid_argument);
+  const double reached = sim.t();
+  CHECK(reached < 0.02);
+  bad = false;
+  for (int k = 1; k <= 5; ++k) {
+    CHECK(sim.step() == Status::ok);
+    CHECK(sim.t() == doctest::Approx(reached + k * 1e-3));
+  }
 }
 
 TEST_CASE("samples come at their times, and their forces after the delay") {

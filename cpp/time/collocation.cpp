@@ -150,6 +150,7 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
                             const Given& given) {
   error_ = 0.0;
   if (M_.rows() == 0) return;
+  seen_->begin();
   for (double x : seen_->asked()) {
     inside(x, q, v);
     if (given) given(x);
@@ -171,6 +172,7 @@ void CollocationStep::undo(Eigen::VectorXd& q, Eigen::VectorXd& v) {
   v = v0_;
   a_ = a_before_;
   h_ = h_before_;
+  if (seen_) seen_->undo();
 }
 
 /// Accelerations of the step before, continued; where the step grows much they begin with the last.

@@ -114,6 +114,16 @@ struct Simulation::Motion {
     return status;
   }
 
+  /// The same; where a function of the problem throws, steps go on from there.
+  Status go_or_count(double until, const Alive& alive) {
+    try {
+      return go(until, alive);
+    } catch (...) {
+      count_from_here();
+      throw;
+    }
+  }
+
   /// The state is that of the terminal event, from which the next step goes on.
   void end_at_event() {
     for (const EventLog& log : events.events)
@@ -176,7 +186,7 @@ Status Simulation::step() {
   Motion& m = *motion_;
   if (m.method->chooses()) return m.go(std::numeric_limits<double>::infinity(), {}, true);
   const double until = m.anchor + static_cast<double>(m.counted + 1) * m.step;
-  if (m.go(until, {}) == Status::ok) ++m.counted;
+  if (m.go_or_count(until, {}) == Status::ok) ++m.counted;
   if (m.events.terminated) m.count_from_here();
   return m.status;
 }
@@ -184,7 +194,7 @@ Status Simulation::step() {
 Status Simulation::advance(double until, const Alive& alive) {
   Motion& m = *motion_;
   if (!(until >= m.way.reached)) bad_value("until", until, "must not be before t = " + std::to_string(m.way.reached));
-  m.go(until, alive);
+  m.go_or_count(until, alive);
   m.count_from_here();
   return m.status;
 }

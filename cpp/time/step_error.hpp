@@ -33,6 +33,9 @@ class StepError {
   /// @param kinetic  energy (J): the largest within the step
   double operator()(const Eigen::VectorXd& missed_force, const Eigen::MatrixXd& M, const Eigen::VectorXd& v,
                     const Eigen::VectorXd& a, double kinetic);
+  /// Before a step is judged; and where it is taken back.
+  void begin() { kinetic_before_ = kinetic_; }
+  void undo() { kinetic_ = kinetic_before_; }
   /// Its numbers, for a state that is kept.
   void memory(const std::function<void(double&)>& visit);
 
@@ -51,6 +54,7 @@ class StepError {
   double rates_missed_ = 0.0;        ///< the same over h times these
   double h_ = 0.0;                   ///< of the step (s)
   double kinetic_ = 0.0;             ///< the largest kinetic energy so far (J)
+  double kinetic_before_ = 0.0;      ///< and before the last step
   std::vector<PlacedSlice> places_;  ///< that are looked at
   Eigen::MatrixXd moves_;            ///< what the coordinates move: rows of each place and of the joints, over allowed_
   Mat6X<double> jacobian_;

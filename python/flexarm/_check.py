@@ -152,7 +152,10 @@ _ALONE = 8192  # numbers that BLAS takes without threads; those wait busily for 
 
 def _quick(values: Array) -> float:
     """A number that is finite only if all values are, and nearly always then."""
-    return float(np.vdot(values, values) if values.size <= _ALONE else values.sum())
+    if values.size <= _ALONE:
+        return float(np.vdot(values, values))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(values.sum())
 
 
 def finite(name: str, values: Array) -> Array:

@@ -80,8 +80,9 @@ def explicit_limit(
 def _fastest(about: SmallMotions, free: NDArray[np.bool_]) -> float:
     """A bound of the eigenvalues s (1/s) of M s^2 + G s + K: |s|^2 <= |M^-1 G| |s| + |M^-1 K| in any matrix norm."""
     M, G, K = np.array([about.M, about.G, about.K])[:, free][:, :, free]
-    size = np.sqrt(M.diagonal())
-    damping, stiffness = np.linalg.solve(M / np.outer(size, size), np.array([G, K]) / np.outer(size, size))
+    size = np.sqrt(np.maximum(M.diagonal(), 0.0))
+    with np.errstate(all="ignore"):
+        damping, stiffness = np.linalg.solve(M / np.outer(size, size), np.array([G, K]) / np.outer(size, size))
     g, k = float(np.linalg.norm(damping)), float(np.linalg.norm(stiffness))
     return 0.5 * (g + float(np.sqrt(g * g + 4.0 * k)))
 
