@@ -131,7 +131,7 @@ double Control::next(double from) const {
   double found = std::numeric_limits<double>::infinity();
   for (const Line& l : lines_)
     for (double shift : {0.0, l.sampler.delay}) {
-      const auto at = [&](long k) { return l.sampler.first + static_cast<double>(k) * l.sampler.period + shift; };
+      const auto at = [&](long k) { return l.sample(k) + shift; };
       long k = std::max(0L, static_cast<long>(std::floor((from - shift - l.sampler.first) / l.sampler.period)));
       while (at(k) < from) ++k;
       found = std::min(found, at(k));

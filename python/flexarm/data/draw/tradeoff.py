@@ -16,7 +16,7 @@ from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, Axes, Figure, label_a
 
 _MARKERS: tuple[Any, ...] = ("o", "s", "^", "D", "v", "p", "*", "P", "X", "<", ">", "h")
 _FILLS = ("full", "none", "left", "top", "right", "bottom")
-_DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (10, 3)))
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (2, 3)))
 _PER_COLUMN = 8  # entries of the list under a chart, at least
 _TOP = 10.0  # shares of a span: larger errors are drawn at the upper edge
 _SMALL = 8.5  # size of letters (pt)
