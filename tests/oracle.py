@@ -255,6 +255,7 @@ class Link:
 
     def __init__(self, link: dict, points: int) -> None:
         self.joint = link["joint"]
+        self.parent = -1 if link.get("parent") == "world" else link.get("parent")  # a number
         self.motions, self.ball = elementary(self.joint)
         self.nj = len(self.motions) + 3 * self.ball
         self.hub, self.tip = link.get("hub", {}), link.get("tip", {})
@@ -265,7 +266,7 @@ class Link:
         )
 
     def seat(self, p: Jet, R: Jet, q: np.ndarray, seek: Jet, motion: Jet) -> tuple[Jet, Jet]:
-        """The link's frame from the end of the link below, at q + seek + motion."""
+        """The link's frame from the end of its parent, at q + seek + motion."""
 
         def placed(p: Jet, R: Jet, side: str) -> tuple[Jet, Jet]:
             place = self.joint.get(side, {})
@@ -311,7 +312,9 @@ class Oracle:
             return p + turn(R, Jet({0: end}))
 
         at = at_q = 0
-        for link in self.links:
+        ends = {-1: (p, R)}  # of each link; -1: the world
+        for k, link in enumerate(self.links):
+            p, R = ends[k - 1 if link.parent is None else link.parent]
             joint, elastic = slice(at, at + link.nj), slice(at + link.nj, at + link.nv)
             q_link = q[at_q : at_q + link.nv + link.ball]
             p, R = link.seat(p, R, q_link, seek[..., joint], motion[..., joint])
@@ -330,6 +333,7 @@ class Oracle:
                 F = F + link.beam.retardation * link.beam.elastic(rate[..., elastic])
                 p, R = x[..., -1, :], turned[..., -1, :, :]
             p = body(link.tip, p, R)
+            ends[k] = p, R
             at, at_q = at + link.nv, at_q + link.nv + link.ball
         return T, U, F
 

@@ -86,7 +86,7 @@ void forces(void* self, const double* a, double* tau) {
 }
 
 template <class C>
-void fill(const C& chain, void* memory, double* M) {
+void fill(C& chain, void* memory, double* M) {
   Composite<typename C::Space>(chain.layout, Arena(memory)).run(chain, M);
 }
 

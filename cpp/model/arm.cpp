@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <sstream>
 #include <utility>
 
@@ -37,9 +38,17 @@ double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact :
 
 }  // namespace
 
-Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
-    : links_(std::move(links)), gravity_(finite("gravity", gravity)) {
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<int> parents)
+    : links_(std::move(links)), gravity_(finite("gravity", gravity)), parents_(std::move(parents)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
+  if (parents_.empty()) {
+    parents_.resize(size());
+    std::iota(parents_.begin(), parents_.end(), kWorld);
+  }
+  if (parents_.size() != size()) bad_value("parents", parents_.size(), "must be one for each link");
+  for (std::size_t n = 0; n < size(); ++n)
+    if (parents_[n] < kWorld || parents_[n] >= static_cast<int>(n))
+      bad_value("parents[" + std::to_string(n) + "]", parents_[n], "must be a link before this one, or -1: the world");
   for (const Link& link : links_) {
     first_.push_back(nv_);
     first_q_.push_back(nq_);
@@ -64,6 +73,12 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
             .cwiseMin(std::numeric_limits<double>::max());
   }
   check_inertia();
+}
+
+bool Arm::is_chain() const {
+  for (std::size_t n = 0; n < size(); ++n)
+    if (parents_[n] != static_cast<int>(n) - 1) return false;
+  return true;
 }
 
 Eigen::VectorXd Arm::zero() const {

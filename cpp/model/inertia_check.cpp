@@ -95,27 +95,28 @@ MatrixXd mass_matrix(const Link& link) {
 
 }  // namespace
 
-/// The remaining part of a coordinate's inertia after the elimination of all later coordinates (Eq. 93-96), relative to
-/// its full inertia, at a pose without aligned joints.
+/// The remaining part of a coordinate's inertia after the elimination of all coordinates beyond it (Eq. 93-96),
+/// relative to its full inertia, at a pose without aligned joints.
 void Arm::check_inertia() const {
   Eigen::VectorXd q = zero();
   for (std::size_t n = 0; n < size(); ++n)
     for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
       if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
-  Mat6<double> composite = Mat6<double>::Zero(),
-               articulated = composite;  // of all that follows, in the next link's axes
+  const Mat6<double> none = Mat6<double>::Zero();
+  std::vector<Mat6<double>> composite(size(), none), articulated = composite;  // of a link and all that it carries
   for (std::size_t n = size(); n-- > 0;) {
     const Link& link = links_[n];
     const Index nj = link.nj(), ne = link.ne();
     MatrixXd whole = mass_matrix(link), M = whole;
-    if (n + 1 < size()) {  // through Phi_rfr of the link above (Eq. 68, 73)
-      const JointAt above(links_[n + 1].joint(), q.data() + first_q_[n + 1]);
+    for (std::size_t k = n + 1; k < size(); ++k) {  // through Phi_rfr of the links above (Eq. 68, 73)
+      if (parents_[k] != static_cast<int>(n)) continue;
+      const JointAt above(links_[k].joint(), q.data() + first_q_[k]);
       Matrix6Xd phi = moved_end(link, link.tip().end + above.p);
       const Matrix3d R = (turned_end(link) * above.R).transpose();
       phi.topRows<3>() = (R * phi.topRows<3>()).eval();
       phi.bottomRows<3>() = (R * phi.bottomRows<3>()).eval();
-      whole += phi.transpose() * composite * phi;
-      M += phi.transpose() * articulated * phi;
+      whole += phi.transpose() * composite[k] * phi;
+      M += phi.transpose() * articulated[k] * phi;
     }
     MatrixXd H = MatrixXd::Zero(6 + ne, nj + ne);
     H.topLeftCorner(6, nj) = JointAt(link.joint(), q.data() + first_q_[n]).H;
@@ -134,8 +135,8 @@ void Arm::check_inertia() const {
                   "rotary inertia alone), and a beam enough gauss_points");
     }
     if (!definite) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
-    composite = whole.topLeftCorner<6, 6>();
-    articulated = M.topLeftCorner<6, 6>() - U.topRows<6>() * factor.solve(U.topRows<6>().transpose());
+    composite[n] = whole.topLeftCorner<6, 6>();
+    articulated[n] = M.topLeftCorner<6, 6>() - U.topRows<6>() * factor.solve(U.topRows<6>().transpose());
   }
 }
 

@@ -142,10 +142,15 @@ void fields(Node& a, std::optional<Link>& x) {
 void fields(Node& a, std::optional<Arm>& x) {
   Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
-  if (x) links = x->links();
+  std::vector<int> parents;
+  if (x) {
+    links = x->links();
+    parents = x->parents();
+  }
   a("gravity", gravity);
   a("links", links);
-  a.make(x, [&] { return Arm(std::move(links), gravity); });
+  a("parents", parents);
+  a.make(x, [&] { return Arm(std::move(links), gravity, std::move(parents)); });
 }
 
 void fields(Node& a, std::optional<PiecewisePolynomial>& x) {

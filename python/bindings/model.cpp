@@ -277,7 +277,8 @@ void bind_model(py::module_& m) {
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
       .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
                   py::arg("world_axes"));
-  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&>(), py::arg("links"), py::arg("gravity"))
+  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&, std::vector<int>>(), py::arg("links"), py::arg("gravity"),
+          py::arg("parents"))
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

@@ -89,6 +89,51 @@ SCENES |= {
 }
 
 
+def on(parent: int | str, link: dict) -> dict:
+    return link | {"parent": parent}
+
+
+_RIGID, _BENT = {"mass": 0.4, "com": [0.1, 0.02, 0], "inertia": [2e-3, 3e-3, 4e-3]}, {"bending_y": 1, "torsion": 1}
+SCENES |= {  # trees
+    f"fork of beams, order {n}": [
+        link("revolute", HUB, beam(SPATIAL, n), TIP, axis="z", **SPRING),
+        link("revolute", {}, beam(_BENT, n), TIP, axis="y", damping=0.2),
+        on(0, link("universal", HUB, beam(_BENT, n), **SIDES)),
+    ]
+    for n in ORDERS
+} | {
+    "planar fork on a cart": [
+        link("prismatic", _RIGID, axis="x"),
+        link("revolute", {}, beam(PLANE), axis="z"),
+        link("revolute", {}, beam(PLANE, "exact"), axis="z"),
+        on(0, link("revolute", {}, beam(PLANE, 3), axis="z", **SPRING)),
+        on(0, link("revolute", _RIGID, axis="z")),
+    ],
+    "two arms on the world": [
+        link("revolute", HUB, beam(_BENT), axis="z"),
+        link("revolute", _RIGID, axis="y"),
+        on("world", link("cylindrical", HUB, beam(_BENT), TIP, axis="y", **SIDES)),
+    ],
+    "satellite": [
+        link("free", HUB),
+        link("revolute", {}, beam(_BENT), TIP, axis="z"),
+        on(0, link("revolute", {}, beam(_BENT, 3), axis="y", **SIDES)),
+        on(0, link("spherical", {}, beam({"bending_z": 1}), TIP, **SIDES)),
+        on(3, link("revolute", _RIGID, axis="x")),
+        on(3, link("fixed", {}, beam({"bending_z": 1}), TIP, **SIDES)),
+    ],
+    "in an order across": [  # children of a link after those of another
+        link("revolute", HUB, axis="z"),
+        link("revolute", {}, beam(_BENT), axis="y"),
+        on(0, link("revolute", _RIGID, axis="x", **SIDES)),
+        on(1, link("revolute", TIP, axis="y", damping=0.1)),
+        on(2, link("universal", {}, beam(_BENT), TIP)),
+        on(1, link("revolute", HUB, axis="x", **SIDES)),
+        on(4, link("prismatic", TIP, axis="z", **SPRING)),
+    ],
+}
+
+
 def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
 

@@ -1,8 +1,10 @@
-// A chain of nodes in motion: outward positions and velocities (Eq. 82-83), and inverse dynamics (Eq. 84-87); forward
-// dynamics goes on from there (elimination.hpp). Velocities of origins never occur: accelerations are absolute, and a
-// body's forces know only its angular velocity.
+// A tree of nodes in motion: outward positions and velocities (Eq. 82-83), and inverse dynamics (Eq. 84-87); forward
+// dynamics goes on from there (elimination.hpp). Each recursion walks along the list of nodes, outward or inward, and
+// carries its values from one to the next. Where a branch begins it takes or leaves them at the parent (forks.hpp).
+// Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
+#include "arm/forks.hpp"
 #include "arm/joints.hpp"
 #include "beam/loads.hpp"
 #include "wide/arena.hpp"
@@ -26,9 +28,11 @@ struct Chain {
   S* wrench;         ///< of each load, six numbers [f; m]
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
   S* kept;           ///< numbers of a body, while others of the pack are found
+  Fork<Sp, P>* fork;
 
   Chain(const Layout& layout_, const double* numbers_, Arena& arena) : layout(layout_), numbers(numbers_) {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
+    arena.take(layout.forks, fork);
     arena.take(layout.nodes, state);
     for (int i = 0; i < layout.nodes; ++i) {
       Elastic<Sp> counted;
@@ -76,11 +80,24 @@ struct Chain {
     turn_hinges(layout, 0, layout.nodes, q, state, scratch);
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
-    for (int i = 0; i < layout.nodes; ++i)
+    for (int i = 0; i < layout.nodes; ++i) {
+      if (layout.node[i].branch) start_branch(i, w, attitude);
       move_node<rates, forces>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
             bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
           });
+    }
+  }
+  /// Where the branch that begins with node i sits: w and attitude there.
+  void start_branch(int i, Ang& w, typename Sp::Rot& attitude) const {
+    const int parent = layout.node[i].parent;
+    w = Sp::zero_angular();
+    attitude = Sp::turn(0, S{}, number<S>(1.0));
+    if (parent < 0) return;
+    const State<Sp>& s = state[parent];
+    const bool bent = layout.node[parent].ne > 0;
+    w = bent ? s.end_w : s.w;
+    if (layout.attitudes) attitude = bent ? Sp::times(s.attitude, s.elastic.end.frame.R) : s.attitude;
   }
 
   /// One node, after its hinge was turned. w and attitude are those of the frame before it, and then of its end.
@@ -150,6 +167,7 @@ struct Chain {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
       const double* p = numbers + node.numbers;
+      if (node.branch) start_branch(i, w, attitude);
       move_frame<true>(i, p, q, v, w, attitude);
       const bool keeps = node.ne > 0 && !own[i] && !known[i];
       if (node.ne > 0 && !own[i] && known[i] && same(s.w, shared[i].w)) {
@@ -279,21 +297,24 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       const State<Sp>& s = state[i];
+      if (node.branch) u = node.parent < 0 ? Motion<Sp>::zero() : fork_of(node.parent).template motion<Sp>();
       if (!node.coincident) u.linear = Sp::unrotate(s.frame.R, s.frame.shift(u).linear);
       u.angular = s.w;
       if (node.kind == Node::prismatic) Sp::component(u.linear, node.axis) += node.sign * v[node.v];
       if (node.body) sum += dot(u, s.body * u);
       if (node.passive) sum += s.reflected * v[node.v] * v[node.v];
-      if (node.ne == 0) continue;
-      const Elastic<Sp>& e = s.elastic;
-      const S* d = v + node.ve;
-      for (int k = 0; k < node.ne; ++k) {
-        S row = dot(u, e.M_er[k]);
-        for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
-        sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
+      if (node.ne > 0) {
+        const Elastic<Sp>& e = s.elastic;
+        const S* d = v + node.ve;
+        for (int k = 0; k < node.ne; ++k) {
+          S row = dot(u, e.M_er[k]);
+          for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
+          sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
+        }
+        u = {Sp::unrotate(e.end.frame.R, e.end.frame.shift(u).linear + e.end.rate.linear), s.end_w};
+        if (node.tip) sum += dot(u, s.tip * u);
       }
-      u = {Sp::unrotate(e.end.frame.R, e.end.frame.shift(u).linear + e.end.rate.linear), s.end_w};
-      if (node.tip) sum += dot(u, s.tip * u);
+      if (node.fork >= 0) fork[node.fork].template motion<Sp>() = u;
     }
     return sum;
   }
@@ -311,7 +332,15 @@ struct Chain {
   /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
   void accelerate(const Lin& base, const S* x) {
     Motion<Sp> a{base, Sp::zero_angular()};
-    for (int i = 0; i < layout.nodes; ++i) accelerate_node(i, x, a);
+    for (int i = 0; i < layout.nodes; ++i) {
+      if (layout.node[i].branch) a = end_acceleration(layout.node[i].parent, base);
+      accelerate_node(i, x, a);
+    }
+  }
+  /// Of the place where children of a node sit, or of the world.
+  Motion<Sp> end_acceleration(int i, const Lin& base) const {
+    if (i < 0) return {base, Sp::zero_angular()};
+    return layout.node[i].ne > 0 ? state[i].end_a : state[i].a;
   }
   /// a is that of the frame before, at its end, and then of this node's end.
   void accelerate_node(int i, const S* x, Motion<Sp>& a) {
@@ -328,10 +357,28 @@ struct Chain {
   void forces(const Lin& base, const S* x, S* tau) {
     accelerate(base, x);
     Force<Sp> F = Force<Sp>::zero();
+    clear_forks();
     for (int i = layout.nodes; i-- > 0;) {
+      const Node& node = layout.node[i];
+      if (node.fork >= 0) F += fork[node.fork].template force<Sp>();
       force_node(i, x, F, tau);
-      if (i > 0) F = to_parent(i, F);
+      if (node.parent >= 0) F = to_parent(i, F);
+      if (node.branch) leave_at_fork(node, F);
     }
+  }
+  template <class M>
+  static void add_inertia(M& sum, const M& other) {
+    Fork<Sp, P>::add(sum, other);
+  }
+  Fork<Sp, P>& fork_of(int i) const { return fork[layout.node[i].fork]; }
+  void clear_forks() {
+    for (int k = 0; k < layout.forks; ++k) fork[k].clear();
+  }
+  /// The force of a branch, in the axes of its parent's end, stays there until the recursion comes by.
+  template <class Sv>
+  void leave_at_fork(const Node& node, Force<Sv>& F) {
+    if (node.parent >= 0) fork_of(node.parent).template force<Sv>() += F;
+    F = Force<Sv>::zero();
   }
   /// F is carried by the node's end, and then goes through its joint, in its axes.
   void force_node(int i, const S* x, Force<Sp>& F, S* tau) {

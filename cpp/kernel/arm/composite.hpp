@@ -6,7 +6,7 @@
 
 namespace {
 
-/// Works on a chain after its `move`.
+/// Works on a tree of nodes after its `move`.
 template <class Sp>
 struct Composite {
   using S = typename Sp::Scalar;
@@ -18,23 +18,26 @@ struct Composite {
   /// Of each node in the base's axes, from the origin: the first node that turns, so that no digits are lost where a
   /// base is far away.
   Frame<Sp>* place;
+  int *first, *rates;  ///< of each node: the first node of its branch; how many rates there are up to it
   S* H;  ///< kRows of nv: by rate, the motion at the origin of the bodies that it moves, base axes (Eq. 91)
 
   Composite(const Layout& layout, Arena& arena) : nv(layout.nv) {
     arena.take(layout.nodes, place);
+    arena.take(layout.nodes, first, rates);
     arena.take(kRows * nv, H);
   }
   Composite(const Layout& layout, Arena&& arena) : Composite(layout, arena) {}
 
   /// M (nv x nv, symmetric).
   template <class C>
-  void run(const C& chain, S* M) {
+  void run(C& chain, S* M) {
     outward(chain);
+    for (long i = 0; chain.layout.branched && i < static_cast<long>(nv) * nv; ++i) M[i] = S{};
     inward(chain, M);
     constexpr int kBlock = 8;  // rows that stay in the cache
-    for (int first = 0; first < nv; first += kBlock)
+    for (int block = 0; block < nv; block += kBlock)
       for (int i = 0; i < nv; ++i)
-        for (int j = first > i ? first : i + 1; j < nv && j < first + kBlock; ++j) M[i * nv + j] = M[j * nv + i];
+        for (int j = block > i ? block : i + 1; j < nv && j < block + kBlock; ++j) M[i * nv + j] = M[j * nv + i];
   }
 
  private:
@@ -51,10 +54,13 @@ struct Composite {
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
+      first[i] = i == 0 || node.branch ? i : first[i - 1];
+      rates[i] = (i == 0 ? 0 : rates[i - 1]) + node.ne + (node.kind != Node::fixed);
+      if (node.branch) start_branch(chain, i, at, turned);
       if (!node.coincident) {
         if (turned) at.r += Sp::rotate(at.R, s.frame.r);
         turned = turned || node.kind == Node::revolute || node.ne > 0;
-        at.R = i == 0 ? s.frame.R : Sp::times(at.R, s.frame.R);
+        at.R = node.parent < 0 ? s.frame.R : Sp::times(at.R, s.frame.R);
       }
       place[i] = at;
       if (node.kind == Node::revolute) {
@@ -71,29 +77,54 @@ struct Composite {
     }
   }
 
-  /// The entries of row `rate` before it: a force on a node, by the rates that move that node.
-  void fill(int rate, int before, const Frame<Sp>& at, const Force<Sp>& own, S* M) const {
-    const Force<Sp> F = at.to_parent(own);
-    const S *x = view<const S>(&F), *y = x + Sp::linear;
+  /// Where the branch that begins with node i sits, and whether any node before it turns.
+  template <class C>
+  void start_branch(const C& chain, int i, Frame<Sp>& at, bool& turned) const {
+    const int parent = chain.layout.node[i].parent;
+    turned = false;
+    at = {Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()};
+    if (parent < 0) return;
+    for (int k = parent; k >= 0; k = chain.layout.node[k].parent)
+      turned = turned || chain.layout.node[k].kind == Node::revolute || chain.layout.node[k].ne > 0;
+    at = chain.layout.node[parent].ne > 0 ? place[parent] * chain.state[parent].elastic.end.frame : place[parent];
+  }
+
+  /// The entries of row `rate` before it: a force on node i, by the rates that move that node. The rates of a branch
+  /// are consecutive.
+  template <class C>
+  void fill(const C& chain, int i, int rate, int before, const Force<Sp>& own, S* M) const {
+    const Force<Sp> F = place[i].to_parent(own);
     S* row = M + static_cast<long>(rate) * nv;
+    for (int end = before;;) {
+      const int begin = first[i] == 0 ? 0 : rates[first[i] - 1];
+      fill(begin, end, F, row);
+      i = chain.layout.node[first[i]].parent;
+      if (i < 0) break;
+      end = rates[i];
+    }
+  }
+  void fill(int begin, int end, const Force<Sp>& F, S* row) const {
+    const S *x = view<const S>(&F), *y = x + Sp::linear;
     const S* h = H;
     if constexpr (Sp::planar)
-      for (int i = 0; i < before; ++i) row[i] = x[0] * h[i] + x[1] * h[nv + i] + y[0] * h[2 * nv + i];
+      for (int i = begin; i < end; ++i) row[i] = x[0] * h[i] + x[1] * h[nv + i] + y[0] * h[2 * nv + i];
     else
-      for (int i = 0; i < before; ++i)
+      for (int i = begin; i < end; ++i)
         row[i] = (x[0] * h[i] + x[1] * h[nv + i] + x[2] * h[2 * nv + i]) +
                  (y[0] * h[3 * nv + i] + y[1] * h[4 * nv + i] + y[2] * h[5 * nv + i]);
   }
 
   template <class C>
-  void inward(const C& chain, S* M) const {
+  void inward(C& chain, S* M) const {
     Rigid B = Sp::no_body();  // of all nodes behind, in the axes of this node's end, about its end
+    chain.clear_forks();
     for (int i = chain.layout.nodes; i-- > 0;) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
+      if (node.fork >= 0) Sp::add(B, chain.fork[node.fork].body);
       if (node.ne > 0) {
         if (node.tip) Sp::add(B, s.tip);
-        bend(node, s.elastic, place[i], B, M);
+        bend(chain, i, B, M);
       }
       if (node.ne > 0 || node.body) Sp::add(B, s.body);
       if (node.kind != Node::fixed) {
@@ -101,22 +132,27 @@ struct Composite {
         S& own = M[static_cast<long>(node.v) * nv + node.v];
         own = freedom(node, F);
         if (node.passive) own += s.reflected;
-        fill(node.v, node.v, place[i], number<S>(node.sign) * F, M);
+        fill(chain, i, node.v, node.v, number<S>(node.sign) * F, M);
       }
-      if (i == 0) break;
-      if (!node.coincident) B = C::to_parent(node, s, B);
+      if (node.parent >= 0 && !node.coincident) B = C::to_parent(node, s, B);
+      if (!node.branch) continue;
+      if (node.parent >= 0) Sp::add(chain.fork_of(node.parent).body, B);
+      B = Sp::no_body();
     }
   }
 
   /// The rows of a beam's coordinates, with B on its end, which then is about the link's origin.
-  void bend(const Node& node, const Elastic<Sp>& e, const Frame<Sp>& at, Rigid& B, S* M) const {
+  template <class C>
+  void bend(const C& chain, int i, Rigid& B, S* M) const {
+    const Node& node = chain.layout.node[i];
+    const Elastic<Sp>& e = chain.state[i].elastic;
     const Slice<Sp>& end = e.end;
     B = Sp::rotate(end.frame.R, B);
     for (int k = 0; k < node.ne; ++k) {
       const Force<Sp> F = B * end.J[k];
       S* row = M + static_cast<long>(node.ve + k) * nv + node.ve;
       for (int j = 0; j <= k; ++j) row[j] = e.M[packed(k, j)] + dot(end.J[j], F);
-      fill(node.ve + k, node.ve, at, e.M_er[k] + end.frame.shift_back(F), M);
+      fill(chain, i, node.ve + k, node.ve, e.M_er[k] + end.frame.shift_back(F), M);
     }
     B = Sp::shift(B, end.frame.r);
   }

@@ -1,4 +1,4 @@
-// Forward dynamics of a chain after its `move`: inward articulated inertias and forces (Eq. 93-96), outward
+// Forward dynamics of a tree of nodes after its `move`: inward articulated inertias and forces (Eq. 93-96), outward
 // accelerations (Eq. 92). And the two halves of it: factors of the mass matrix, and solutions by these.
 #pragma once
 
@@ -84,6 +84,14 @@ inline void factor_joint(C& chain, const Node& node, State<typename C::Space>& s
 
 inline bool is_free(const Node& node) { return node.kind != Node::fixed && !node.given; }
 
+/// The inertia of a branch, about its parent's end, stays there until the recursion comes by.
+template <class C>
+inline void leave_at_fork(C& chain, const Node& node, typename C::Space::Inertia& M) {
+  using Sp = typename C::Space;
+  if (node.parent >= 0) C::add_inertia(chain.fork_of(node.parent).M, M);
+  M = Sp::no_inertia();
+}
+
 /// Factors M + shift of a chain after its `move`.
 /// @return where every pivot is positive; where not, `chain.lost` says why
 template <class C>
@@ -93,9 +101,11 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
   typename C::Mask good = Lanes<S>::everywhere(true);
   chain.lost = Lanes<S>::everywhere(false);
   typename Sp::Inertia M = Sp::no_inertia();  // of all nodes behind, in the axes of this node's end, about its end
+  chain.clear_forks();
   for (int i = chain.layout.nodes; i-- > 0;) {
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
+    if (node.fork >= 0) C::add_inertia(M, chain.fork[node.fork].M);
     if (node.ne > 0) {
       if (node.tip) Sp::add(M, s.tip);
       M = Sp::rotate(s.elastic.end.frame.R, M);
@@ -104,7 +114,8 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
       Sp::add(M, s.body);
     }
     if (is_free(node)) factor_joint(chain, node, s, M, shift, good);
-    if (i > 0 && !node.coincident) M = C::to_parent(node, s, M);
+    if (node.parent >= 0 && !node.coincident) M = C::to_parent(node, s, M);
+    if (node.branch) leave_at_fork(chain, node, M);
   }
   return good;
 }
@@ -149,23 +160,28 @@ inline V apply_joint(const Node& node, const State<Sp>& s, Force<typename SpaceO
 /// Outward (Eq. 92): accelerations, into x, which holds those that are given and, of the others, results of
 /// `apply_beam` and `apply_joint`.
 template <bool biased, class C, class V>
-inline void outward(C& chain, Motion<typename SpaceOf<typename C::Space, V>::type> a, V* x) {
+inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V>::type>& base, V* x) {
+  using Vs = typename SpaceOf<typename C::Space, V>::type;
+  Motion<Vs> a = base;
   for (int i = 0; i < chain.layout.nodes; ++i) {
     const Node& node = chain.layout.node[i];
     const auto& s = chain.state[i];
+    if (node.branch) a = node.parent < 0 ? base : chain.fork_of(node.parent).template motion<Vs>();
     if (!node.coincident) a = wide<V>(s.frame).to_child(a);
     if constexpr (biased) a += s.bias;
     if (is_free(node)) x[node.v] = node.sign * (x[node.v] - s.over_d * dot(a, wide<V>(s.U)));
     if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
-    if (node.ne == 0) continue;
-    const auto& e = s.elastic;
-    V* xe = x + node.ve;
-    for (int k = node.ne; k-- > 0;) {  // L^T x = y - D^-1 W A
-      V value = xe[k] - e.L[packed(k, k)] * dot(a, wide<V>(e.W[k]));
-      for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
-      xe[k] = value;
+    if (node.ne > 0) {
+      const auto& e = s.elastic;
+      V* xe = x + node.ve;
+      for (int k = node.ne; k-- > 0;) {  // L^T x = y - D^-1 W A
+        V value = xe[k] - e.L[packed(k, k)] * dot(a, wide<V>(e.W[k]));
+        for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
+        xe[k] = value;
+      }
+      if (i + 1 < chain.layout.nodes) a = C::template to_end<biased>(node, e, xe, a);
     }
-    if (i + 1 < chain.layout.nodes) a = C::template to_end<biased>(node, e, xe, a);
+    if (node.fork >= 0) chain.fork[node.fork].template motion<Vs>() = a;
   }
 }
 
@@ -175,16 +191,19 @@ inline void solve(C& chain, const V* r, V* x) {
   using Sp = typename C::Space;
   using Vs = typename SpaceOf<Sp, V>::type;
   Force<Vs> F = Force<Vs>::zero();
+  chain.clear_forks();
   for (int i = chain.layout.nodes; i-- > 0;) {
     const Node& node = chain.layout.node[i];
     const State<Sp>& s = chain.state[i];
+    if (node.fork >= 0) F += chain.fork[node.fork].template force<Vs>();
     if (node.ne > 0) {
       F = wide<V>(s.elastic.end.frame).turn_back(F);
       apply_beam<false>(node, s, F, r + node.ve, x + node.ve);
     }
     if (node.given) x[node.v] = V{};
     if (is_free(node)) x[node.v] = apply_joint<false>(node, s, F, r[node.v]);
-    if (i > 0 && !node.coincident) F = wide<V>(s.frame).to_parent(F);
+    if (node.parent >= 0 && !node.coincident) F = wide<V>(s.frame).to_parent(F);
+    if (node.branch) chain.leave_at_fork(node, F);
   }
   outward<false>(chain, Motion<Vs>::zero(), x);
 }
@@ -202,9 +221,14 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
   chain.lost = Lanes<S>::everywhere(false);
   typename Sp::Inertia M = Sp::no_inertia();
   Force<Sp> F = Force<Sp>::zero();
+  chain.clear_forks();
   for (int i = chain.layout.nodes; i-- > 0;) {
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
+    if (node.fork >= 0) {
+      C::add_inertia(M, chain.fork[node.fork].M);
+      F += chain.fork[node.fork].template force<Sp>();
+    }
     if (node.ne > 0) {
       const Slice<Sp>& end = s.elastic.end;
       if (node.tip) Sp::add(M, s.tip);
@@ -226,9 +250,13 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
       if (node.kind != Node::fixed && node.given) freedom(node, bias) += node.sign * x[node.v];  // it is known
       F += M * bias;
     }
-    if (i == 0 || node.coincident) continue;
-    M = C::to_parent(node, s, M);
-    F = s.frame.to_parent(F);
+    if (node.parent >= 0 && !node.coincident) {
+      M = C::to_parent(node, s, M);
+      F = s.frame.to_parent(F);
+    }
+    if (!node.branch) continue;
+    leave_at_fork(chain, node, M);
+    chain.leave_at_fork(node, F);
   }
   outward<true>(chain, Motion<Sp>{base, Sp::zero_angular()}, x);
   return good;

@@ -43,11 +43,13 @@ struct Frames {
   template <bool forces = false>
   void place() {
     chain.template move<true, forces>(q, v);
-    Moving before{{Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()}, Motion<Sp>::zero()};
+    const Moving world{{Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()}, Motion<Sp>::zero()};
+    Moving before = world;
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       Moving& f = frame[i];
+      if (node.branch) before = node.parent < 0 ? world : end[node.parent];
       f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
       if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
       before = f;
@@ -104,7 +106,7 @@ struct Frames {
   void jacobian(const Place& place, const double* numbers, const Visit& visit) {
     const Spot at = spot(place, numbers);
     const Lin p = at.in_world().r;
-    for (int i = 0; i <= place.node; ++i) {
+    for (int i = place.node; i >= 0; i = chain.layout.node[i].parent) {
       const Node& node = chain.layout.node[i];
       const Frame<Sp>& own = frame[i].at;
       if (node.kind != Node::fixed) {
@@ -115,7 +117,7 @@ struct Frames {
           visit(node.v, Motion<Sp>{h, Sp::zero()});
       }
       const bool here = i == place.node;
-      if (here && place.on == Place::frame) break;
+      if (here && place.on == Place::frame) continue;
       const Slice<Sp>& s = here && place.on == Place::slice ? at.slice : chain.state[i].elastic.end;
       const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - end[i].at.r;
       for (int k = 0; k < node.ne; ++k) {

@@ -1,6 +1,6 @@
-// An arm as the lane kernels know it: an unbranched list of nodes, each a frame that moves against the one
-// before it by at most one freedom, with a rigid or an elastic body. Plain data: the kernels are compiled once for each
-// instruction set and share no inline function with the rest of the library.
+// An arm as the lane kernels know it: a tree of nodes, each a frame that moves against that of its parent by at most
+// one freedom, with a rigid or an elastic body. A parent comes before its children in the list. Plain data: the kernels
+// are compiled once for each instruction set and share no inline function with the rest of the library.
 #pragma once
 
 #include <cstddef>
@@ -16,6 +16,11 @@ struct Block {
 };
 
 struct Node {
+  // its place in the tree
+  int parent = -1;      ///< the node that it sits on, at the end of its beam if it has one; -1: the world
+  bool branch = false;  ///< the parent is not the node before it in the list
+  int fork = -1;        ///< number of the node among those that have a branch as a child; -1: it has none
+
   // the joint
   enum Kind { fixed, revolute, prismatic };
   Kind kind = fixed;
@@ -88,7 +93,8 @@ struct PlacedLoad {
 struct Layout {
   bool planar = false;
   bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
-  int nodes = 0, nq = 0, nv = 0;
+  int nodes = 0, forks = 0, nq = 0, nv = 0;
+  bool branched = false;  ///< whether any node is a branch
   const Node* node = nullptr;
   int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,
   double turning = 1.0;              ///< and the sign of a turn about the third

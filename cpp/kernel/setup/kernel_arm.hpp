@@ -68,6 +68,8 @@ class KernelArm {
   /// Numbers of a load of `alone`, for packs of points.
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void point();
+  /// Which nodes are branches, and which carry them; of nodes with their parents.
+  void find_branches();
   void prescribe(const std::vector<bool>& given);
 
   Layout layout_;

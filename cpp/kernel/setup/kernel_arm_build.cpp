@@ -65,6 +65,7 @@ ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Ax
 
 Node& ArmBuilder::begin_node(const Matrix3d& R) {
   Node node;
+  set(node.parent, parent);
   set(node.numbers, out.numbers_.size());
   set(node.turned, !is_identity(R));
   put(offset);
@@ -75,6 +76,7 @@ Node& ArmBuilder::begin_node(const Matrix3d& R) {
 
 Node& ArmBuilder::begin_coincident() {
   Node node;
+  set(node.parent, parent);
   set(node.numbers, out.numbers_.size());
   set(node.coincident, true);
   return append(node);
@@ -84,6 +86,7 @@ Node& ArmBuilder::append(const Node& node) {
   out.nodes_.push_back(node);
   out.lists_.emplace_back();
   out.few_.emplace_back();
+  parent = static_cast<int>(out.nodes_.size()) - 1;
   return out.nodes_.back();
 }
 
@@ -147,9 +150,17 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
   turn.setIdentity();
 }
 
+void ArmBuilder::sit_on(int link) {
+  const Placement at = link < 0 ? Placement{} : ends[static_cast<std::size_t>(link)];
+  parent = link < 0 ? -1 : out.seats_[static_cast<std::size_t>(link)].node;
+  offset = at.position;
+  turn = at.rotation;
+}
+
 void ArmBuilder::add_link(std::size_t n) {
   const Link& link = arm.link(n);
   const Joint& joint = link.joint();
+  sit_on(arm.parent(n));
   offset += turn * joint.inboard().position;
   turn = turn * joint.inboard().rotation;
   for (std::size_t i = 0; i < joint.motions().size(); ++i) add_motion(link, n, i);
@@ -171,6 +182,7 @@ void ArmBuilder::add_link(std::size_t n) {
     add_rigid(link);
   seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
   out.seats_.push_back(seat);
+  ends.push_back({offset, turn});
 }
 
 void ArmBuilder::add_rigid(const Link& link) {
@@ -229,10 +241,23 @@ void ArmBuilder::put_tip(const Link& link) {
   put(tip);
 }
 
+void KernelArm::find_branches() {
+  for (std::size_t k = 1; k < nodes_.size(); ++k) {
+    Node& node = nodes_[k];
+    node.branch = node.parent != static_cast<int>(k) - 1;
+    if (!node.branch) continue;
+    layout_.branched = true;
+    if (node.parent < 0) continue;
+    Node& fork = nodes_[static_cast<std::size_t>(node.parent)];
+    if (fork.fork < 0) fork.fork = layout_.forks++;
+  }
+}
+
 KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n) b.add_link(n);
+  b.out.find_branches();
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

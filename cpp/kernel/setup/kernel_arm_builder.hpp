@@ -39,9 +39,11 @@ struct ArmBuilder {
   const Arm& arm;
   Axes axes;
   KernelArm out;
-  // the place of the next node: from the frame of the last node, or the end of its beam
+  // the place of the next node: from the frame of its parent, or the end of its beam
+  int parent = -1;
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  std::vector<Placement> ends;  ///< of each link: where its children sit, in the same way
 
   ArmBuilder(const Arm& a, bool in_space);
 
@@ -83,12 +85,14 @@ struct ArmBuilder {
   Node& few() { return out.few_.back(); }
   KernelArm::Lists& lists() { return out.lists_.back(); }
 
-  /// Begins a node where the last one ends.
+  /// Begins a node at that place.
   Node& begin_node(const Eigen::Matrix3d& R);
   /// Begins one in the frame of the last one.
   Node& begin_coincident();
   Node& append(const Node& node);
   void add_link(std::size_t n);
+  /// The next node sits on the end of a link, or on the world.
+  void sit_on(int link);
   void add_motion(const Link& link, std::size_t n, std::size_t i);
   void add_ball(const Link& link, std::size_t n);
   /// The node's body, one of these.

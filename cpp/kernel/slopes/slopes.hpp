@@ -1,4 +1,4 @@
-// The Jacobians of inverse dynamics, by dual numbers through the recursions of a chain, a segment of a few nodes at a
+// The Jacobians of inverse dynamics, by dual numbers through the recursions of a tree, a segment of a few nodes at a
 // time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by the force F
 // on its end. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
 #pragma once
@@ -25,11 +25,13 @@ class Slopes {
   /// columns of its own coordinates and rates, of the motion where it begins, and of the force on its end.
   struct Segment {
     int first, end;          ///< nodes
+    int parent;              ///< the segment that it sits on, or -1: the world
+    bool leaf;               ///< whether none sits on it
     int rates, own, inputs;  ///< rows of rates; columns, filled up to multiples of D
     int* rate;               ///< of each row
     int* direction;          ///< of each own column: a coordinate, or nq and a rate; -1: none
     double* matrix;
-    double* response;  ///< by the motion where it begins, with all that follows: rows of force and of rates
+    double* response;  ///< by the motion where it begins, with all that it carries: rows of force and of rates
     int stride() const { return own + inputs; }
   };
 
@@ -95,6 +97,7 @@ class Slopes {
       while (end < layout_.nodes) {
         const int more = columns_of(layout_.node[end], by_v);
         if (end > first && !layout_.node[end].coincident && columns + more > kEnough) break;
+        if (end > first && (layout_.node[end].branch || layout_.node[end - 1].fork >= 0)) break;
         columns += more;
         ++end;
       }
@@ -102,6 +105,8 @@ class Slopes {
       first = end;
     }
     columns_ = arena.take_lines<double>(static_cast<std::size_t>(D * nv_));
+    moved_ = arena.take_lines<double>(static_cast<std::size_t>(segments_ * kMostMotion * D));
+    behind_ = arena.take_lines<bool>(static_cast<std::size_t>(segments_));
     solved_ = arena.take_lines<Pack>(static_cast<std::size_t>(2 * nv_));
   }
   static int filled(int columns) { return (columns + D - 1) / D * D; }
@@ -125,14 +130,18 @@ class Slopes {
   }
 
   void lay_out(int first, int end, int columns, bool by_v, Arena& arena) {
-    Segment s{first, end, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
+    Segment s{first, end, -1, true, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
+    for (int i = end; i < layout_.nodes; ++i) s.leaf = s.leaf && layout_.node[i].parent != end - 1;
     for (int i = first; i < end; ++i) s.rates += layout_.node[i].ne + (layout_.node[i].kind != Node::fixed);
-    s.inputs = filled((first > 0 ? motion_ : 0) + (end < layout_.nodes ? kForce : 0));
+    const int sits_on = layout_.node[first].parent;
+    s.inputs = filled((sits_on >= 0 ? motion_ : 0) + (s.leaf ? 0 : kForce));
     s.rate = arena.take_lines<int>(static_cast<std::size_t>(s.rates));
     s.direction = arena.take_lines<int>(static_cast<std::size_t>(s.own));
     s.matrix = arena.take_lines<double>(static_cast<std::size_t>((motion_ + kForce + s.rates) * s.stride()));
     s.response = arena.take_lines<double>(static_cast<std::size_t>((kForce + s.rates) * s.inputs));
     if (!s.rate) return;  // counting
+    for (int k = 0; k < segments_; ++k)
+      if (segment_[k].end - 1 == sits_on) s.parent = k;
     int row = 0, column = 0;
     for (int i = first; i < end; ++i) {
       const Node& node = layout_.node[i];
@@ -166,12 +175,14 @@ class Slopes {
     turn_hinges(value_->layout, 0, layout_.nodes, q, value_->state, value_->scratch);
     typename One::Ang w = One::zero_angular();
     typename One::Rot attitude = One::turn(0, 0.0, 1.0);
-    for (int i = 0; i < layout_.nodes; ++i)
+    for (int i = 0; i < layout_.nodes; ++i) {
+      if (layout_.node[i].branch) value_->start_branch(i, w, attitude);
       value_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
             value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
             if (bodies_->has(i)) bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_);
           });
+    }
   }
 
   /// Whether one of D directions is an elastic coordinate of a node.
@@ -198,15 +209,12 @@ class Slopes {
       for (std::size_t k = 0; k < sizeof(x) / sizeof(double); ++k) *at++ = LaneDual{} + p[k];
     };
     typename One::Ang w = One::zero_angular();
-    Motion<One> a{base_, w};
     Force<One> force = Force<One>::zero();
-    if (s.first > 0) {
-      const auto& before = value_->state[s.first - 1];
-      const bool bent = layout_.node[s.first - 1].ne > 0;
-      w = bent ? before.end_w : before.w;
-      a = bent ? before.end_a : before.a;
-    }
-    if (s.end < layout_.nodes) force = value_->to_parent(s.end, value_->state[s.end].force);
+    const int parent = layout_.node[s.first].parent;
+    if (parent >= 0) w = layout_.node[parent].ne > 0 ? value_->state[parent].end_w : value_->state[parent].w;
+    const Motion<One> a = value_->end_acceleration(parent, base_);
+    for (int i = s.end; i < layout_.nodes; ++i)
+      if (layout_.node[i].parent == s.end - 1) force += value_->to_parent(i, value_->state[i].force);
     put(w);
     put(a);
     put(One::zero_angular());
@@ -216,10 +224,10 @@ class Slopes {
   /// How the frame stands where a segment begins.
   typename Sp::Rot attitude_of(const Segment& s, const Ang& turn) const {
     typename One::Rot R = One::turn(0, 0.0, 1.0);
-    if (s.first > 0) {
-      const auto& before = value_->state[s.first - 1];
+    if (const int parent = layout_.node[s.first].parent; parent >= 0) {
+      const auto& before = value_->state[parent];
       R = before.attitude;
-      if (layout_.node[s.first - 1].ne > 0) R = One::times(R, before.elastic.end.frame.R);
+      if (layout_.node[parent].ne > 0) R = One::times(R, before.elastic.end.frame.R);
     }
     return Sp::times(constant(R), small_turn(turn));
   }
@@ -249,13 +257,14 @@ class Slopes {
   void differentiate(const double* a) {
     value_->forces(base_, a, tau_);
     for (int k = 0; k < segments_; ++k) differentiate(segment_[k]);
-    for (int k = segments_; k-- > 1;) respond(k);
+    for (int k = segments_; k-- > 0;)
+      if (segment_[k].parent >= 0) respond(k);
   }
 
   void differentiate(const Segment& s) {
     Ends ends = ends_of(s);
     LaneDual* const inputs = view<LaneDual>(&ends);
-    const int from = s.first > 0 ? 0 : motion_, to = motion_ + (s.end < layout_.nodes ? kForce : 0);
+    const int from = s.parent >= 0 ? 0 : motion_, to = motion_ + (s.leaf ? 0 : kForce);
     const auto input = [&](int k) {  // without attitudes no turn is asked for
       return inputs + (k < motion_ ? k : k - motion_ + kMostMotion);
     };
@@ -309,7 +318,7 @@ class Slopes {
     if (layout_.attitudes) put_all(turn_of(attitude));
     for (int i = s.end; i-- > s.first;) {
       dual_->force_node(i, x, F, tau);
-      if (i > 0) F = dual_->to_parent(i, F);
+      if (layout_.node[i].parent >= 0) F = dual_->to_parent(i, F);
     }
     put_all(F);
     for (int k = 0; k < s.rates; ++k) put(tau[s.rate[k]]);
@@ -319,47 +328,56 @@ class Slopes {
 
   const double* force_rows(const Segment& s) const { return s.matrix + motion_ * s.stride(); }
   /// Columns by the force on its end.
-  static int by_force(const Segment& s, int motion) { return s.own + (s.first > 0 ? motion : 0); }
+  static int by_force(const Segment& s, int motion) { return s.own + (s.parent >= 0 ? motion : 0); }
 
-  /// Of segment k and all that follows it, by the motion where it begins.
+  /// Of segment k and all that it carries, by the motion where it begins.
   void respond(int k) {
     const Segment& s = segment_[k];
     const double* rows = force_rows(s);
     for (int column = 0; column < s.inputs; column += D) {
       double* out = s.response + column;
-      if (k + 1 == segments_) {
+      if (s.leaf) {
         add_product(rows + s.own + column, s.stride(), rows, 0, rows, 0, kForce + s.rates, 0, out, s.inputs);
         continue;
       }
-      const Segment& next = segment_[k + 1];
       alignas(64) double force[kForce * D];
-      add_product(nullptr, 0, next.response, next.inputs, s.matrix + s.own + column, s.stride(), kForce, motion_, force,
-                  D);
+      carry(k, s.matrix + s.own + column, s.stride(), force);
       add_product(rows + s.own + column, s.stride(), rows + by_force(s, motion_), s.stride(), force, D,
                   kForce + s.rates, kForce, out, s.inputs);
     }
   }
 
+  /// The force on the end of segment k, by the motion x there: of all that sits on it.
+  void carry(int k, const double* x, int stride, double* force) const {
+    const double* sum = nullptr;
+    for (int i = k + 1; i < segments_; ++i) {
+      const Segment& s = segment_[i];
+      if (s.parent != k) continue;
+      add_product(sum, D, s.response, s.inputs, x, stride, kForce, motion_, force, D);
+      sum = force;
+    }
+  }
+
   /// All rows of segment k's own columns from `first` on, D to a row.
   void chain_rule(int k, int first, double* out) const {
-    alignas(64) double X[2][kMostMotion * D], F[2][kForce * D];
+    alignas(64) double F[2][kForce * D];
     const Segment& own = segment_[k];
+    for (int i = 0; layout_.branched && i < nv_ * D; ++i) out[i] = 0.0;  // of other branches
+    for (int i = k + 1; i < segments_; ++i) {                            // of those that it carries
+      const Segment& s = segment_[i];
+      behind_[i] = s.parent == k || (s.parent > k && behind_[s.parent]);
+      if (!behind_[i]) continue;
+      const double* x = s.parent == k ? own.matrix + first : moved_ + s.parent * kMostMotion * D;
+      const int stride = s.parent == k ? own.stride() : D;
+      put_rates(s, nullptr, 0, s.response + kForce * s.inputs, s.inputs, x, stride, motion_, out);
+      if (!s.leaf)
+        add_product(nullptr, 0, s.matrix + s.own, s.stride(), x, stride, motion_, motion_, moved_ + i * kMostMotion * D,
+                    D);
+    }
     const double* carried = nullptr;  // the change of the force on its end
-    if (k + 1 < segments_) {
-      const Segment& next = segment_[k + 1];
-      add_product(nullptr, 0, next.response, next.inputs, own.matrix + first, own.stride(), kForce, motion_, F[1], D);
+    if (!own.leaf) {
+      carry(k, own.matrix + first, own.stride(), F[1]);
       carried = F[1];
-      const double* x = own.matrix + first;
-      int stride = own.stride(), turn = 0;
-      for (int i = k + 1; i < segments_; ++i) {
-        const Segment& s = segment_[i];
-        put_rates(s, nullptr, 0, s.response + kForce * s.inputs, s.inputs, x, stride, motion_, out);
-        if (i + 1 == segments_) break;
-        add_product(nullptr, 0, s.matrix + s.own, s.stride(), x, stride, motion_, motion_, X[turn], D);
-        x = X[turn];
-        stride = D;
-        turn = 1 - turn;
-      }
     }
     const double* rows = force_rows(own);
     const int force = by_force(own, motion_);
@@ -367,7 +385,7 @@ class Slopes {
     put_rates(own, rows + kForce * own.stride() + first, own.stride(), rows + kForce * own.stride() + force,
               own.stride(), carried, D, n, out);
     add_product(rows + first, own.stride(), rows + force, own.stride(), carried, D, kForce, n, F[0], D);
-    for (int i = k, turn = 0; i-- > 0; turn = 1 - turn) {
+    for (int i = own.parent, turn = 0; i >= 0; i = segment_[i].parent, turn = 1 - turn) {
       const Segment& s = segment_[i];
       const double* G = force_rows(s) + by_force(s, motion_);
       put_rates(s, nullptr, 0, G + kForce * s.stride(), s.stride(), F[turn], D, kForce, out);
@@ -423,6 +441,8 @@ class Slopes {
   int segments_ = 0;
   double* columns_;  ///< D columns of all rates
   Pack* solved_;
+  double* moved_;  ///< of each segment that carries others: the motion of its end, D columns
+  bool* behind_;   ///< of each segment: whether the one at hand carries it
   typename One::Lin base_{};
 };
 

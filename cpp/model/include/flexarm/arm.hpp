@@ -1,4 +1,4 @@
-// An arm: an immutable serial chain of links.
+// An arm: an immutable tree of links, which is a chain unless parents are given.
 #pragma once
 
 #include <string>
@@ -34,13 +34,22 @@ extern const char FLEXARM_SAME_MALLOC;
 
 class Arm {
  public:
-  /// @param gravity world axes (m/s^2); the first joint sits at the world's origin, in its axes
+  static constexpr int kWorld = -1;
+
+  /// @param gravity world axes (m/s^2); a joint on the world sits at its origin, in its axes
+  /// @param parents of each link, the link at whose end its joint sits: one before it, or kWorld. Empty: a chain
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
-  explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero());
+  explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
+               std::vector<int> parents = {});
 
   const std::vector<Link>& links() const { return links_; }
   std::size_t size() const { return links_.size(); }
   const Link& link(std::size_t n) const { return links_[n]; }
+  /// The link on whose end link n sits, or kWorld.
+  int parent(std::size_t n) const { return parents_[n]; }
+  const std::vector<int>& parents() const { return parents_; }
+  /// Whether every link sits on the one before it.
+  bool is_chain() const;
   const Eigen::Vector3d& gravity() const { return gravity_; }
   int nq() const { return nq_; }  ///< nv, and one more for each ball
   int nv() const { return nv_; }
@@ -74,7 +83,7 @@ class Arm {
 
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
-  std::vector<int> first_, first_q_, coordinate_of_;
+  std::vector<int> parents_, first_, first_q_, coordinate_of_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;

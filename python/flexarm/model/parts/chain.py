@@ -1,4 +1,4 @@
-"""The chain: an immutable series of links, its indices, and its kinematics."""
+"""The chain: an immutable series or tree of links, its indices, and its kinematics."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
 def _alike(x: Link, y: Link) -> bool:
     """Whether links have the same names and coordinates."""
     counts = [link.beam.counts if link.beam is not None else {} for link in (x, y)]
-    return (x.name, x.joint.name, x.joint.type, x.joint.labels, counts[0]) == (
-        y.name, y.joint.name, y.joint.type, y.joint.labels, counts[1]
+    return (x.name, x.joint.name, x.joint.type, x.joint.labels, x.parent, counts[0]) == (
+        y.name, y.joint.name, y.joint.type, y.joint.labels, y.parent, counts[1]
     )  # fmt: skip
 
 
@@ -72,6 +72,8 @@ class Chain:
 
     def _name(self) -> None:
         self._numbers = _numbers(self.links)
+        #: number of the link on whose end each link sits; -1: the world
+        self.parents: tuple[int, ...] = tuple(self._parent(k, link.parent) for k, link in enumerate(self.links))
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
                for k, link in enumerate(self.links)]  # fmt: skip
         #: name of each link: its own, or its joint's (if no other link has that), or "link 0" and so on
@@ -86,7 +88,7 @@ class Chain:
 
     def _make(self) -> None:
         with self.naming():
-            self._core = _core.Arm([link._core for link in self.links], self.gravity)
+            self._core = _core.Arm([link._core for link in self.links], self.gravity, self.parents)
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
@@ -113,7 +115,7 @@ class Chain:
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
-        out.coordinates = of.coordinates
+        out.coordinates, out.parents = of.coordinates, of.parents
         out._make()
         return out
 
@@ -189,6 +191,34 @@ class Chain:
         if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
             raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
         return int(link) % n
+
+    def _parent(self, k: int, parent: str | int | None) -> int:
+        """The number of the link that link k sits on; -1: the world."""
+        field = f"links[{k}]: parent"
+        if parent == "world" and parent in self._numbers:
+            raise ValueError(f"{field} = 'world': is the name of a link, too; give that another name")
+        if parent is None or parent == "world":
+            return k - 1 if parent is None else -1
+        n = self._link(parent, field)
+        if n >= k or (not isinstance(parent, str) and int(parent) < 0):
+            right = "a link before this one" if k else "None or 'world', of the first link"
+            raise ValueError(f"{field} = {parent!r}: must be {right}, or 'world'")
+        return n
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether every link sits on the one before it."""
+        return self.parents == tuple(range(-1, len(self.links) - 1))
+
+    def children(self, link: Any) -> list[int]:
+        """The links that sit on a link's end."""
+        n = self._link(link)
+        return [k for k, parent in enumerate(self.parents) if parent == n]
+
+    @property
+    def ends(self) -> list[int]:
+        """The links that carry no other one: the last one of a chain."""
+        return [k for k in range(len(self.links)) if k not in self.parents]
 
     def joint_rates(self, link: Any, field: str = "link") -> list[int]:
         """Indices in v of the rates of a link's joint, or of one of them if `link` is (link, freedom); `field` is the

@@ -19,16 +19,18 @@ from .part import Part, read_name
 class Link(Part):
     """A joint and up to three bodies: a rigid hub, an elastic beam, a rigid tip. (Sec. 4.2)
 
-    The joint sits at the end of the link below, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
+    The joint sits at the end of its parent, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
     last section (or at `hub.end`), in its axes; the next link's joint sits at `tip.end`.
 
     Args:
-        joint: connects the link to the link below, or to the world.
+        joint: connects the link to its parent.
         hub: the rigid body that the joint moves.
         beam: the elastic beam, clamped to the hub.
         tip: the rigid body on the beam's end, such as a payload.
         name: such as "forearm"; it may be used instead of the link's number, and labels the elastic coordinates, and a
             joint without a name. No dots, no number; unique in the arm.
+        parent: the link on whose end the joint sits: the name or the number of one before it in the list, or "world";
+            None: the link before it, or the world for the first one. A link that several others name carries branches.
         looks: meshes and solids that are drawn for it, besides its beam. Without them each rigid body is
             drawn as the box of the same inertia.
     """
@@ -38,11 +40,14 @@ class Link(Part):
     beam: Beam | None = None
     tip: RigidBody | None = None
     name: str | None = None
+    parent: str | int | None = None
     looks: Sequence[Look] = ()
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def _made(self) -> Any:
         read_name(self.name)
+        if isinstance(self.parent, bool) or not isinstance(self.parent, (str, int, type(None))):
+            raise ValueError(f"parent = {self.parent!r}: must be the name or number of a link, 'world' or None")
         self._set("looks", tuple(instance(f"looks[{k}]", look, Look) for k, look in enumerate(self.looks)))
         hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
         return _core.Link(self.joint._core, hub, beam, tip)  # type: ignore[arg-type]
