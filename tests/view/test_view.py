@@ -86,7 +86,7 @@ def test_bending_is_magnified_and_strain_is_not() -> None:
     q = np.array([0.4, 0.01, -0.002])
     view = arm.show(q, magnify=3.0, open=False)
     made = view.tracks[0]
-    assert np.allclose(made.position[0, made.body.tip[0]], arm.frame((0.4, 0.03, -0.006))[0])
+    assert np.allclose(made.position[0, made.body.tips[0][0]], arm.frame((0.4, 0.03, -0.006))[0])
     clamp = made.body.beams[0]["first"]
     assert np.allclose(made.strain[0, clamp], arm.strain(q)[[5, 1, 2]])
     assert "bending magnified 3 times" in view.notes
@@ -203,7 +203,7 @@ def test_frames_are_thinned_out_to_what_a_curve_needs() -> None:
     for t in np.linspace(0.05, 3.95, 37):
         q = fine.q[round(t * 2000)]
         p, R, strain, *_ = made.at(float(round(t * 2000) / 2000))
-        assert np.allclose(p[made.body.tip[0]], arm.frame(q)[0], atol=1e-3 * 0.6)
+        assert np.allclose(p[made.body.tips[0][0]], arm.frame(q)[0], atol=1e-3 * 0.6)
         node = made.body.beams[1]["first"]
         assert np.allclose(R[node], arm.frame(q, 1, 0.0)[1], atol=5e-3)
         assert np.allclose(strain[node], arm.strain(q, 1, 0.0)[[5, 1, 2]], atol=2e-2 * np.abs(made.strain).max())
@@ -299,7 +299,7 @@ def test_a_mode_moves_as_its_shape() -> None:
     made = view.tracks[0]
     shapes = arm.mode_shapes(modes, 9)
     size = np.linalg.norm(shapes.displacement[:, :, 1], axis=1).max()
-    tip = made.position[0, made.body.tip[0]] - arm.frame(modes.q)[0]
+    tip = made.position[0, made.body.tips[0][0]] - arm.frame(modes.q)[0]
     assert np.allclose(tip, 1e-6 * shapes.displacement[-1, :, 1] / size, rtol=1e-3, atol=1e-10)
     assert view.times[1] == pytest.approx(2 * np.pi / modes.frequencies[1])
     assert f"{modes.frequencies[1] / 2 / np.pi:.4g} Hz" in made.title
