@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
@@ -235,7 +236,9 @@ def satellite(order: int | str = 2, n: int = 2, free: bool = True, **beam) -> fa
                 parent="bus",
             ),
             fa.Link(
-                fa.Revolute("z", name="elbow"), fa.RigidBody(2.0, (0.2, 0, 0), (0.01, 0.02, 0.02), (0.4, 0, 0)), name="fore"
+                fa.Revolute("z", name="elbow"),
+                fa.RigidBody(2.0, (0.2, 0, 0), (0.01, 0.02, 0.02), (0.4, 0, 0)),
+                name="fore",
             ),
         ]
     )
@@ -250,9 +253,27 @@ def two_arms(n: int = 2, order: int | str = 2) -> fa.Arm:
         shoulder = fa.Revolute("z", inboard=seat, damping=0.05, name=f"{side} shoulder")
         elbow = fa.Revolute("z", damping=0.05, name=f"{side} elbow")
         return [
-            fa.Link(shoulder, fa.RigidBody(0.3, (0.02, 0, 0), (1e-3, 1e-3, 1e-3)), beam, name=f"{side} upper", parent="torso"),
+            fa.Link(
+                shoulder,
+                fa.RigidBody(0.3, (0.02, 0, 0), (1e-3, 1e-3, 1e-3)),
+                beam,
+                name=f"{side} upper",
+                parent="torso",
+            ),
             fa.Link(elbow, fa.RigidBody(0.4, (0.2, 0, 0), (1e-3, 6e-3, 6e-3), (0.4, 0, 0)), name=f"{side} fore"),
         ]
 
-    torso = fa.Link(fa.Revolute("z", damping=0.5, name="waist"), fa.RigidBody(5.0, (0, 0, 0), (0.2, 0.2, 0.1)), name="torso")
+    torso = fa.Link(
+        fa.Revolute("z", damping=0.5, name="waist"), fa.RigidBody(5.0, (0, 0, 0), (0.2, 0.2, 0.1)), name="torso"
+    )
     return fa.Arm([torso, *arm("left", 1.0), *arm("right", -1.0)])
+
+
+def side_by_side(*arms: fa.Arm) -> fa.Arm:
+    """Arms of one gravity as one tree, each on the world: they move as if each were alone."""
+    links: list[fa.Link] = []
+    for arm in arms:
+        at = len(links)
+        for link, parent in zip(arm.links, arm.parents, strict=True):
+            links.append(replace(link, parent="world" if parent < 0 else at + parent))
+    return fa.Arm(links, arms[0].gravity)

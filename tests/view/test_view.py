@@ -17,7 +17,7 @@ from flexarm.view import body, stage, still, track
 from messages import refuses
 from scipy.spatial.transform import Rotation
 
-from tests.arms import STEEL, paper_link, random_arm
+from tests.arms import STEEL, paper_link, random_arm, satellite
 
 SIZE = (4.0, 3.0)
 
@@ -56,9 +56,28 @@ def test_nodes_stand_where_the_arm_says(seed: int) -> None:
             p, R = arm.frame(q, k, x)
             assert np.allclose(made.position[:, i], p, atol=1e-12)
             assert np.allclose(Rotation.from_quat(made.quaternion[:, i]).as_matrix(), R, atol=1e-12)
-    node, at = found.tip
+    node, at = found.tips[0]
     end = made.position[:, node] + Rotation.from_quat(made.quaternion[:, node]).apply(at)
     assert np.allclose(end, arm.frame(q)[0], atol=1e-12)
+
+
+def test_branches_begin_where_their_parents_end() -> None:
+    """Joints and rods of a tree, and the paths of all its ends, in the picture and in the page."""
+    arm = satellite()
+    rng = np.random.default_rng(2)
+    q = arm.zero + np.where(np.arange(arm.nq) > 6, 0.05, 0.0) * rng.normal(size=(5, arm.nq))
+    made = track.make_track(arm, np.arange(5.0), q)
+    ends = np.stack(made.tips(made.t), axis=1)
+    assert np.allclose(ends, arm.end_places(q), atol=1e-9)
+    names = {label["text"]: label for label in made.body.labels}
+    places = {"shoulder": (0.4, 0, 0), "left panel fixed": (0, 0.4, 0), "right panel fixed": (0, -0.4, 0)}
+    for name, place in places.items():
+        label = names[name]
+        assert made.body.places[label["node"]] == (0, None) and np.allclose(label["at"], place)
+    assert body.length(arm) == pytest.approx(2.4)
+    pytest.importorskip("jupyter_threejs_sage")
+    view = fa.simulate(arm, np.linspace(0, 0.1, 3)).animate()
+    assert len(unpacked(view.html())["tracks"][0]["body"]["tips"]) == 3
 
 
 @pytest.mark.parametrize("seed", range(4))

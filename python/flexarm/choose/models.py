@@ -277,7 +277,8 @@ class Models:
         return self.rebased(model, basis) if basis else model
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
-        """The model in another basis if possible: "legendre", "clamped-free", or (a link at an end, with its tip) "loaded"."""
+        """The model in another basis if possible: "legendre", "clamped-free", or, of links at an end with their tips,
+        "loaded"."""
         if self.pinned:
             return model
         links = self.scene.arm.links

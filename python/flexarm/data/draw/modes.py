@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -36,7 +36,11 @@ def _joint_labels(s: Array, joints: Sequence[tuple[float, dict[int, str]]]) -> t
 
 
 def plot_modes(
-    s: Array, moved: Array, labels: Sequence[str], joints: Sequence[tuple[float, str]], branches: dict[str, Sequence[int]]
+    s: Array,
+    moved: Array,
+    labels: Sequence[str],
+    joints: Sequence[tuple[float, str]],
+    branches: Mapping[str, Sequence[int]],
 ) -> Figure:
     """One panel for each world axis with displacement.
 
