@@ -10,7 +10,6 @@ import pytest
 from arms import STEEL, two_arms
 from flexarm.choose.measures import Measure
 from flexarm.choose.models import Models
-from flexarm.choose.pieces import Pieces
 
 TOL = 1e-3
 
@@ -28,11 +27,14 @@ def test_pieces_take_what_they_carry_along() -> None:
     for links in (arm.links, numbered):
         whole = fa.Arm([*links, replace(numbered[3], name="third", joint=fa.Fixed(), parent="left upper"),
                         fa.Link(fa.Revolute("z"), fa.RigidBody(1, inertia=(1, 1, 1)), parent="world")])  # fmt: skip
-        cut = Pieces.of(whole, {1: [0.2, 0.3], 3: [0.1]})
-        assert cut.first == [0, 1, 4, 5, 7, 8, 9]
-        assert cut.arm.parents == (-1, 0, 1, 2, 3, 0, 5, 6, 3, -1)
-        assert np.allclose(cut.arm.end_places(cut.arm.zero), whole.end_places(whole.zero))
-        one, other = (x.modes(lock=x.movable).frequencies[:3] for x in (whole, cut.arm))
+        loads = [fa.Load(k, force=(0, 1, 0), x=x) for k, x in ((1, 0.2), (1, 0.3), (3, 0.1))]
+        models = Models(fa.Scene(whole, t=np.linspace(0.0, 0.1, 3), loads=loads))
+        model = replace(models.given, pieces=True)
+        cut = models.arm(model)
+        assert models.jumps == {1: [0.2, 0.3], 3: [0.1]} and models.first(model) == [0, 1, 4, 5, 7, 8, 9]
+        assert cut.parents == (-1, 0, 1, 2, 3, 0, 5, 6, 3, -1)
+        assert np.allclose(cut.end_places(cut.zero), whole.end_places(whole.zero))
+        one, other = (x.modes(lock=x.movable).frequencies[:3] for x in (whole, cut))
         assert np.allclose(one, other, rtol=2e-3)
 
 

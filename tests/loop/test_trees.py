@@ -5,7 +5,6 @@ from __future__ import annotations
 import flexarm as fa
 import numpy as np
 from arms import side_by_side, two_arms
-from flexarm.model.acting.compensators import PID
 
 
 def one(length: float) -> fa.Arm:
@@ -26,7 +25,7 @@ def test_poles_of_two_loops() -> None:
     pair = side_by_side(*arms)
 
     def law(k: int, n: int) -> fa.Controller:
-        return PID(3.0, 1.0, 0.3, k, filter_time=0.05) if n else fa.PD(3.0, 0.3, k)
+        return fa.LinearController.pid(3.0, 1.0, 0.3, k, filter_time=0.05) if n else fa.PD(3.0, 0.3, k)
 
     alone = [fa.closed_loop(arm, law(0, n)) for n, arm in enumerate(arms)]
     both = fa.closed_loop(pair, [law(0, 0), law(1, 1)])
