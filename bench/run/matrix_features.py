@@ -40,6 +40,13 @@ def arm(m: float, rich: bool, joint: Any = None, base: Any = None, section: Any 
     return fa.Arm([base, link] if base else [link])
 
 
+def fork(m: float, rich: bool) -> fa.Arm:
+    """The same, whose tip carries two more beams."""
+    (stem,) = arm(m, rich).links
+    sides = [(fa.Fixed(inboard=fa.Placement(rotation=(0, 0, turn))), long) for turn, long in ((0.9, 0.4), (-0.7, 0.35))]
+    return fa.Arm([stem, *(fa.Link(side, beam=replace(stem.beam, length=long), parent=0) for side, long in sides)])
+
+
 def joint(**more: Any) -> fa.Revolute:
     return fa.Revolute("z", damping=0.02, **more)
 
@@ -188,6 +195,8 @@ def features() -> list[Feature]:
                                               "v0": np.r_[0.2, 0.1, 0.3, turned, -2.0, np.zeros(a.nv - 7)]},
                 sensors=gauge, path="link.1.tip.mass",
                 led=({"track": [("joint", 1)], "inputs": [1]}, lambda a, q: q[:, 7:8], [0.2])),
+        Feature("tree", lambda m, r, x: {"arm": fork(m, x), "control": fa.PD(6.0, 0.4, 0, reference=r)}, "PD",
+                sensors=[fa.sensors.Encoder(0, noise=1.0)]),
         Feature("dead load", lambda m, r, x: {"loads": [dead(r)]}),
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("voltage of a patch", lambda m, r, x: {

@@ -51,21 +51,26 @@ std::vector<Link> strips() {
   return links;
 }
 
-std::vector<Link> links_of(const std::string& scene) {
-  if (scene.empty()) return strips();
+/// Without gravity.
+Arm arm_of(const std::string& scene) {
+  if (scene.empty()) return Arm(strips());
 #ifdef FLEXARM_SCENES
-  return load_problem(scene).arm->links();
+  const Problem problem = load_problem(scene);
+  return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->parents());
 #else
   throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif
 }
 
-/// The same links with a point mass at the end of the last.
-Arm loaded(std::vector<Link> links, double payload) {
+/// The same arm with a point mass at the end of its last link.
+Arm loaded(const Arm& arm, double payload) {
+  std::vector<Link> links = arm.links();
+  std::vector<int> parents = arm.parents();
   RigidBody point;
   point.mass = payload;
+  parents.push_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  return Arm(std::move(links));
+  return Arm(std::move(links), arm.gravity(), std::move(parents));
 }
 
 int failed(const char* what, int cycle) {
@@ -74,8 +79,7 @@ int failed(const char* what, int cycle) {
 }
 
 int run(const std::string& scene, int cycles, double payload) {
-  const std::vector<Link> links = links_of(scene);
-  const Arm arm(links), plant = loaded(links, payload);
+  const Arm arm = arm_of(scene), plant = loaded(arm, payload);
   std::vector<int> joints;
   std::vector<KalmanSensor> sensors;
   for (std::size_t n = 0; n < arm.size(); ++n) {

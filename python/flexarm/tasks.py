@@ -28,7 +28,7 @@ class State(NamedTuple):
         t: time since the start of each episode (s), (B,).
         q, v: coordinates (B, nq) and rates (B, nv).
         y: measurements, (B, ny).
-        end: position of the arm's end (m), (B, 3).
+        end: position of the end of the arm's last link (m), (B, 3).
         goal: of each environment, (B, ng).
     """
 
