@@ -160,7 +160,8 @@ void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums
     sums.M_linear[k] = linear;
     sums.M_angular[k] = angular;
   }
-  products(slopes, node.ne, parts.rows, sums.M);
+  for (int k = 0; k < packed(node.ne, 0); ++k) sums.M[k] = P{};
+  add_products<3>(slopes, slopes, node.ne, parts.rows, sums.M);
 }
 
 /// The body without the turning of its sections.
