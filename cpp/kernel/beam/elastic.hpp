@@ -51,12 +51,13 @@ R read(const double*& p) {
 
 constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
 
-/// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate.
-/// What lies in memory is read once: packs may alias anything.
+/// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate; of
+/// slices one after the other, whose numbers are `apart`, and rows three. What lies in memory is read once: packs may
+/// alias anything.
 /// @tparam N  its ni, or 0 where that is any
 template <int N, bool rates, class S, class P>
-void add_block_of(const Block b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
-                  int stride) {
+void add_block_of(const Block b, const double* numbers, int apart, const S* q, const S* dq, P* value, P* bias, P* slope,
+                  int stride, int slices) {
   const bool square = b.i == b.j;
   const int ni = N > 0 ? N : b.ni;
   P qi[N > 0 ? N : kMostElastic], di[N > 0 ? N : kMostElastic], si[N > 0 ? N : kMostElastic];
@@ -64,39 +65,40 @@ void add_block_of(const Block b, const double*& numbers, const S* q, const S* dq
   for (int r = 0; r < ni; ++r) {
     qi[r] = widen(q[b.i + r], P{});
     if constexpr (rates) di[r] = widen(dq[b.i + r], P{});
-    si[r] = slope[(b.i + r) * stride];
   }
-  const double* p = numbers;
-  P* sj = slope + b.j * stride;
   q += b.j;
   dq += b.j;
-  P total{}, total_bias{};
-  for (int c = 0; c < b.nj; ++c, sj += stride) {
-    const P qb = widen(q[c], P{});
-    P left{}, left_dot{};
+  for (P* const end = slope + 3 * slices; slope < end; numbers += apart, value += 3, bias += 3, slope += 3) {
+    const double* p = numbers;
+    P *sj = slope + b.j * stride, total{}, total_bias{};
 #pragma GCC unroll 4
-    for (int r = 0; r < ni; ++r) {
-      const P C = next<P>(p);
-      left += C * qi[r];
-      if constexpr (rates) left_dot += C * di[r];
-      if (!square) si[r] += C * qb;
+    for (int r = 0; r < ni; ++r) si[r] = slope[(b.i + r) * stride];
+    for (int c = 0; c < b.nj; ++c, sj += stride) {
+      const P qb = widen(q[c], P{});
+      P left{}, left_dot{};
+#pragma GCC unroll 4
+      for (int r = 0; r < ni; ++r) {
+        const P C = next<P>(p);
+        left += C * qi[r];
+        if constexpr (rates) left_dot += C * di[r];
+        if (!square) si[r] += C * qb;
+      }
+      *sj += left;
+      total += left * qb;
+      if constexpr (rates) total_bias += left_dot * widen(dq[c], P{});
     }
-    *sj += left;
-    total += left * qb;
-    if constexpr (rates) total_bias += left_dot * widen(dq[c], P{});
-  }
-  numbers = p;
-  if (!square)
+    if (!square)
 #pragma GCC unroll 4
-    for (int r = 0; r < ni; ++r) slope[(b.i + r) * stride] = si[r];
-  value += square ? 0.5 * total : total;
-  if constexpr (rates) bias += square ? total_bias : 2.0 * total_bias;
+      for (int r = 0; r < ni; ++r) slope[(b.i + r) * stride] = si[r];
+    *value += square ? 0.5 * total : total;
+    if constexpr (rates) *bias += square ? total_bias : 2.0 * total_bias;
+  }
 }
 template <bool rates = true, class S, class P>
-void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
-               int stride) {
+void add_blocks(const Block& b, const double* numbers, int apart, const S* q, const S* dq, P* value, P* bias, P* slope,
+                int stride, int slices) {
   const auto sized = [&](auto count) {
-    add_block_of<decltype(count)::value, rates>(b, numbers, q, dq, value, bias, slope, stride);
+    add_block_of<decltype(count)::value, rates>(b, numbers, apart, q, dq, value, bias, slope, stride, slices);
   };
   if constexpr (Lanes<P>::width > 1) {  // in registers
     if (b.ni == 1) return sized(Count<1>{});
@@ -105,6 +107,13 @@ void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, 
     if (b.ni == 4) return sized(Count<4>{});
   }
   sized(Count<0>{});
+}
+/// The same of one slice, whose numbers are next.
+template <bool rates = true, class S, class P>
+void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
+               int stride) {
+  add_blocks<rates>(b, numbers, 0, q, dq, &value, &bias, slope, stride, 1);
+  numbers += b.ni * b.nj * Lanes<P>::width;
 }
 
 /// Adds R x C numbers of F^T G, of columns i.. of F and j.. of G, to those of its lower triangle.
