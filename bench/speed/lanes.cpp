@@ -1,5 +1,6 @@
-// What bounds an arm's forward dynamics in lanes: bench/speed/lanes.py runs it, once alone for the times, and once under
-// callgrind, which counts the instructions of `flexarm_measured` and how often its data are not in the first cache.
+// What bounds an arm's forward dynamics in lanes: bench/speed/lanes.py runs it, once alone for the times, and once
+// under callgrind, which counts the instructions of `flexarm_measured` and how often its data are not in the first
+// cache.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_lanes [times]
 // Prints CSV: a work, its lanes, how many evaluations of an arm were counted, their operations and, with `times`, the
 // nanoseconds of one in each round; then what the processor can do at best, in the vectors of these lanes.
@@ -63,29 +64,31 @@ double least(const F& f, double instructions) {
 template <class F>
 Units units_of(const F& f, int width) {
   const auto loads = [&](int doubles, int apart) {
-    return least([&] { for (int turn = 0; turn < 100; ++turn) f.load(doubles, apart); }, 100.0 * doubles / apart);
+    return least(
+        [&] {
+          for (int turn = 0; turn < 100; ++turn) f.load(doubles, apart);
+        },
+        100.0 * doubles / apart);
   };
   return {least([&] { f.arithmetic(); }, 1.0 * kChains * kTurns), loads(kNear, width), loads(kFar, 8)};
 }
 
-#define FLEXARM_FILLS(name, width, set)                                                             \
-  struct name {                                                                                     \
-    typedef double Pack __attribute__((vector_size(8 * width)));                                    \
-    [[gnu::target(set), gnu::noinline]] void arithmetic() const {                                   \
-      Pack x[kChains] = {}, by = x[0] + 0.999, plus = x[0] + 0.1;                                   \
-      for (int turn = 0; turn < kTurns; ++turn)                                                     \
-        _Pragma("GCC unroll 12") for (int k = 0; k < kChains; ++k) {                                \
-          x[k] = x[k] * by + plus;                                                                  \
-          asm volatile("" : "+x"(x[k]));                                                            \
-        }                                                                                           \
-    }                                                                                               \
-    [[gnu::target(set), gnu::noinline]] void load(int doubles, int apart) const {                   \
-      for (int i = 0; i < doubles; i += 8 * apart)                                                  \
-        _Pragma("GCC unroll 8") for (int k = 0; k < 8; ++k) {                                       \
-          Pack x = *reinterpret_cast<const Pack*>(memory + i + k * apart);                          \
-          asm volatile("" : : "x"(x));                                                              \
-        }                                                                                           \
-    }                                                                                               \
+#define FLEXARM_FILLS(name, width, set)                                                                      \
+  struct name {                                                                                              \
+    typedef double Pack __attribute__((vector_size(8 * width)));                                             \
+    [[gnu::target(set), gnu::noinline]] void arithmetic() const {                                            \
+      Pack x[kChains] = {}, by = x[0] + 0.999, plus = x[0] + 0.1;                                            \
+      for (int turn = 0; turn < kTurns; ++turn) _Pragma("GCC unroll 12") for (int k = 0; k < kChains; ++k) { \
+          x[k] = x[k] * by + plus;                                                                           \
+          asm volatile("" : "+x"(x[k]));                                                                     \
+        }                                                                                                    \
+    }                                                                                                        \
+    [[gnu::target(set), gnu::noinline]] void load(int doubles, int apart) const {                            \
+      for (int i = 0; i < doubles; i += 8 * apart) _Pragma("GCC unroll 8") for (int k = 0; k < 8; ++k) {     \
+          Pack x = *reinterpret_cast<const Pack*>(memory + i + k * apart);                                   \
+          asm volatile("" : : "x"(x));                                                                       \
+        }                                                                                                    \
+    }                                                                                                        \
   }
 
 Units units(int lanes) {
@@ -116,7 +119,8 @@ int main(int argc, char** argv) {
       std::vector<double> rounds{0.0};
       if (times) {
         rounds.clear();
-        for (int k = 0; k < 15; ++k) rounds.push_back(1e3 * cpu_microseconds([&] { batch.run(); }, 5) / batch.evaluations());
+        for (int k = 0; k < 15; ++k)
+          rounds.push_back(1e3 * cpu_microseconds([&] { batch.run(); }, 5) / batch.evaluations());
       } else {
         measured(&batch);
       }

@@ -103,8 +103,8 @@ void add_turns(const Node& node, const double* t, int apart, const S* q, const S
 /// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
 template <class S, class P>
 void turn_section(const Node& node, const double* t, const S* dq, const typename Space<P>::Ang& w, P* slope, int rows,
-                  const typename Space<P>::Lin& theta, const typename Space<P>::Lin& b,
-                  typename Space<P>::Lin& torque, typename Space<P>::Rot& turn) {
+                  const typename Space<P>::Lin& theta, const typename Space<P>::Lin& b, typename Space<P>::Lin& torque,
+                  typename Space<P>::Rot& turn) {
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
   const Lin root = Pt::read(t), gyro = Pt::read(t);
