@@ -9,6 +9,8 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm.robots.segments import segmented
+from flexarm.robots.write import _freedoms
 from messages import refuses, warns
 
 mujoco = pytest.importorskip("mujoco")
@@ -82,12 +84,13 @@ def parents(arm: fa.Arm) -> dict[str, str]:
     return {name: arm.names[n] if n >= 0 else "world" for name, n in zip(arm.names, arm.parents, strict=True)}
 
 
-def agrees(arm: fa.Arm, model: Any, frames: dict[str, str]) -> None:
-    """M, inverse and forward dynamics, and the frames of links (by MuJoCo's bodies), at random states, 1e-12."""
+def agrees(arm: fa.Arm, model: Any, frames: dict[str, str], order: list[int] | None = None) -> None:
+    """M, inverse and forward dynamics, and the frames of links (by MuJoCo's bodies), at random states, 1e-12; `order`:
+    MuJoCo's number of each rate, by default by the names of joints."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     model.opt.gravity[:] = arm.gravity
     data, rng = mujoco.MjData(model), np.random.default_rng(3)
-    order = [model.joint(link.joint.name).dofadr[0] for link in arm if link.joint.nv]
+    order = order or [model.joint(link.joint.name).dofadr[0] for link in arm if link.joint.nv]
     assert sorted(order) == list(range(model.nv)) and arm.nv == model.nv
 
     def near(found: np.ndarray, wanted: np.ndarray) -> None:
@@ -221,3 +224,84 @@ def test_what_stays_refused(tmp_path: Path) -> None:
     weld = '</worldbody><equality><weld body1="left_foot" body2="right_leg"/></equality>'
     with warns(fa.errors.RobotWarning, "1 equality constraint"):
         assert read(tmp_path, HUMANOID.replace("</worldbody>", weld)) == read(tmp_path, HUMANOID)
+
+
+# -- written ----------------------------------------------------------------------------------------------------------
+
+
+def across() -> fa.Arm:
+    """Beams on beams, branches on the world; links that stand in another order than branch after branch, unnamed ones,
+    joints with placements on both sides."""
+    side = fa.Placement((0.02, 0.05, -0.03), (0.2, -0.4, 0.6))
+    both = {"inboard": side, "outboard": fa.Placement((0.01, 0.0, 0.02), (0.1, 0.3, 0.0)), "damping": 0.1}
+    hub, tip = fa.RigidBody(0.3, (0.1, 0, 0.02), (2e-3, 3e-3, 4e-3), (0.2, 0, 0.05)), fa.RigidBody(0.2, (0.02, 0, 0))
+    return fa.Arm(
+        [
+            fa.Link(fa.Revolute("z", name="yaw", reflected_inertia=0.02), hub, beam(0.4), tip, "torso"),
+            fa.Link(fa.Revolute("y", **both), hub, beam(0.3), name="left"),
+            fa.Link(fa.Universal(**both), hub, name="right", parent="torso"),
+            fa.Link(fa.Revolute("x", stiffness=4.0, rest=0.1), hub, parent="left"),
+            fa.Link(fa.Prismatic("x", **both), hub, name="claw", parent="right"),
+            fa.Link(fa.Fixed(inboard=side), None, beam(0.2), hub, "mast", parent="world"),
+            fa.Link(fa.Revolute("y", **both), hub, name="flag", parent=5),
+        ],
+        (0.5, 0.0, -9.81),
+    )
+
+
+def stiff() -> fa.Arm:
+    return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, x.parent) for x in across()], across().gravity)
+
+
+@pytest.mark.parametrize("make", [across, stiff])
+@pytest.mark.parametrize("file", ["arm.xml", "arm.urdf"])
+def test_a_tree_comes_back(make: Any, file: str, tmp_path: Path) -> None:
+    """Its segments, branch after branch: mass matrix, bias, and the ends of the branches."""
+    arm, cut = make(), segmented(make(), 3)
+    (arm.to_mjcf if file == "arm.xml" else arm.to_urdf)(tmp_path / file, segments=3)
+    ends = ["link 3 tip", "claw tip", "flag tip"]
+    if file == "arm.xml":
+        back = fa.from_mjcf(tmp_path / file)
+    else:
+        back = fa.from_urdf(tmp_path / file, tip=ends, gravity=arm.gravity, reflected_inertia={"yaw": 0.02})
+    freedoms = [f for name, x in zip(cut.names, cut.arm.links, strict=True) for f in _freedoms(name, x.joint, [])]
+    names = [f.name for f in freedoms]
+    order = [names.index(name) for name in back.coordinates]
+    assert sorted(order) == list(range(cut.arm.nv)) and order != sorted(order)
+    q, v = np.linspace(-0.8, 1.1, back.nv), np.linspace(1, -0.5, back.nv)
+    h, M = fa.Arm(cut.arm.links, arm.gravity).bias(q, v), cut.arm.mass_matrix(q)
+    if file == "arm.urdf":  # it has no springs
+        h = h - [f.values["stiffness"] * (x - f.values["rest"]) for f, x in zip(freedoms, q, strict=True)]
+    np.testing.assert_allclose(back.mass_matrix(q[order]), M[np.ix_(order, order)], rtol=0, atol=1e-10 * M.max())
+    np.testing.assert_allclose(back.bias(q[order], v[order]), h[order], rtol=0, atol=1e-10 * np.abs(h).max())
+    places = [cut.arm.frame(q, k)[0] for k in cut.arm.ends]
+    if file == "arm.urdf":
+        found = [back.frame(q[order], end)[0] for end in ends]
+    else:
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / file))
+        data = mujoco.MjData(model)
+        data.qpos[:] = q[order]
+        mujoco.mj_kinematics(model, data)
+        found = [data.site(end).xpos for end in ends]
+        assert [model.joint(k).name for k in range(model.njnt)] == list(back.coordinates)
+    np.testing.assert_allclose(found, places, rtol=0, atol=1e-12)
+
+
+def test_a_written_tree_moves_as_the_segments_do_in_mujoco() -> None:
+    arm = across()
+    model = mujoco.MjModel.from_xml_string(arm.to_mjcf(segments=3))
+    cut = segmented(arm, 3)
+    names = [f.name for name, x in zip(cut.names, cut.arm.links, strict=True) for f in _freedoms(name, x.joint, [])]
+    back = {model.joint(k).name: model.joint(k).dofadr[0] for k in range(model.njnt)}
+    agrees(fa.Arm(cut.arm.links, arm.gravity), model, {}, [back[name] for name in names])
+
+
+def test_the_segments_of_a_tree_have_its_frequencies() -> None:
+    arm = across()
+    cut = segmented(arm, 10)
+    joints = [k for k, link in enumerate(arm) if link.joint.nv]
+    wanted = fa.Arm(arm.links).modes(lock=joints).frequencies[:3]
+    held = [k for k, link in enumerate(cut.arm.links) if link.joint.nv and k not in cut.hinges]
+    found = fa.Arm(cut.arm.links).modes(lock=held).frequencies[:3]
+    np.testing.assert_allclose(found, wanted, rtol=1e-3)
+    assert [cut.names[n] for n in cut.arm.parents if n >= 0 and cut.of[n] == 0][-2:] == ["torso segment 10"] * 2
