@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.robots.segments import segmented
-from flexarm.robots.write import _freedoms
 from messages import refuses, warns
 
 mujoco = pytest.importorskip("mujoco")
@@ -193,6 +193,19 @@ def test_a_beam_that_carries_two(tmp_path: Path) -> None:
         np.testing.assert_allclose(seen[0], seen[1], rtol=0, atol=1e-14)
 
 
+def test_a_beam_in_a_tree_has_its_rods_inertia(tmp_path: Path) -> None:
+    """Where nothing bends, the tree is the rigid one with a cuboid for the link; the palm rides on the beam's end."""
+    bar = fa.Beam(0.25, fa.Rectangle(0.02, 0.05), ALLOY, modes={"bending_y": 2, "bending_z": 1}, basis="legendre")
+    arm = read(tmp_path, ROBOT, flexible={"left_fore": fa.Flexible(bar, end="left_palm")})
+    m, xx, yy, zz = 0.675, 0.02**2 + 0.05**2, 0.25**2 + 0.05**2, 0.25**2 + 0.02**2
+    cuboid = f'ixx="{m * xx / 12}" iyy="{m * yy / 12}" izz="{m * zz / 12}" ixy="0" ixz="0" iyz="0"'
+    body = f'<inertial><origin xyz="0.125 0 0"/><mass value="{m}"/><inertia {cuboid}/></inertial>'
+    model = mujoco.MjModel.from_xml_string(ROBOT.replace(f'"left_fore">{BODY}', f'"left_fore">{body}'))
+    agrees(fa.Arm([x if x.beam is None else replace(x, beam=replace(bar, modes={})) for x in arm], arm.gravity), model,
+           {"left_finger": "left_finger"})  # fmt: skip
+    assert arm["left_fore"].tip.mass == 1.0 and arm["left_fore"].hub is None
+
+
 def test_a_beam_with_a_joint_along_it(tmp_path: Path) -> None:
     """The head sits half a metre up the torso; the arms on the chest, which is fixed at 0.3 m."""
     text = re.sub(r'(<link name="torso">)<inertial>.*?</inertial>', r"\1", ROBOT)
@@ -253,6 +266,12 @@ def stiff() -> fa.Arm:
     return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, x.parent) for x in across()], across().gravity)
 
 
+def names_of_freedoms(cut: Any) -> list[str]:
+    """As files call them: by the joint, and, of several, by the kind of motion."""
+    links = zip(cut.names, (link.joint for link in cut.arm), strict=True)
+    return [(j.name or f"{name} joint") + x.removeprefix(j.type) for name, j in links for x in j.labels]
+
+
 @pytest.mark.parametrize("make", [across, stiff])
 @pytest.mark.parametrize("file", ["arm.xml", "arm.urdf"])
 def test_a_tree_comes_back(make: Any, file: str, tmp_path: Path) -> None:
@@ -264,14 +283,15 @@ def test_a_tree_comes_back(make: Any, file: str, tmp_path: Path) -> None:
         back = fa.from_mjcf(tmp_path / file)
     else:
         back = fa.from_urdf(tmp_path / file, tip=ends, gravity=arm.gravity, reflected_inertia={"yaw": 0.02})
-    freedoms = [f for name, x in zip(cut.names, cut.arm.links, strict=True) for f in _freedoms(name, x.joint, [])]
-    names = [f.name for f in freedoms]
+    names = names_of_freedoms(cut)
     order = [names.index(name) for name in back.coordinates]
     assert sorted(order) == list(range(cut.arm.nv)) and order != sorted(order)
     q, v = np.linspace(-0.8, 1.1, back.nv), np.linspace(1, -0.5, back.nv)
     h, M = fa.Arm(cut.arm.links, arm.gravity).bias(q, v), cut.arm.mass_matrix(q)
     if file == "arm.urdf":  # it has no springs
-        h = h - [f.values["stiffness"] * (x - f.values["rest"]) for f, x in zip(freedoms, q, strict=True)]
+        joints = [link.joint for link in cut.arm]
+        k, rest = (np.concatenate([np.resize(getattr(j, f), j.nv) for j in joints]) for f in ("stiffness", "rest"))
+        h = h - k * (q - rest)
     np.testing.assert_allclose(back.mass_matrix(q[order]), M[np.ix_(order, order)], rtol=0, atol=1e-10 * M.max())
     np.testing.assert_allclose(back.bias(q[order], v[order]), h[order], rtol=0, atol=1e-10 * np.abs(h).max())
     places = [cut.arm.frame(q, k)[0] for k in cut.arm.ends]
@@ -291,9 +311,8 @@ def test_a_written_tree_moves_as_the_segments_do_in_mujoco() -> None:
     arm = across()
     model = mujoco.MjModel.from_xml_string(arm.to_mjcf(segments=3))
     cut = segmented(arm, 3)
-    names = [f.name for name, x in zip(cut.names, cut.arm.links, strict=True) for f in _freedoms(name, x.joint, [])]
     back = {model.joint(k).name: model.joint(k).dofadr[0] for k in range(model.njnt)}
-    agrees(fa.Arm(cut.arm.links, arm.gravity), model, {}, [back[name] for name in names])
+    agrees(fa.Arm(cut.arm.links, arm.gravity), model, {}, [back[name] for name in names_of_freedoms(cut)])
 
 
 def test_the_segments_of_a_tree_have_its_frequencies() -> None:
