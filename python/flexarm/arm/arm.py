@@ -176,7 +176,9 @@ class Arm(Chain):
 
         Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
-        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments.
+        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A tree
+        of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
+        links branch after branch.
 
         Args:
             path: where to write it; None: nowhere.
@@ -196,7 +198,8 @@ class Arm(Chain):
     def to_urdf(self, path: str | Path | None = None, segments: int = 10) -> str:
         """The arm as a URDF file, its beams as in `to_mjcf`, with a link and a joint for each freedom.
 
-        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip".
+        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip";
+        those of a tree are links "NAME tip".
 
         Args:
             path: where to write it; None: nowhere.
