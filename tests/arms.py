@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
@@ -198,3 +199,81 @@ def run_derivatives(
 
 def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))
+
+
+def satellite(order: int | str = 2, n: int = 2, free: bool = True, **beam) -> fa.Arm:
+    """A free body with two flexible panels and an arm of two links, whose upper one bends."""
+
+    def strip(length: float, y: float, z: float, modes: dict[str, int]) -> fa.Beam:
+        return fa.Beam(length, fa.Rectangle(y, z), fa.Material(2700, 70e9, 0.33), modes, "legendre", order, **beam)
+
+    half = np.pi / 2
+    panel = {"bending_y": n, "torsion": 1}
+    return fa.Arm(
+        [
+            fa.Link(
+                fa.Free() if free else fa.Axes(("tx", "ty", "rz")),
+                fa.RigidBody(60.0, (0.02, 0, 0.01), (5, 6, 7)),
+                name="bus",
+            ),
+            fa.Link(
+                fa.Fixed(inboard=fa.Placement((0, 0.4, 0), (0, 0, half))),
+                beam=strip(2.0, 0.01, 0.5, panel),
+                name="left panel",
+                parent="bus",
+            ),
+            fa.Link(
+                fa.Fixed(inboard=fa.Placement((0, -0.4, 0), (0, 0, -half))),
+                beam=strip(2.0, 0.01, 0.5, panel),
+                name="right panel",
+                parent="bus",
+            ),
+            fa.Link(
+                fa.Revolute("z", inboard=fa.Placement((0.4, 0, 0)), name="shoulder"),
+                fa.RigidBody(1.0, (0.05, 0, 0), (0.01, 0.01, 0.01), (0.1, 0, 0)),
+                strip(0.8, 0.012, 0.012, {"bending_y": n, "bending_z": n}),
+                name="upper",
+                parent="bus",
+            ),
+            fa.Link(
+                fa.Revolute("z", name="elbow"),
+                fa.RigidBody(2.0, (0.2, 0, 0), (0.01, 0.02, 0.02), (0.4, 0, 0)),
+                name="fore",
+            ),
+        ]
+    )
+
+
+def two_arms(n: int = 2, order: int | str = 2) -> fa.Arm:
+    """A torso that turns about z, with two arms of a flexible upper and a rigid lower link, in the plane."""
+
+    def arm(side: str, sign: float) -> list[fa.Link]:
+        beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.03), STEEL, {"bending_y": n}, "legendre", order, kelvin_voigt=1e-3)
+        seat = fa.Placement((0, sign * 0.15, 0), (0, 0, sign * 0.4))
+        shoulder = fa.Revolute("z", inboard=seat, damping=0.05, name=f"{side} shoulder")
+        elbow = fa.Revolute("z", damping=0.05, name=f"{side} elbow")
+        return [
+            fa.Link(
+                shoulder,
+                fa.RigidBody(0.3, (0.02, 0, 0), (1e-3, 1e-3, 1e-3)),
+                beam,
+                name=f"{side} upper",
+                parent="torso",
+            ),
+            fa.Link(elbow, fa.RigidBody(0.4, (0.2, 0, 0), (1e-3, 6e-3, 6e-3), (0.4, 0, 0)), name=f"{side} fore"),
+        ]
+
+    torso = fa.Link(
+        fa.Revolute("z", damping=0.5, name="waist"), fa.RigidBody(5.0, (0, 0, 0), (0.2, 0.2, 0.1)), name="torso"
+    )
+    return fa.Arm([torso, *arm("left", 1.0), *arm("right", -1.0)])
+
+
+def side_by_side(*arms: fa.Arm) -> fa.Arm:
+    """Arms of one gravity as one tree, each on the world: they move as if each were alone."""
+    links: list[fa.Link] = []
+    for arm in arms:
+        at = len(links)
+        for link, parent in zip(arm.links, arm.parents, strict=True):
+            links.append(replace(link, parent="world" if parent < 0 else at + parent))
+    return fa.Arm(links, arms[0].gravity)

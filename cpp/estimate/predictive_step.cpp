@@ -46,13 +46,15 @@ void multiply(double factor, const MatrixXd& A, const X& x, To&& to) {
   add(factor, A, x, to);
 }
 
-/// Of the arm with 1 kg at its end.
+/// Of the arm with 1 kg at the end of its last link.
 Problem with_a_kilogram(Problem problem) {
   std::vector<Link> links = problem.arm->links();
+  std::vector<int> parents = problem.arm->parents();
   RigidBody point;
   point.mass = 1.0;
+  parents.push_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity());
+  problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity(), std::move(parents));
   return problem;
 }
 

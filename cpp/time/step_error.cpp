@@ -1,5 +1,6 @@
 #include "step_error.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <tuple>
 #include <utility>

@@ -1,7 +1,8 @@
-"""Simulates flexible robot arms: serial chains of rigid bodies and elastic beams. SI units, radians.
+"""Simulates flexible robot arms: chains and trees of rigid bodies and elastic beams. SI units, radians.
 
-An arm is a chain of links; a link is a joint, a rigid hub, an elastic beam and a rigid tip. `help(fa.Beam)` and so on,
-with `import flexarm as fa`, tell arguments and units. Bad arguments raise ValueError with the field and the value.
+An arm is a chain or a tree of links; a link is a joint, a rigid hub, an elastic beam and a rigid tip. `help(fa.Beam)`
+and so on, with `import flexarm as fa`, tell arguments and units. Bad arguments raise ValueError with the field and
+the value.
 
 More names are in fa.sections, fa.sensors, fa.results (classes of results) and fa.errors (warnings, exceptions); and in
 flexarm.env, .tasks (Gymnasium), .torch, .jax, .cli. `flexarm examples`; https://flexarm.readthedocs.io

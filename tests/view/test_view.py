@@ -17,7 +17,7 @@ from flexarm.view import body, stage, still, track
 from messages import refuses
 from scipy.spatial.transform import Rotation
 
-from tests.arms import STEEL, paper_link, random_arm
+from tests.arms import STEEL, paper_link, random_arm, satellite
 
 SIZE = (4.0, 3.0)
 
@@ -56,9 +56,28 @@ def test_nodes_stand_where_the_arm_says(seed: int) -> None:
             p, R = arm.frame(q, k, x)
             assert np.allclose(made.position[:, i], p, atol=1e-12)
             assert np.allclose(Rotation.from_quat(made.quaternion[:, i]).as_matrix(), R, atol=1e-12)
-    node, at = found.tip
+    node, at = found.tips[0]
     end = made.position[:, node] + Rotation.from_quat(made.quaternion[:, node]).apply(at)
     assert np.allclose(end, arm.frame(q)[0], atol=1e-12)
+
+
+def test_branches_begin_where_their_parents_end() -> None:
+    """Joints and rods of a tree, and the paths of all its ends, in the picture and in the page."""
+    arm = satellite()
+    rng = np.random.default_rng(2)
+    q = arm.zero + np.where(np.arange(arm.nq) > 6, 0.05, 0.0) * rng.normal(size=(5, arm.nq))
+    made = track.make_track(arm, np.arange(5.0), q)
+    ends = np.stack(made.tips(made.t), axis=1)
+    assert np.allclose(ends, arm.end_places(q), atol=1e-9)
+    names = {label["text"]: label for label in made.body.labels}
+    places = {"shoulder": (0.4, 0, 0), "left panel fixed": (0, 0.4, 0), "right panel fixed": (0, -0.4, 0)}
+    for name, place in places.items():
+        label = names[name]
+        assert made.body.places[label["node"]] == (0, None) and np.allclose(label["at"], place)
+    assert body.length(arm) == pytest.approx(2.4)
+    pytest.importorskip("jupyter_threejs_sage")
+    view = fa.simulate(arm, np.linspace(0, 0.1, 3)).animate()
+    assert len(unpacked(view.html())["tracks"][0]["body"]["tips"]) == 3
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -86,7 +105,7 @@ def test_bending_is_magnified_and_strain_is_not() -> None:
     q = np.array([0.4, 0.01, -0.002])
     view = arm.show(q, magnify=3.0, open=False)
     made = view.tracks[0]
-    assert np.allclose(made.position[0, made.body.tip[0]], arm.frame((0.4, 0.03, -0.006))[0])
+    assert np.allclose(made.position[0, made.body.tips[0][0]], arm.frame((0.4, 0.03, -0.006))[0])
     clamp = made.body.beams[0]["first"]
     assert np.allclose(made.strain[0, clamp], arm.strain(q)[[5, 1, 2]])
     assert "bending magnified 3 times" in view.notes
@@ -203,7 +222,7 @@ def test_frames_are_thinned_out_to_what_a_curve_needs() -> None:
     for t in np.linspace(0.05, 3.95, 37):
         q = fine.q[round(t * 2000)]
         p, R, strain, *_ = made.at(float(round(t * 2000) / 2000))
-        assert np.allclose(p[made.body.tip[0]], arm.frame(q)[0], atol=1e-3 * 0.6)
+        assert np.allclose(p[made.body.tips[0][0]], arm.frame(q)[0], atol=1e-3 * 0.6)
         node = made.body.beams[1]["first"]
         assert np.allclose(R[node], arm.frame(q, 1, 0.0)[1], atol=5e-3)
         assert np.allclose(strain[node], arm.strain(q, 1, 0.0)[[5, 1, 2]], atol=2e-2 * np.abs(made.strain).max())
@@ -299,7 +318,7 @@ def test_a_mode_moves_as_its_shape() -> None:
     made = view.tracks[0]
     shapes = arm.mode_shapes(modes, 9)
     size = np.linalg.norm(shapes.displacement[:, :, 1], axis=1).max()
-    tip = made.position[0, made.body.tip[0]] - arm.frame(modes.q)[0]
+    tip = made.position[0, made.body.tips[0][0]] - arm.frame(modes.q)[0]
     assert np.allclose(tip, 1e-6 * shapes.displacement[-1, :, 1] / size, rtol=1e-3, atol=1e-10)
     assert view.times[1] == pytest.approx(2 * np.pi / modes.frequencies[1])
     assert f"{modes.frequencies[1] / 2 / np.pi:.4g} Hz" in made.title

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,19 +72,21 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
 
 
 def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
-    """Inertia (6, 6), in the axes of a beam's end, of all that follows it when it stands straight and stiff; joints
+    """Inertia (6, 6), in the axes of a beam's end, of all that sits on it when it stands straight and stiff; joints
     that nothing holds give way."""
-    mass = sum(link.mass for link in arm.links[k:])
+    at = {j: n for n, j in enumerate([k, *arm.carried(k)])}
+    mass = sum(arm.links[j].mass for j in at)
     own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    rest = arm._alike([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
+    above = [replace(arm.links[j], parent=at[arm.parents[j]]) for j in at if j != k]
+    rest = arm._alike([Link(joint, arm.links[k].tip), *above])
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
         own
         for j in arm.movable
-        if j > k
-        for own, i in zip(rest.joint_rates(j - k), arm.joint_rates(j), strict=True)
+        if j != k and j in at
+        for own, i in zip(rest.joint_rates(at[j]), arm.joint_rates(j), strict=True)
         if i not in held
     ]
     if free:
@@ -183,7 +185,7 @@ def _all_stiffened(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[floa
     """Of an arm's beams, but for those with patches and those that are curved."""
     for k, beam, _, at in arm.beams():
         tip = arm.links[k].tip
-        carries = k + 1 < len(arm.links) or bool(tip is not None and tip.mass)
+        carries = k in arm.parents or bool(tip is not None and tip.mass)
         if beam.mass and not (beam.patches or beam.curvature) and (carries or k in pulls):
             A = _carried(arm, k, beam, held) if carries else np.zeros((6, 6))
             yield from _stiffened(k, beam, at, A, pulls.get(k, (0.0, 0.0)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .._console import aligned
@@ -77,11 +79,15 @@ def _row(k: int, arm: Chain) -> list[str]:
 
 def describe(arm: Chain) -> str:
     """See Arm.describe."""
-    rows = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
+    rows: list[Sequence[str]] = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
+    if not arm.is_chain:
+        sits = ["on", *("world" if k < 0 else arm.names[k].removeprefix("link ") for k in arm.parents)]
+        rows = [(row[0], on, *row[1:]) for row, on in zip(rows, sits, strict=True)]
     mass = sum(link.mass for link in arm.links)
     gravity = ", ".join(f"{g:.4g}" for g in arm.gravity)
     elastic = sum(link.beam.ne for link in arm.links if link.beam is not None)
-    reach = float(np.linalg.norm(arm.frame(arm.zero)[0])) if arm.links else 0.0
+    reaches = np.linalg.norm(arm.end_places(arm.zero), axis=1)
+    whose = [""] if len(reaches) == 1 else [f", that of {arm.names[k]}" for k in arm.ends]
     frequencies, damping = lowest_frequencies(arm, 4)
     lines = [
         *aligned(rows),
@@ -89,7 +95,7 @@ def describe(arm: Chain) -> str:
         f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
         + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),
         f"mass            {mass:.6g} kg",
-        f"end at zero     {reach:.4g} m from the base",
+        *(f"end at zero     {x:.4g} m from the base{of}" for x, of in zip(reaches, whose, strict=True)),
         f"gravity         ({gravity}) m/s^2",
         f"frequencies     {frequencies} (rad/s; joints locked, no gravity)",
         *([f"damping ratios  {damping}"] if damping else []),

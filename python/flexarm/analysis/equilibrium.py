@@ -87,8 +87,8 @@ def displaced(arm: Chain, q: Array, E: Array, step: Array) -> Array:
 def _sizes(arm: Chain) -> Array:
     """How far one unit of each rate's coordinate moves the arm, (nv,): the turn of a section (rad), or a shift in parts
     of the arm's length. So coordinates compare, although strains of short beams are large numbers (1/m)."""
-    length = sum(float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links)))
-    length = max(length, sum(link.beam.length for link in arm.links if link.beam is not None)) or 1.0
+    length = arm.longest([float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links))])
+    length = max(length, arm.longest([link.beam.length if link.beam else 0.0 for link in arm.links])) or 1.0
     sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
     for n, link in enumerate(arm.links):
         elastic = slice(first[n] + link.joint.nv, first[n + 1])

@@ -77,19 +77,22 @@ def _in_mm(where: str, thin: float, broad: float, length: float) -> Finding:
     return Finding(f"{where}.section", what, thin, _THICK * length, "m", "is it in mm?")
 
 
-def _whole(arm: Chain, k: int) -> float:
-    """Length (m) of a link's beam and of those that go on from it, rigidly joined, as `split` leaves them."""
-
-    def goes_on(i: int) -> bool:
-        here, there = arm.links[i], arm.links[i + 1]
-        return bool(here.beam and there.beam) and not (here.tip or there.hub) and there.joint == Fixed()
-
-    first, last = k, k
-    while first and goes_on(first - 1):
-        first -= 1
-    while last + 1 < len(arm.links) and goes_on(last):
-        last += 1
-    return sum(link.beam.length for link in arm.links[first : last + 1] if link.beam is not None)
+def _wholes(arm: Chain) -> list[float]:
+    """Of each link, the length (m) of its beam and of those that go on from it, rigidly joined, as `split` leaves them;
+    where two go on from one, of the longer one."""
+    own = [link.beam.length if link.beam is not None else 0.0 for link in arm.links]
+    goes_on = []
+    for link, parent in zip(arm.links, arm.parents, strict=True):
+        below = arm.links[parent] if parent >= 0 else link
+        joined = parent >= 0 and link.joint == Fixed() and not (below.tip or link.hub)
+        goes_on.append(joined and bool(link.beam and below.beam))
+    back, on = list(own), list(own)
+    for k, parent in enumerate(arm.parents):
+        back[k] += back[parent] if goes_on[k] else 0.0
+    for k in reversed(range(len(own))):
+        if goes_on[k]:
+            on[arm.parents[k]] = max(on[arm.parents[k]], own[arm.parents[k]] + on[k])
+    return [a + b - c for a, b, c in zip(back, on, own, strict=True)]
 
 
 def _beam(where: str, beam: Beam, whole: float) -> Iterator[Finding]:
@@ -173,6 +176,7 @@ def _matrices(where: str, beam: Beam) -> Iterator[Finding]:
 
 def mistakes(arm: Chain) -> Iterator[Finding]:
     """The numbers of an arm that are probably mistakes."""
+    wholes = _wholes(arm)
     for k, link in enumerate(arm.links):
         at, beam = f"link[{k}]", link.beam
         bodies = {f"{at}.{name}": x for name, x in (("hub", link.hub), ("tip", link.tip)) if x is not None}
@@ -183,7 +187,7 @@ def mistakes(arm: Chain) -> Iterator[Finding]:
             yield from _inertia(where, body, *((reach, "rigid link") if beam is None else (beam.length, "beam")))
         if beam is None:
             continue
-        yield from _beam(f"{at}.beam", beam, _whole(arm, k))
+        yield from _beam(f"{at}.beam", beam, wholes[k])
         if link.tip is not None and link.tip.mass > 0 and beam.basis == "loaded" and beam.basis_tip is None:
             what = (
                 "is missing, so that basis = 'loaded' has the modes of the bare beam, while the link's tip has "

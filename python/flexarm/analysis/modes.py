@@ -55,7 +55,8 @@ class Modes:
 
     def plot(self, count: int = 4) -> Figure:
         """A figure of the lowest `count` modes along the arm: how far each slice moves along the world's axes, over the
-        place along the arm, each mode's largest displacement being 1. Frequency and damping stand in the legend.
+        place along the arm, each mode's largest displacement being 1. Frequency and damping stand in the legend. Of a
+        tree, each branch has a line of its own from where it begins, over the way from the world.
 
         Modes that only turn about the arm's axis, or do not vibrate (frequency 0), are left out. A complex mode is
         drawn at the instant of its largest displacement.
@@ -67,8 +68,15 @@ class Modes:
         shapes = sample(self.arm, self, 41)
         first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
         path = np.insert(shapes.position, first, self._joints(), axis=0)  # each joint ahead of its link
-        s = np.linalg.norm(np.diff(path, axis=0, prepend=np.zeros((1, 3))), axis=1).cumsum()
         at = first + np.arange(len(first))
+        steps = np.diff(path, axis=0, prepend=np.zeros((1, 3)))
+        last = np.append(at[1:], len(path)) - 1  # each link's end
+        for k, parent in enumerate(self.arm.parents):
+            steps[at[k]] = path[at[k]] - (path[last[parent]] if parent >= 0 else 0.0)
+        s = np.linalg.norm(steps, axis=1).cumsum()
+        for k, parent in enumerate(self.arm.parents):
+            if parent != k - 1:  # a branch begins where its parent ends
+                s[at[k] :] += (s[last[parent]] if parent >= 0 else 0.0) - s[at[k] - 1]
         turned = np.abs(shapes.displacement).max(axis=(0, 1), initial=0.0)
         noise = 1e-9 * max(length(self.arm), float(turned.max(initial=0.0)))
         shown = np.flatnonzero((self.frequencies > 0) & (turned > noise))[:count]
@@ -80,15 +88,32 @@ class Modes:
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
         joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in self.arm.movable]
-        return plot_modes(np.delete(s, at), moved, labels, joints)
+        return plot_modes(np.delete(s, at), moved, labels, joints, self._branches(shapes.link))
+
+    def _branches(self, link: NDArray[np.int_]) -> dict[str, list[int]]:
+        """The points along each line that is drawn, from the point where it leaves another one; `link`: of the points.
+        By the name of the link at its end."""
+        out: dict[str, list[int]] = {}
+        drawn = set[int]()
+        for end in self.arm.ends:
+            path = self.arm.path(end)
+            new = [k for k in path if k not in drawn]
+            drawn.update(new)
+            parent = self.arm.parents[new[0]]
+            out[self.arm.names[end]] = [
+                *([int(np.flatnonzero(link == parent)[-1])] if parent >= 0 else []),
+                *(i for k in new for i in np.flatnonzero(link == k).tolist()),
+            ]
+        return out
 
     def _joints(self) -> Array:
-        """Where the joints sit on the links below, (number of links, 3)."""
-        out, p, R = [], np.zeros(3), np.eye(3)
-        for k, link in enumerate(self.arm.links):
+        """Where the joints sit on their parents, (number of links, 3)."""
+        out, ends = [], list[tuple[Array, Array]]()
+        for k, (link, parent) in enumerate(zip(self.arm.links, self.arm.parents, strict=True)):
+            p, R = (np.zeros(3), np.eye(3)) if parent < 0 else ends[parent]
             place = link.joint.inboard
             out.append(p if place is None else p + R @ place._core[0])
-            p, R = self.arm.frame(self.q, k)
+            ends.append(self.arm.frame(self.q, k))
         return np.array(out)
 
     def animate(self, mode: int = 0, amplitude: float | None = None) -> View:

@@ -1,4 +1,4 @@
-"""The arm: an immutable serial chain of links, and its computations."""
+"""The arm: an immutable chain or tree of links, and its computations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ METHODS = ("ab", "ci")
 
 
 class Arm(Chain):
-    """A serial chain of links; the first joint is at the world's origin, in its axes.
+    """A chain of links, or a tree; joints on the world are at its origin, in its axes.
 
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
     bending_z, torsion, shear_y, shear_z, extension (Eq. 33); `coordinates` names their rates. Ball joints have a
@@ -38,7 +38,8 @@ class Arm(Chain):
     ValueError.
 
     Args:
-        links: from the base to the tip, numbered from 0; -1 is the last one, the default.
+        links: from the base to the tip, numbered from 0; -1 is the last one, the default. Each sits on the end of the
+            one before, or on that of its `parent`.
         gravity: world axes (m/s^2).
 
     `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
@@ -156,8 +157,8 @@ class Arm(Chain):
     ) -> Array:
         """Force and moment [f; m] (N, N m; (..., 6)) that a link's joint passes on to it, all six components.
 
-        side "outboard": at the link's origin, in the link's axes; "inboard": the same force at the end of the link
-        below, in that end's axes (it acts on the link below with the opposite sign). The loads act with their values at
+        side "outboard": at the link's origin, in the link's axes; "inboard": the same force at the end of its
+        parent, in that end's axes (it acts on the parent with the opposite sign). The loads act with their values at
         time t (s).
         """
         choice("side", side, ("outboard", "inboard"))

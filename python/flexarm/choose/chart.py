@@ -288,8 +288,9 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
         budget: wall time (s). Runs predicted to exceed the remaining time are skipped and listed.
-        quantity: the compared quantity: "tip", the position of the arm's end (m); "joint", the coordinates of those
-            joints that are not prescribed (rad, m); "strain", of every beam at its clamp (1/m, rad).
+        quantity: the compared quantity: "tip", the position of the arm's end, of a tree of all its ends (m); "joint", the
+            coordinates of those joints that are not prescribed (rad, m); "strain", of every beam at its clamp (1/m,
+            rad).
         progress: shows a bar on stderr, or lines if that is no terminal.
 
     Ctrl-C ends it early: the chart holds the completed runs, and says that it is partial.

@@ -372,8 +372,8 @@ def economize(
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
         tolerance: over the quantity's span, the largest range of any one component, between 0 and 1.
-        quantity: "tip", the position of the arm's end; "joint", the coordinates of those joints that are not
-            prescribed; "strain", the curvatures of every beam at its clamp (and shear angles and stretches, where the
+        quantity: "tip", the position of the arm's end, of a tree of all its ends; "joint", the coordinates of
+            those joints that are not prescribed; "strain", the curvatures of every beam at its clamp (and shear angles and stretches, where the
             scene's own beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
         budget: seconds for deciding; None: no limit. A plan that the limit cuts short is not certified.
         atol: an absolute tolerance in the quantity's SI unit, in place of tolerance: atol=1e-3 is a millimetre of the

@@ -152,7 +152,7 @@ class Measure:
                                  f"({len(result.t)}, k), a row for each time of the result")  # fmt: skip
             return {"": y.reshape(len(y), 1, -1)}
         if self.quantity == "tip":
-            return {"m": arm.frame(result.q)[0][:, None, :]}
+            return {"m": arm.end_places(result.q)}
         if self.quantity == "joint":
             return {u: result.q[:, [i for i, _ in at], None] for u, at in self._joints(arm).items()}
         beams = self._beams()
@@ -190,7 +190,7 @@ class Measure:
 
     def sense(self, scene: Scene, q: Array) -> Callable[[Array], float]:
         """The largest change of the quantity, over its span, as a function of small motions (nt, nv) about q (nt, nq);
-        for a callable, that of the tip."""
+        for a callable, that of the tips."""
         maps = self._slopes(scene, q)
 
         def size(x: Array) -> float:
@@ -211,15 +211,15 @@ class Measure:
             beams = [k for k in self._beams() if arm.links[k].beam.ne]  # type: ignore[union-attr]
             S = np.array([arm.strain(E.T, k, 0.0) for k in beams]).transpose(0, 2, 1)  # strains are linear in q
             return [S[None, :, rows] / self.span[u] for u, rows in self._strains().items() if u in self.span]
-        J = arm.jacobian(q)[:, None, :3, :]
+        J = np.stack([arm.jacobian(q, k)[:, :3] for k in arm.ends], axis=1)
         if self.quantity == "tip":
             return [J / self.span["m"]]
-        moved = float(np.ptp(arm.frame(q)[0], axis=0).max()) or 1.0
+        moved = float(np.ptp(arm.end_places(q), axis=0).max()) or 1.0
         return [J / moved * self.ranges[""] / self.span[""]]
 
     def kinematic(self, scene: Scene, other: Arm, q: Array) -> float:
         """Difference of the quantity between this arm and another with the same coordinates, at the same q."""
         if self.quantity != "tip":
             return 0.0
-        away = np.linalg.norm(scene.arm.frame(q)[0] - other.frame(q)[0], axis=1)
+        away = np.linalg.norm(scene.arm.end_places(q) - other.end_places(q), axis=-1)
         return float(away.max()) / self.span["m"]

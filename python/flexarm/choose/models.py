@@ -277,7 +277,8 @@ class Models:
         return self.rebased(model, basis) if basis else model
 
     def rebased(self, model: Model, basis: str = "legendre") -> Model:
-        """The model in another basis if possible: "legendre", "clamped-free", or (last link with its tip) "loaded"."""
+        """The model in another basis if possible: "legendre", "clamped-free", or, of links at an end with their tips,
+        "loaded"."""
         if self.pinned:
             return model
         links = self.scene.arm.links
@@ -288,7 +289,7 @@ class Models:
                 return b
             if any(isinstance(m, tuple) for m in beam.modes.values()):  # strains of the user's own
                 return b
-            if basis == "loaded" and not (k == len(links) - 1 and tip is not None and tip.mass):
+            if basis == "loaded" and not (k not in self.scene.arm.parents and tip is not None and tip.mass):
                 return b
             return replace(b, basis=basis)
 

@@ -85,11 +85,14 @@ class Pieces:
         """The arm with its beams cut at these places (m), by link. Each piece has a few more shape functions than its
         beam has over that length."""
         links: list[Link] = []
-        first, starts = [], []
+        first, starts, last = [], [], {-1: -1}  # last: piece of each link
         for k, link in enumerate(whole.links):
             first.append(len(links))
             starts.append([0.0, *places.get(k, ())])
+            if link.parent is not None and whole.parents[k] >= 0:
+                link = replace(link, parent=last[whole.parents[k]])
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
+            last[k] = len(links) - 1
         return cls(whole, Arm(links, whole.gravity), first, starts)
 
     @property

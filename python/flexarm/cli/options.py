@@ -41,7 +41,8 @@ def read(name: str, tip: str | None) -> Scene:
 
 def quantity(p: argparse.ArgumentParser, use: str) -> None:
     """--quantity, whose help begins with its use."""
-    quantities = "tip, the position of the arm's end; joint, the coordinates of joints that are not prescribed; "
+    quantities = "tip, the position of the arm's end (of a tree all ends); joint, the coordinates of joints that are "
+    quantities += "not prescribed; "
     text = f"{use}: {quantities}strain, of each beam at its clamp (default: %(default)s)"
     p.add_argument("--quantity", metavar="|".join(MEASURES), default="tip", help=text)
 

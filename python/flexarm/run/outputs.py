@@ -16,7 +16,7 @@ from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
 from ..model.acting.load import Load
-from ..model.parts.labels import deflections, joint_coordinates, joint_rates
+from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
 
@@ -64,16 +64,16 @@ def titles(arm: Arm) -> Titles:
 
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
-    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections and the end's place. None
-    without q."""
+    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections and the places of the ends.
+    None without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
     tips = {k: result.tip_deflection(k) for k in sorted({k for k, _, _ in bent})}
     names: Titles = {"deflection": [(f"{label} deflection", "m") for _, _, label in bent]} if bent else {}
     values = {"deflection": np.column_stack([tips[k][:, c] for k, c, _ in bent])} if bent else {}
-    names["end"] = [(f"end {axis}", "m") for axis in "xyz"]
-    return names, {**values, "end": result.frame()[0]}
+    names["end"] = [(f"{label} {axis}", "m") for _, label in ends(result.arm) for axis in "xyz"]
+    return names, {**values, "end": result.arm.end_places(result.q).reshape(len(result.t), -1)}
 
 
 def table(result: Rows) -> Data:

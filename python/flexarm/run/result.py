@@ -19,7 +19,7 @@ from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..data.store.files import readable
-from ..model.parts.labels import deflections, joint_coordinates, joint_rates
+from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
 from . import watch as monitors
@@ -93,8 +93,9 @@ class Result(outputs.Rows):
         if bent:
             panels.append(("Tip deflection (m)", bent))
         if not panels:
-            position = self.frame()[0]
-            panels.append(("Position of the end (m)", [(axis, position[:, i]) for i, axis in enumerate("xyz")]))
+            for k, label in ends(arm):
+                position = self.frame(k)[0]
+                panels.append((f"Position of the {label} (m)", [(x, position[:, i]) for i, x in enumerate("xyz")]))
         rates = joint_rates(arm)
         for unit, name in {"rad": "Joint torque (N m)", "m": "Joint force (N)"}.items():
             forces = [(label, self.tau[:, i]) for i, label, u in rates if u == unit and self.tau[:, i].any()]

@@ -42,8 +42,8 @@ class Body:
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
         axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to stand out of the solids.
         labels: {"node", "at", "text"}.
-        loads: nodes where loads act. tip: (node, at) of the arm's end.
-        size: length of the arm, stretched out (m).
+        loads: nodes where loads act. tips: (node, at) of the arm's ends.
+        size: length of the arm, stretched out, of a tree the longest way to an end (m).
     """
 
     size: float
@@ -55,7 +55,7 @@ class Body:
     axes: list[dict[str, Any]] = field(default_factory=list)
     labels: list[dict[str, Any]] = field(default_factory=list)
     loads: list[int] = field(default_factory=list)
-    tip: tuple[int, Any] = (0, np.zeros(3))
+    tips: list[tuple[int, Any]] = field(default_factory=list)
 
     def node(self, link: int | None, x: float | None = None) -> int:
         """A new node, and its number."""
@@ -111,13 +111,14 @@ def outline(section: Section) -> Array:
 
 
 def length(arm: Chain) -> float:
-    """Length of the stretched-out arm (m)."""
-    total = 0.0
+    """Length of the stretched-out arm, of a tree the longest way to an end (m)."""
+    lengths = []
     for link in arm.links:
         places = [p.position for p in (link.joint.inboard, link.joint.outboard) if p is not None]
         ends = [body.end for body in (link.hub, link.tip) if body is not None]
-        total += sum(float(np.linalg.norm(v)) for v in (*places, *ends)) + (link.beam.length if link.beam else 0.0)
-    return total or 1.0
+        own = sum(float(np.linalg.norm(v)) for v in (*places, *ends))
+        lengths.append(own + (link.beam.length if link.beam else 0.0))
+    return arm.longest(lengths) or 1.0
 
 
 def _mass(body: Body, part: str, node: int, at: Array, of: RigidBody) -> None:
@@ -229,7 +230,7 @@ def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius:
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
     """The body of an arm; `slices` is the number of slices of each link's beam."""
     body = Body(length(arm))
-    below: tuple[int, Array] = (0, np.zeros(3))
+    ends: dict[int, tuple[int, Array]] = {-1: (0, np.zeros(3))}  # of each link; -1: the world
     for k, link in enumerate(arm.links):
         node, zero = body.node(k), np.zeros(3)
         hub_end = np.array(link.hub.end) if link.hub else zero
@@ -240,8 +241,8 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             reach = float(np.linalg.norm(outline(link.beam.section.at(0.0)), axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
         axes, solids = len(body.axes), len(body.solids)
-        base = below
-        _joint(body, arm.joint_names[k], link.joint, below, node, radius)
+        base = ends[arm.parents[k]]
+        _joint(body, arm.joint_names[k], link.joint, base, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)
@@ -259,8 +260,8 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         _looks(body, link, places, slice(solids, tip), slice(tip, len(body.solids)))
         if len(body.axes) == axes + 1:
             _lengthen(body, link.joint, node, body.axes[axes], radius)
-        below = (last, tip_end)
-    body.tip = below
+        ends[k] = (last, tip_end)
+    body.tips = [ends[k] for k in arm.ends]
     for load in loads:
         n = arm._link(load.link)
         x = load.x if load.along is None else sum(load.along) / 2

@@ -76,7 +76,7 @@ def _text(numbers: NDArray[Any]) -> str:
 
 
 def _body(body: Body) -> dict[str, Any]:
-    fields = ("beams", "solids", "struts", "axes", "labels", "loads", "tip", "size")
+    fields = ("beams", "solids", "struts", "axes", "labels", "loads", "tips", "size")
     frames = [i for i, (_, x) in enumerate(body.places) if x is None]
     return {**{name: getattr(body, name) for name in fields}, "frames": frames}
 

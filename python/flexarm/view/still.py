@@ -229,10 +229,11 @@ def _trace(ax: Axes, eye: Eye, track: Track, t: float) -> None:
     if len(track.t) < 2:
         return
     many = np.linspace(track.t[0], track.t[-1], int(np.clip(6 * len(track.t), 100, 3000)))
-    places = eye(track.tip(many))[0]
-    ax.plot(*places.T, color=BLUE, linewidth=0.8, alpha=0.35, zorder=2)
     done = many <= t + 1e-12
-    ax.plot(*places[done].T, color=BLUE, linewidth=1.6, zorder=2)
+    for tip in track.tips(many):
+        places = eye(tip)[0]
+        ax.plot(*places.T, color=BLUE, linewidth=0.8, alpha=0.35, zorder=2)
+        ax.plot(*places[done].T, color=BLUE, linewidth=1.6, zorder=2)
 
 
 class Still:

@@ -60,13 +60,15 @@ class Track:
         strain, force, moment = (x.reshape(-1, 3) for x in rest)
         return p.reshape(-1, 3), Rotation.from_quat(turn.reshape(-1, 4)).as_matrix(), strain, force, moment
 
-    def tip(self, times: Array) -> Array:
-        """Positions of the arm's end at times (s), (nt, 3)."""
+    def tips(self, times: Array) -> list[Array]:
+        """Positions of the arm's ends at times (s), (nt, 3) each."""
         from scipy.spatial.transform import Rotation
 
-        node, at = self.body.tip
-        p, turn = (curve(self.t, x[:, node])(times) for x in (self.position, self.quaternion))
-        return np.asarray(p + Rotation.from_quat(turn).apply(at))
+        def tip(node: int, at: Any) -> Array:
+            p, turn = (curve(self.t, x[:, node])(times) for x in (self.position, self.quaternion))
+            return np.asarray(p + Rotation.from_quat(turn).apply(at))
+
+        return [tip(*end) for end in self.body.tips]
 
 
 def curve(t: Array, x: Array) -> Callable[[Any], Array]:

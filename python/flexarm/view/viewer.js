@@ -263,9 +263,11 @@ class Pane {
       this.hold(axis.node, object, this.groups.axes);
     }
     for (const node of body.frames) this.hold(node, triad(14 * symbol), this.groups.frames);
-    const end = triad(14 * symbol);
-    end.position.fromArray(body.tip[1]);
-    this.hold(body.tip[0], end, this.groups.frames);
+    for (const [node, at] of body.tips) {
+      const end = triad(14 * symbol);
+      end.position.fromArray(at);
+      this.hold(node, end, this.groups.frames);
+    }
     this.struts = body.struts.map((ends) => {
       const mesh = new THREE.Mesh(new THREE.CylinderGeometry(0.5 * symbol, 0.5 * symbol, 1, 10), matte(told.colours.rod));
       this.scene.add(mesh);
@@ -276,30 +278,31 @@ class Pane {
       this.groups.loads.add(made);
       return [node, i, kind, made];
     })).flat();
-    this.makeTrace();
+    this.traces = body.tips.map((tip) => this.makeTrace(tip)).filter((trace) => trace);
   }
 
-  makeTrace() {
-    const { t, body } = this.track, points = [], p = new THREE.Vector3();
+  makeTrace([node, at]) {
+    const { t } = this.track, points = [], p = new THREE.Vector3();
     const each = Math.max(1, Math.min(6, Math.floor(4000 / t.length)));
     this.traceTimes = [];
     for (let i = 0; i < t.length; i++)
       for (let k = 0; k < (i + 1 < t.length ? each : 1); k++) {
-        const at = k ? t[i] + ((t[i + 1] - t[i]) * k) / each : t[i];
-        this.track.seek(at);
-        this.track.point(body.tip[0], body.tip[1], p);
+        const time = k ? t[i] + ((t[i + 1] - t[i]) * k) / each : t[i];
+        this.track.seek(time);
+        this.track.point(node, at, p);
         points.push(p.x, p.y, p.z);
-        this.traceTimes.push(at);
+        this.traceTimes.push(time);
       }
-    if (this.traceTimes.length < 2) return;
+    if (this.traceTimes.length < 2) return null;
     const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
     const pale = new THREE.LineBasicMaterial({ color: new THREE.Color(told.colours.trace).lerp(new THREE.Color("#FFFFFF"), 0.55) });
     const colour = { color: told.colours.trace };
-    this.done = slow
+    const done = slow
       ? new THREE.Line(geometry.clone(), new THREE.LineBasicMaterial(colour))
       : new THREE.Line2(new THREE.LineGeometry().setPositions(points), new THREE.LineMaterial({ ...colour, linewidth: 2.4 }));
-    this.done.frustumCulled = false;
-    this.groups.trace.add(new THREE.Line(geometry, pale), this.done);
+    done.frustumCulled = false;
+    this.groups.trace.add(new THREE.Line(geometry, pale), done);
+    return done;
   }
 
   update(time) {
@@ -332,11 +335,11 @@ class Pane {
       object.scale.setScalar(0.5 * view.radius * share);
       if (kind === "force") object.position.addScaledVector(q.normalize(), -object.scale.y); // its head pushes
     }
-    if (this.done) {
+    for (const done of this.traces) {
       let n = 0;
       while (n < this.traceTimes.length && this.traceTimes[n] <= time) n++;
-      if (slow) this.done.geometry.setDrawRange(0, n);
-      else this.done.geometry.instanceCount = Math.max(n - 1, 0);
+      if (slow) done.geometry.setDrawRange(0, n);
+      else done.geometry.instanceCount = Math.max(n - 1, 0);
     }
     for (const [name, group] of Object.entries(this.groups)) group.visible = name === "under" ? !shown.looks : shown[name];
   }

@@ -38,8 +38,8 @@ class Equations:
     def __init__(self, arm: Arm, output: Output, joints: list[int], inner: list[int], posture: Array) -> None:
         self.arm, self.output, self.posture = arm, output, posture
         self.joints, self.inner = np.array(joints, dtype=int), np.array(inner, dtype=int)
-        self.length = max(float(np.linalg.norm(arm.frame(arm.zero)[0])), sum(
-            link.beam.length for link in arm.links if link.beam is not None), 1e-3)  # fmt: skip
+        far = float(np.linalg.norm(arm.end_places(arm.zero), axis=1).max())
+        self.length = max(far, arm.longest([link.beam.length if link.beam else 0.0 for link in arm.links]), 1e-3)
         self.elastic = True  # whether the inner coordinates move
         self.tell: Callable[[str], None] = lambda doing: None
         self.locked: tuple[Any, ...] = ()  # keys of locked freedoms, and of passive ones
@@ -72,12 +72,12 @@ class Equations:
         return -_pseudo_inverse(J[..., self.joints]) @ direct, direct
 
     def moved(self, q: Array, d: Array) -> float:
-        """Largest displacement of the output, the arm's end (m) and passive joints (m, rad) by changes d (nv,) of the
+        """Largest displacement of the output, the arm's ends (m) and passive joints (m, rad) by changes d (nv,) of the
         inner coordinates, with the driven joints held."""
         direct = self.output.jacobian(q[None])[0][:, self.inner] @ d[self.inner]
-        end = self.arm.jacobian(q)[:3, self.inner] @ d[self.inner]
+        ends = np.ravel([self.arm.jacobian(q, k)[:3, self.inner] @ d[self.inner] for k in self.arm.ends])
         passive = [d[self.arm.joint_rate(key)] for key in self.passive]
-        return float(np.abs([*direct, *end, *passive]).max())
+        return float(np.abs([*direct, *ends, *passive]).max())
 
     # -- balance ------------------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from ..._console import aligned
 from ...arm.arm import Arm
 from ...data.draw.trajectory import plot_panels
 from ...model.acting.drive import Motion
+from ...model.parts.labels import ends as ends_of
 from ...run.result import Result
 from ...run.simulation import simulate
 from .moved_arm import MovedArm
@@ -122,7 +123,7 @@ class Move:
         return swing(self._other(arm), self.simulate(arm), self.duration)
 
     def _other(self, arm: Any) -> MovedArm:
-        if not isinstance(arm, Arm) or [x.joint.nv for x in arm.links] != [x.joint.nv for x in self.arm.links]:
+        if not isinstance(arm, Arm) or _joints(arm) != _joints(self.arm):
             raise ValueError("arm: must be an Arm with the same joints as the one the move is planned for")
         return MovedArm(arm, type(self._plant.driven).of(arm), self.q[0], self.q[-1])
 
@@ -147,13 +148,15 @@ class Move:
         return "\n".join([*lines, "", *aligned(rows, (2, 3, 4))])
 
     def plot(self) -> Figure:
-        """A figure of the joints' positions, rates and torques over time, and of the distance of the arm's end from its
-        place with the same joints and the beams at rest."""
+        """A figure of the joints' positions, rates and torques over time, and of the distance of the arm's end (of a
+        tree: of each end) from its place with the same joints and the beams at rest."""
         run = self.simulate()
         names, at = self.joints, self._plant.driven
         still = np.repeat(self._plant.q_end[None], len(run.t), axis=0)
         still[:, at.at] = run.q[:, at.at]
-        off = np.linalg.norm(run.frame()[0] - self.arm.frame(still)[0], axis=1)
+        off = np.linalg.norm(self.arm.end_places(run.q) - self.arm.end_places(still), axis=2)
+        label = "from where these joints would have it at rest"
+        ends = [label] if off.shape[1] == 1 else [f"{of}, {label}" for _, of in ends_of(self.arm)]
         units = "/".join(dict.fromkeys(at.units))
         forces = ", ".join({"rad": "N m", "m": "N"}[u] for u in dict.fromkeys(at.units))
         kind = "Force" if forces == "N" else "Torque"
@@ -161,15 +164,20 @@ class Move:
             (f"Joint ({units})", [(n, run.q[:, k]) for n, k in zip(names, at.at, strict=True)]),
             (f"Rate ({units}/s)", [(n, run.v[:, k]) for n, k in zip(names, at.rates, strict=True)]),
             (f"{kind} ({forces})", [(n, run.tau[:, k]) for n, k in zip(names, at.rates, strict=True)]),
-            ("Deflection of the end (mm)", [("from where these joints would have it at rest", 1e3 * off)]),
+            ("Deflection of the end (mm)", [(name, 1e3 * x) for name, x in zip(ends, off.T, strict=True)]),
         ]
         return plot_panels(run.t, panels)
 
 
 def swing(plant: MovedArm, run: Result, duration: float) -> float:
-    """The largest distance of the arm's end from its final place, after a move (m)."""
-    after = run.frame()[0][run.t >= duration * (1.0 - 1e-12)]
-    return float(np.linalg.norm(after - plant.rest, axis=1).max())
+    """The largest distance of the arm's end, of a tree of any end, from its final place, after a move (m)."""
+    after = run.arm.end_places(run.q[run.t >= duration * (1.0 - 1e-12)])
+    return float(np.linalg.norm(after - plant.rest, axis=2).max())
+
+
+def _joints(arm: Arm) -> list[tuple[int, int]]:
+    """Of each link, what it sits on, and how many freedoms its joint has."""
+    return [(parent, link.joint.nv) for parent, link in zip(arm.parents, arm.links, strict=True)]
 
 
 def held(t: Array, q: Array, v: Array, a: Array) -> tuple[Array, ...]:

@@ -28,7 +28,7 @@ class LockedModes:
     Attributes:
         frequencies: undamped (rad/s), ascending, (n,).
         shapes: of the elastic coordinates, their modal masses 1, (ne, n). mass: of these, (ne, ne).
-        tip: displacement of the arm's end by each mode of amplitude 1, (n,).
+        tip: displacement of the arm's end, of a tree the largest of its ends, by each mode of amplitude 1, (n,).
     """
 
     frequencies: Array
@@ -66,8 +66,8 @@ class MovedArm:
         modes = found.undamped()
         shapes = np.real(modes.shapes[elastic])
         shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, found.M, shapes))
-        J = self.arm.jacobian(q)[:3][:, elastic]
-        return LockedModes(modes.frequencies, shapes, found.M, np.linalg.norm(J @ shapes, axis=0))
+        J = np.array([self.arm.jacobian(q, k)[:3, elastic] for k in self.arm.ends])
+        return LockedModes(modes.frequencies, shapes, found.M, np.linalg.norm(J @ shapes, axis=1).max(axis=0))
 
     @property
     def half_period(self) -> float:
@@ -78,8 +78,8 @@ class MovedArm:
 
     @cached_property
     def rest(self) -> Array:
-        """Final place of the arm's end, (3,)."""
-        return self.arm.frame(self.q_end)[0]
+        """Final places of the arm's ends, (n, 3)."""
+        return self.arm.end_places(self.q_end)
 
     @property
     def small(self) -> float:

@@ -188,7 +188,7 @@ class _Plan:
         M = self.plant.arm.mass_matrix(self.plant.q_end)[np.ix_(d.elastic, d.rates)]
         least = np.minimum(np.abs(a).max(axis=0) / m.frequencies[:, None] ** 2, np.ptp(q, axis=0))
         bent = (np.abs(m.shapes.T @ M) * least).sum(axis=1) * m.tip
-        reach = float(np.linalg.norm(self.plant.rest)) or 1.0
+        reach = float(np.linalg.norm(self.plant.rest, axis=1).max()) or 1.0
         most = max(float(bent[: max(self.kept, 1)].max()), 1e-9 * reach * self.plant.small)
         return float(np.clip(self.unshaped, _LEAST_SCALE * most, most))
 

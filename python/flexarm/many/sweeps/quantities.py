@@ -11,7 +11,7 @@ import numpy as np
 from ..._check import Array, array, choice
 from ...arm.arm import Arm
 from ...model.parts.beam import STRAIN_NAMES
-from ...model.parts.labels import joint_coordinates
+from ...model.parts.labels import ends, joint_coordinates
 from ...run.result import Result
 from ...run.sensing.sensors import half_thickness
 from ..batch.job import FAILED
@@ -63,8 +63,8 @@ def settling_time(t: Array, distance: Array, band: float) -> float:
 
 
 def _settling(result: Result, link: int, band: float) -> Array:
-    end = result.frame()[0]
-    return np.array([settling_time(result.t, np.linalg.norm(end - end[-1], axis=1), band)])
+    end = result.arm.end_places(result.q)
+    return np.array([settling_time(result.t, np.linalg.norm(end - end[-1], axis=2).max(axis=1), band)])
 
 
 def _strain(result: Result, link: int, band: float) -> Array:
@@ -118,7 +118,8 @@ QUANTITIES: dict[str, Quantity] = {
     "settling": Quantity(
         _one("settling", "s"),
         _settling,
-        "when the arm's end was last further from where the run leaves it than `band` times its greatest distance; "
+        "when the arm's end (of a tree: any end) was last further from where the run leaves it than `band` times the "
+        "greatest distance; "
         "nan where that is in the last tenth of the run",
     ),
     "strain": Quantity(
@@ -139,9 +140,9 @@ QUANTITIES: dict[str, Quantity] = {
         "kinetic and potential energy at the end of the run",
     ),
     "end_position": Quantity(
-        lambda arm, link: [(f"end {c}", "m") for c in "xyz"],
-        lambda r, link, band: r.frame()[0][-1],
-        "where the arm's end is at the end of the run, world axes",
+        lambda arm, link: [(f"{label} {c}", "m") for _, label in ends(arm) for c in "xyz"],
+        lambda r, link, band: r.arm.end_places(r.q[-1]).ravel(),
+        "where the arm's end is at the end of the run, of a tree all ends, world axes",
     ),
     "final_state": Quantity(
         _state_columns,

@@ -54,7 +54,8 @@ def _quaternion(turn: Array) -> Array:
 
 
 class Chain:
-    """The data of an arm: its links and gravity, the indices of its coordinates, its slices and their motion.
+    """The data of an arm: its links and gravity, the indices of its coordinates, its slices and their motion. Links
+    are a chain, or a tree: see `parents`.
 
     Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
     count from 0 at the base; -1 is the last, and the default.
@@ -219,6 +220,34 @@ class Chain:
     def ends(self) -> list[int]:
         """The links that carry no other one: the last one of a chain."""
         return [k for k in range(len(self.links)) if k not in self.parents]
+
+    def path(self, link: Any) -> list[int]:
+        """The links from the world to this one."""
+        out = [self._link(link)]
+        while self.parents[out[-1]] >= 0:
+            out.append(self.parents[out[-1]])
+        return out[::-1]
+
+    def carried(self, link: Any) -> list[int]:
+        """The links that sit on a link's end, those on them, and so on, in the order of the list."""
+        out, n = [], self._link(link)
+        seen = {n}
+        for k in range(n + 1, len(self.links)):
+            if self.parents[k] in seen:
+                seen.add(k)
+                out.append(k)
+        return out
+
+    def longest(self, sizes: Sequence[float]) -> float:
+        """The largest sum of numbers >= 0 of the links, one of each, along the way from the world to an end."""
+        sums: list[float] = []
+        for size, parent in zip(sizes, self.parents, strict=True):
+            sums.append(size if parent < 0 else sums[parent] + size)
+        return max(sums, default=0.0)
+
+    def end_places(self, q: ArrayLike) -> Array:
+        """Positions (..., n, 3) of all `ends` in the world (m)."""
+        return np.stack([self.frame(q, k)[0] for k in self.ends], axis=-2)
 
     def joint_rates(self, link: Any, field: str = "link") -> list[int]:
         """Indices in v of the rates of a link's joint, or of one of them if `link` is (link, freedom); `field` is the

@@ -30,3 +30,8 @@ def deflections(arm: Chain) -> list[tuple[int, int, str]]:
             if link.beam.curvature is not None or names & set(link.beam.counts):
                 out.append((k, component, f"{arm.names[k]} tip {'xyz'[component]}"))
     return out
+
+
+def ends(arm: Chain) -> list[tuple[int, str]]:
+    """(link, label) of every end of an arm: "end" of a chain, "end of NAME" of each branch of a tree."""
+    return [(k, "end" if len(arm.ends) == 1 else f"end of {arm.names[k]}") for k in arm.ends]

@@ -30,7 +30,7 @@ class Look(Part):
         file: of a mesh: the path of a file that trimesh reads, such as .stl, .obj or .dae.
         at: its frame: position and rotation in the frame given by `on`.
         on: the frame it moves with: "hub", the link's own axes; "tip", the end of the link's beam (or `hub.end`), as
-            the tip's body; "base", the frame that the link's joint sits on: the end of the link below, or the world.
+            the tip's body; "base", the frame that the link's joint sits on: the end of its parent, or the world.
         colour: "#RRGGBB"; by default that of the mesh, or grey.
     """
 

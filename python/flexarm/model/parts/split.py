@@ -23,8 +23,9 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
 
     The curvature of a beam jumps where a stiff patch begins. Smooth shape functions follow that slowly: a pair half as
     stiff as the beam leaves a static tip wrong by a fifth with three shapes and by 2 % with thirty (docs/piezo.md);
-    pieces, each smooth, converge exponentially. Use it as Arm([*split(link), ...]). Links above are numbered anew; the
-    first piece keeps the link's name, the others are "NAME 2" and so on.
+    pieces, each smooth, converge exponentially. Use it as Arm([*split(link), ...]). Links behind it are numbered anew;
+    the first piece keeps the link's name and its parent, the others are "NAME 2" and so on. What sits on the link sits
+    on its last piece then: a `parent` that names the link must name that one, and numbers of parents move on.
 
     Args:
         link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is for a whole beam.
@@ -57,7 +58,8 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
         own = piece(beam, ends[k], ends[k + 1], counts)
         hub = link.hub if first else None
         name = link.name if first or link.name is None else f"{link.name} {k + 1}"
-        out.append(Link(link.joint if first else Fixed(), hub, own, link.tip if last else None, name))
+        out.append(Link(link.joint if first else Fixed(), hub, own, link.tip if last else None, name,
+                        link.parent if first else None))  # fmt: skip
     return out
 
 

@@ -24,7 +24,8 @@ class ArmFile:
     """The arm of a scene file.
 
     Args:
-        link: the links, from the base to the tip. The first joint sits at the world's origin, in its axes.
+        link: the links, from the base to the tip: each sits on the one before, or on its `parent`. A joint on the world
+            sits at its origin, in its axes.
         gravity: in world axes (m/s^2).
     """
 

@@ -96,7 +96,7 @@ class ForceTorque(Sensor):
 
     Args:
         link: the joint's link; -1 is the last.
-        side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
+        side: "outboard": at the link's origin, in its axes; "inboard": at the end of its parent, in its axes.
     """
 
     link: int | str = -1
