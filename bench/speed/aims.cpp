@@ -39,7 +39,8 @@ struct Scene {
 };
 
 Work forward(std::string name, const std::shared_ptr<Scene>& s) {
-  return {std::move(name), [s] { must(forward_dynamics(s->arm, s->ws, s->q, s->v, s->tau)); }, operation_count(s->arm)};
+  return {std::move(name), [s] { must(forward_dynamics(s->arm, s->ws, s->q, s->v, s->tau)); },
+          operation_count(s->arm, s->q, s->v)};
 }
 Work derivatives(std::string name, const std::shared_ptr<Scene>& s) {
   return {std::move(name), [s] { must(s->derivatives(s->arm, s->q, s->v, s->tau)); }};

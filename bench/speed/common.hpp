@@ -16,10 +16,12 @@
 namespace flexarm {
 
 /// A chain of equal links with hinges along z and y in turn, or along z alone, with gravity in that plane.
-inline Arm chain(int links, flexarm::StrainCounts modes, int order, bool planar = false) {
+inline Arm chain(int links, flexarm::StrainCounts modes, int order, bool planar = false,
+                 Basis basis = Basis::clamped_free) {
   BeamOptions o;
   o.modes = modes;
   o.order = order;
+  o.basis = basis;
   std::optional<Beam> beam;
   if (*std::max_element(modes.begin(), modes.end()) > 0)
     beam.emplace(0.5, Section::rectangle(0.004, 0.01), Material(7850, 209e9, 0.3), o);

@@ -41,25 +41,27 @@ def operations_of(mnemonic: str, operands: str) -> int:
     return width * (2 if re.match(r"v?fn?m", mnemonic) else 1)
 
 
-def operations(path: str) -> dict[int, int]:
-    """Operations on doubles of every instruction of an executable or library that has some, by address."""
-    found: dict[int, int] = {}
+def code_of(path: str) -> dict[int, tuple[str, str]]:
+    """Mnemonic and operands of every instruction of an executable or library, by address."""
+    found: dict[int, tuple[str, str]] = {}
     if not shutil.which("objdump") or not Path(path).exists():
         return found
     text = subprocess.run(["objdump", "-d", "--no-show-raw-insn", path], check=True, capture_output=True, text=True)
     for line in text.stdout.splitlines():
         address, _, code = line.partition(":\t")
         words = code.split(None, 1)
-        if len(words) == 2 and (count := operations_of(*words)):
-            found[int(address, 16)] = count
+        if len(words) == 2:
+            found[int(address, 16)] = (words[0], words[1])
     return found
 
 
-def executed(path: Path) -> tuple[int, dict[str, Counter[int]]]:
-    """Instructions of a callgrind dump, and how often each address of each object was executed."""
+def executed(path: Path) -> tuple[dict[str, int], dict[str, Counter[int]]]:
+    """Events of a callgrind dump, and how often each address of each object was executed."""
     names: dict[str, str] = {}
+    events: list[str] = []
+    totals: dict[str, int] = {}
     counts: dict[str, Counter[int]] = {}
-    total, address, current, skip = 0, 0, "", False
+    positions, address, current, skip = 1, 0, "", False
     for line in path.read_text().splitlines():
         if line.startswith("ob="):
             key, _, name = line[3:].partition(" ")
@@ -72,15 +74,19 @@ def executed(path: Path) -> tuple[int, dict[str, Counter[int]]]:
                 names[key] = name
         elif line.startswith("calls="):
             skip = True  # the next line has the callee's cost, which is counted where it is spent
+        elif line.startswith("positions:"):
+            positions = len(line.split()) - 1
+        elif line.startswith("events:"):
+            events = line.split()[1:]
         elif line.startswith("summary:"):
-            total = int(line.split()[1])
+            totals = dict(zip(events, map(int, line.split()[1:]), strict=False))
         elif line and line[0] in "0+-*":
-            where, *_, cost = line.split()
+            where, *rest = line.split()
             address = int(where, 16) if where[0] == "0" else address + (0 if where == "*" else int(where, 0))
             if not skip:
-                counts.setdefault(current, Counter())[address] += int(cost)
+                counts.setdefault(current, Counter())[address] += int(rest[positions - 1])
             skip = False
-    return total, counts
+    return totals, counts
 
 
 def measure(program: Path) -> list[dict[str, Any]]:
@@ -88,20 +94,20 @@ def measure(program: Path) -> list[dict[str, Any]]:
     lines = subprocess.run([program, "times"], check=True, capture_output=True, text=True).stdout.splitlines()
     rows: list[dict[str, Any]] = list(csv.DictReader(x for x in lines if not x.startswith("#")))
     operation = float(lines[-1][1:])
-    known: dict[str, dict[int, int]] = {}
+    known: dict[str, dict[int, tuple[str, str]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         command = ["valgrind", "--tool=callgrind", "--dump-instr=yes", f"--callgrind-out-file={folder}/out"]
         command += ["--toggle-collect=flexarm_measured", "--dump-after=flexarm_measured", str(program)]
         subprocess.run(command, check=True, capture_output=True)
         for k, row in enumerate(rows):
-            total, counts = executed(Path(folder) / f"out.{k + 1}")
+            events, counts = executed(Path(folder) / f"out.{k + 1}")
+            total = events["Ir"]
             if sum(c.total() for c in counts.values()) != total:
                 raise RuntimeError(f"{row['name']}: the dump's lines do not add up to its summary, {total}")
             flops = 0
             for path, addresses in counts.items():
-                if path not in known:
-                    known[path] = operations(path)
-                flops += sum(n * known[path].get(a, 0) for a, n in addresses.items())
+                code = known.setdefault(path, code_of(path))
+                flops += sum(n * operations_of(*code.get(a, ("", ""))) for a, n in addresses.items())
             evaluations = int(row.pop("evaluations"))
             row.update(coordinates=int(row["coordinates"]), points=int(row["points"]), ns=float(row["ns"]))
             row.update(instructions=total / evaluations, operations=flops / evaluations if flops else float("nan"))

@@ -1,7 +1,9 @@
 // Latency of one step of 1 ms of a control loop that never sleeps: the 7-link flexible arm, driven at its joints.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_latency [steps]
 // Prints CSV on stdout: for each scene and clock (the wall's, and the thread's own, which others on the processor do
-// not disturb) quantiles in microseconds, and a histogram. bench/speed/latency.py draws it.
+// not disturb) quantiles in microseconds, and a histogram; of the thread's clock also the median of the steps that took
+// so many iterations, and how many these were: the work of a step, which nothing else on the machine changes.
+// bench/speed/latency.py draws it.
 #include <time.h>
 
 #include <cmath>
@@ -58,10 +60,9 @@ void run(const char* scene, const Arm& arm, int steps) {
   ImplicitStep step(arm, h, options);
   Eigen::VectorXd q = arm.zero(), v = Eigen::VectorXd::Zero(arm.nv()), tau = v;
   std::vector<double> wall, own;
+  std::vector<std::vector<double>> by_iterations;
   wall.reserve(static_cast<std::size_t>(steps));
   own.reserve(static_cast<std::size_t>(steps));
-  long iterations = 0, of_one = 0;
-  int most = 0;
   for (int k = -100; k < steps; ++k) {  // the first hundred warm up
     for (std::size_t n = 0; n < arm.size(); ++n)
       tau[arm.first(n)] = 0.5 * std::sin(3.0 * h * k + static_cast<double>(n));
@@ -72,15 +73,17 @@ void run(const char* scene, const Arm& arm, int steps) {
     if (k < 0) continue;
     wall.push_back(end - start);
     own.push_back(after - before);
-    iterations += step.iterations();
-    of_one += step.iterations() == 1;
-    most = std::max(most, step.iterations());
+    const std::size_t iterations = static_cast<std::size_t>(step.iterations());
+    if (by_iterations.size() <= iterations) by_iterations.resize(iterations + 1);
+    by_iterations[iterations].push_back(own.back());
   }
   print(scene, "wall", std::move(wall));
   print(scene, "thread", std::move(own));
-  std::printf("# %s: %d coordinates, %d steps, %.2f iterations a step: one in %.0f %% of them, at most %d\n", scene,
-              arm.nv(), steps, static_cast<double>(iterations) / steps, 100.0 * static_cast<double>(of_one) / steps,
-              most);
+  for (std::size_t n = 0; n < by_iterations.size(); ++n) {
+    if (by_iterations[n].empty()) continue;
+    std::printf("\"%s\",thread,steps,%zu,%zu\n", scene, n, by_iterations[n].size());
+    std::printf("\"%s\",thread,median,%zu,%.5g\n", scene, n, median(by_iterations[n]));
+  }
 }
 
 }  // namespace

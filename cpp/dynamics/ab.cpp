@@ -14,7 +14,9 @@ Status status_of(lanes::Outcome outcome) {
                                                : Status::not_finite;
 }
 
-long operation_count(const Arm& arm) { return lanes::operation_count(lanes::KernelArm::of(arm)); }
+long operation_count(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  return lanes::operation_count(lanes::KernelArm::of(arm), q.data(), v.data());
+}
 
 Status forward(Workspace& ws, const double* q, const double* v, const double* tau, double* a) {
   using Array = Eigen::Map<const Eigen::VectorXd>;

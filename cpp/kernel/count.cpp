@@ -71,12 +71,14 @@ namespace lanes {
 namespace {
 
 template <class Sp>
-long count(const KernelArm& arm) {
+long count(const KernelArm& arm, const double* at_q, const double* at_v) {
   using C = Chain<Sp, Counted>;
-  const std::size_t nv = static_cast<std::size_t>(arm.layout().nv);
   const Memory memory(C::memory_needed(arm.layout()));
   C chain(arm.layout(), arm.numbers().data(), Arena(memory.get()));
-  std::vector<Counted> q(static_cast<std::size_t>(arm.layout().nq), Counted(0.1)), v(nv, Counted(0.1)), tau = v, a = v;
+  std::vector<Counted> q, v;
+  for (int i = 0; i < arm.layout().nq; ++i) q.emplace_back(at_q[i]);
+  for (int i = 0; i < arm.layout().nv; ++i) v.emplace_back(at_v[i]);
+  std::vector<Counted> tau = v, a = v;
   const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
@@ -86,9 +88,9 @@ long count(const KernelArm& arm) {
 
 }  // namespace
 
-long operation_count(const KernelArm& arm) {
+long operation_count(const KernelArm& arm, const double* q, const double* v) {
   const KernelArm alone = arm.grouped(1, {});
-  return alone.layout().planar ? count<::Plane<Counted>>(alone) : count<::Space<Counted>>(alone);
+  return alone.layout().planar ? count<::Plane<Counted>>(alone, q, v) : count<::Space<Counted>>(alone, q, v);
 }
 
 }  // namespace lanes

@@ -18,7 +18,7 @@ namespace flexarm {
 namespace {
 
 constexpr const char* kFormat = "flexarm scene";
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
 
 }  // namespace

@@ -52,6 +52,44 @@ inline flexarm::Arm floating_arm() {
   return flexarm::Arm(std::move(links), {0, 0, -9.81});
 }
 
+/// A floating hub that carries two branches, one of which forks again; and a branch on the world. The children of a
+/// link are not all consecutive.
+inline flexarm::Arm tree_arm(int order = 2) {
+  using flexarm::Joint;
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+  flexarm::Placement seat;
+  seat.position = {0.05, -0.1, 0.02};
+  seat.rotation = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 2) / 3.0).toRotationMatrix();
+  const flexarm::JointForce spring{2.0, 0.1, 0.2};
+  std::vector<flexarm::Link> links;
+  links.emplace_back(Joint::prismatic(x), body(1.0, {0.1, 0.05, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::revolute(z), body(0.5, {0.1, 0, 0}), beam({2, 1, 1, 0, 0}, order),
+                     body(0.2, {0.04, 0, 0.01}));
+  links.emplace_back(Joint({{true, y}}, false, {"b"}, {spring}, seat), std::nullopt, beam({1, 1, 0, 0, 0}, order),
+                     body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint({{true, y}, {true, x}}, false, {"c", "d"}), body(0.3, {0.1, 0, 0}), std::nullopt,
+                     std::nullopt);
+  links.emplace_back(Joint({{true, x}}, false, {"e"}, {}, seat), body(0.3, {0.1, 0, 0}), beam({2, 0, 0, 0, 0}, order),
+                     std::nullopt);
+  links.emplace_back(Joint::fixed(), body(0.2, {0.1, 0, 0}), beam({0, 1, 1, 0, 0}, order), body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint({{true, z}}, false, {"g"}, {}, seat), std::nullopt, beam({2, 0, 0, 0, 0}, order),
+                     body(0.1, {0.02, 0, 0}));
+  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 2, 1, -1});
+}
+
+/// The same in the plane: beams that bend about z, hinges about z.
+inline flexarm::Arm flat_tree(int order = 2) {
+  using flexarm::Joint;
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), z = Eigen::Vector3d::UnitZ();
+  std::vector<flexarm::Link> links;
+  links.emplace_back(Joint::revolute(z), body(0.5, {0.1, 0, 0}), beam({2, 0, 0, 0, 0}, order), body(0.2, {0.04, 0, 0}));
+  links.emplace_back(Joint::revolute(z), std::nullopt, beam({2, 0, 0, 0, 0}, order), body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint::revolute(z), body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::prismatic(x), body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::revolute(-z), body(0.3, {0.1, 0, 0}), beam({1, 0, 0, 0, 0}, order), std::nullopt);
+  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 0});
+}
+
 /// Small reproducible numbers.
 inline Eigen::VectorXd wave(int n, double phase, double size = 0.05) {
   Eigen::VectorXd x(n);

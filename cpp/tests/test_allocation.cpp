@@ -183,6 +183,7 @@ TEST_CASE("dynamics, kinematics and steps ask nothing of the system") {
     check_arm(arm, first);
   }
   check_arm(flexarm_test::floating_arm(), {}, true);
+  check_arm(flexarm_test::tree_arm(), {}, true);
   std::vector<Link> many;  // with many elastic coordinates
   many.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0, 0}),
                     flexarm_test::beam({12, 12, 8, 4, 4}, 2), flexarm_test::body(0.2, {0.04, 0, 0.01}));

@@ -7,8 +7,10 @@
 using namespace flexarm;
 
 TEST_CASE("AB, CI and inverse dynamics agree at every order, and with balls") {
-  for (int order : {0, 1, 2, 3, kExact, -1}) {
-    const Arm arm = order < 0 ? flexarm_test::floating_arm() : flexarm_test::spatial_arm(order);
+  for (int order : {0, 1, 2, 3, kExact, -1, -2}) {
+    const Arm arm = order == -2   ? flexarm_test::tree_arm()
+                    : order == -1 ? flexarm_test::floating_arm()
+                                  : flexarm_test::spatial_arm(order);
     Workspace ws(arm);
     const Eigen::VectorXd q = arm.zero() + flexarm_test::wave(arm.nq(), 0.2, order == 0 ? 0.01 : 0.1),
                           v = flexarm_test::wave(arm.nv(), 0.9, 0.5), tau = flexarm_test::wave(arm.nv(), 2.0, 1.0);
@@ -44,6 +46,18 @@ TEST_CASE("workspaces do not remember: a second evaluation elsewhere and back gi
   forward_dynamics_ci(arm, ws, -3.0 * q, 2.0 * v, tau);
   forward_dynamics(arm, ws, q, v, tau);
   CHECK((ws.a.array() == first.array()).all());
+}
+
+TEST_CASE("a parent must be a link before, or the world") {
+  const Link link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  const auto tree = [&](std::vector<int> parents) { return Arm({link, link, link}, {0, 0, 0}, std::move(parents)); };
+  CHECK(tree({}).parents() == std::vector<int>{-1, 0, 1});
+  CHECK(tree({}).is_chain());
+  CHECK(!tree({-1, 0, 0}).is_chain());
+  CHECK_THROWS_WITH_AS(tree({-1, 0, 2}), "parents[2] = 2: must be a link before this one, or -1: the world",
+                       std::invalid_argument);
+  CHECK_THROWS_AS(tree({-1, -2, 0}), std::invalid_argument);
+  CHECK_THROWS_WITH_AS(tree({-1, 0}), "parents = 2: must be one for each link", std::invalid_argument);
 }
 
 TEST_CASE("an arm without inertia is refused, with the coordinate named") {

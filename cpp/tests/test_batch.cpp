@@ -62,6 +62,20 @@ TEST_CASE("a batch is ImplicitStep, scenario by scenario, whatever the number of
         1e-11 * v.cwiseAbs().maxCoeff());
 }
 
+TEST_CASE("trees side by side move as each alone") {
+  Batch lanes(flexarm_test::tree_arm(), 1e-4), alone(flexarm_test::tree_arm(), 1e-4);
+  alone.problem.lanes = false;
+  run_batch(lanes.problem, lanes.out, 1);
+  run_batch(alone.problem, alone.out, 1);
+  double most = 0.0, apart = 0.0;
+  for (std::size_t i = 0; i < alone.q.size(); ++i) {
+    most = std::max(most, std::abs(alone.q[i]));
+    apart = std::max(apart, std::abs(lanes.q[i] - alone.q[i]));
+  }
+  CHECK(most > 1e-3);
+  CHECK(apart < 1e-9 * most);
+}
+
 TEST_CASE("a scenario that fails spoils no other") {
   Batch good(flexarm_test::spatial_arm()), bad(flexarm_test::spatial_arm());
   bad.v0(2, 4) = std::nan("");

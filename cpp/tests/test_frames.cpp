@@ -175,6 +175,7 @@ TEST_CASE("kinematics of arms in space, also bent by many turns") {
   for (int order : {1, 2})
     for (double bent : {0.1, 7.0}) {
       check(flexarm_test::spatial_arm(order), bent);
+      check(flexarm_test::tree_arm(order), bent);
       check(flat({0, 0, 1}, {2, 1, 1, 1, 1}, order), bent);
     }
 }
@@ -183,6 +184,7 @@ TEST_CASE("what goes through joints") {
   check_reactions(flat({0, 0, 1}, {3, 0, 0, 0, 0}, 2));
   check_reactions(flat({0, 1, 0}, {2, 1, 1, 1, 1}, kExact));
   for (int order : {1, 2, 3, kExact}) check_reactions(flexarm_test::spatial_arm(order));
+  check_reactions(flexarm_test::tree_arm());
 }
 
 TEST_CASE("a place asked for outside of the arm is refused") {

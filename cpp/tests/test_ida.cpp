@@ -51,25 +51,26 @@ TEST_CASE("a floating arm flies: quaternions stay of unit length, and stopping k
 }
 
 TEST_CASE("the chain's elimination solves IDA's systems, and events are found") {
-  const Arm arm = flexarm_test::spatial_arm();
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, 0.02);
-  const auto height = [](double time, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 0.015 - time; };
-  Problem problem(arm);
-  problem.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.2);
-  problem.events = {{height, 0, -1}, {height, 0, 1}, {height, 1, 0}};
-  Trajectory r[2];
-  for (int k = 0; k < 2; ++k) {
-    IdaOptions o{1e-8, 1e-10};
-    o.linear_solver = k == 0 ? LinearSolver::dense : LinearSolver::chain;
-    r[k] = simulate_ida(problem, t, o);
-    REQUIRE(r[k].failure.empty());
-    CHECK(r[k].terminated);
-    CHECK(r[k].done == 2);
-    CHECK(r[k].reached == doctest::Approx(0.015).epsilon(1e-12));
-    CHECK(r[k].events[0].t.size() == 1);
-    CHECK(r[k].events[1].t.empty());
+  for (const Arm& arm : {flexarm_test::spatial_arm(), flexarm_test::tree_arm()}) {
+    const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, 0.02);
+    const auto height = [](double time, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 0.015 - time; };
+    Problem problem(arm);
+    problem.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+    problem.events = {{height, 0, -1}, {height, 0, 1}, {height, 1, 0}};
+    Trajectory r[2];
+    for (int k = 0; k < 2; ++k) {
+      IdaOptions o{1e-8, 1e-10};
+      o.linear_solver = k == 0 ? LinearSolver::dense : LinearSolver::chain;
+      r[k] = simulate_ida(problem, t, o);
+      REQUIRE(r[k].failure.empty());
+      CHECK(r[k].terminated);
+      CHECK(r[k].done == 2);
+      CHECK(r[k].reached == doctest::Approx(0.015).epsilon(1e-12));
+      CHECK(r[k].events[0].t.size() == 1);
+      CHECK(r[k].events[1].t.empty());
+    }
+    CHECK((r[0].q.row(1) - r[1].q.row(1)).norm() < 1e-6);
+    CHECK((r[0].events[0].q[0] - r[1].events[0].q[0]).norm() < 1e-6);
+    CHECK(r[1].stats.linear_iterations > 0);
   }
-  CHECK((r[0].q.row(1) - r[1].q.row(1)).norm() < 1e-6);
-  CHECK((r[0].events[0].q[0] - r[1].events[0].q[0]).norm() < 1e-6);
-  CHECK(r[1].stats.linear_iterations > 0);
 }

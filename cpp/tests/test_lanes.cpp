@@ -48,6 +48,17 @@ TEST_CASE("arms in space") {
   check(Arm(std::move(links), {0, 0, -9.81}), false);
 }
 
+TEST_CASE("trees") {
+  for (int order : {0, 1, 2, 3, kExact}) {
+    CAPTURE(order);
+    check(flexarm_test::flat_tree(order), true, {}, order == 0 ? 0.01 : 0.1);
+    check(flexarm_test::tree_arm(order), false, {}, order == 0 ? 0.01 : 0.1);
+  }
+  std::vector<bool> some(static_cast<std::size_t>(flexarm_test::tree_arm().nv()), false);
+  some[0] = some[6] = true;
+  check(flexarm_test::tree_arm(), false, some);
+}
+
 TEST_CASE("beams twisted and bent by many turns") {
   for (double turned : {1.0, 2.9, 3.1, 3.3, 6.3, 9.4, 12.6, 21.0, 30.0})
     for (int order : {1, 2}) {

@@ -102,6 +102,7 @@ TEST_CASE("loads of all kinds, in the plane") {
        Link(Joint::revolute({1, 0, 0}), flexarm_test::body(0.5, {0.1, 0.2, 0.3}), std::nullopt,
             flexarm_test::body(0.1, {0.1, 0.1, 0}))});
   check(rigid, true);
+  check(flexarm_test::flat_tree(), true);
 }
 
 TEST_CASE("loads of all kinds, in space") {
@@ -112,11 +113,13 @@ TEST_CASE("loads of all kinds, in space") {
   std::vector<bool> second(16, false);
   second[7] = true;
   check(flat({0, 0, 1}, {2, 2, 2, 0, 0}, 2), false, second);
+  check(flexarm_test::tree_arm(), false);
 }
 
 TEST_CASE("scenarios under loads, side by side and one by one") {
-  const Arm one = flat({0, 0, 1}, {2, 0, 0, 0, 0}, 2), other = flexarm_test::spatial_arm();
-  for (const Arm* arm : {&one, &other})
+  const Arm one = flat({0, 0, 1}, {2, 0, 0, 0, 0}, 2), other = flexarm_test::spatial_arm(),
+            tree = flexarm_test::tree_arm();
+  for (const Arm* arm : {&one, &other, &tree})
     for (const bool places : {false, true}) {
       constexpr int kScenarios = 11, kSteps = 20;
       const double h = 1e-5;

@@ -66,7 +66,7 @@ Scene whole() {
                      Beam(0.3, Section::circle(0.01), flexarm_test::steel(), curved), body(0.2, {0, 0, 0.01}));
   links.emplace_back(Joint::revolute(y), body(0.1, {0, 0, 0}),
                      Beam(0.3, Section::rectangle(0.004, 0.01), flexarm_test::steel(), loaded, {patch}), std::nullopt);
-  const Arm arm(links, {0.1, 0.0, -9.81});
+  const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, 0});
   Scene out{Problem(arm)};
   Problem& p = out.problem;
   const int second = arm.first(1), third = arm.first(2);
@@ -180,11 +180,11 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":2", "\"version\":3", "version = 3: this flexarm reads 2; compile the scene again");
+  names("\"version\":3", "\"version\":2", "version = 2: this flexarm reads 3; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
-  names("\"version\":2", "\"version\":2,\"version\":2", "the key 'version' is there twice");
+  names("\"version\":3", "\"version\":3,\"version\":3", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");
-  names("\"version\":2", "\"version\":2,\"wings\":2",
+  names("\"version\":3", "\"version\":3,\"wings\":2",
         "the file: unknown key \"wings\"; known are format, version, arm");
   names("\"length\":", "\"lenght\":", "arm.links[0].beam: missing key 'length'");
   names("\"length\":0.3", "\"length\":\"0.3\"", "arm.links[1].beam.length = \"0.3\": must be a number");

@@ -125,6 +125,8 @@ TEST_CASE("derivatives are those of dual numbers through the whole chain") {
       check(flexarm_test::flat({0, 0, 1}, {3, 0, 0, 0, 0}, order, 0.02), bent, loaded);
       check(flexarm_test::flat({0, 1, 0}, {0, 2, 0, 0, 1}, order), bent, loaded);
       check(flexarm_test::flat({0, 0, 1}, {3, 3, 3, 1, 1}, order, 0.01), bent, loaded);
+      check(flexarm_test::tree_arm(order), bent, loaded);
+      check(flexarm_test::flat_tree(order), bent, loaded);
     }
   check(flexarm_test::floating_arm());
   check(flexarm_test::floating_arm(), 3.0, true);

@@ -50,15 +50,15 @@ StepError::StepError(const Arm& arm, Workspace& ws, const std::vector<int>& free
   std::tie(places_missed_, rates_missed_) = largest_missed(points);
   move_arm(arm, ws, arm.zero(), Eigen::VectorXd::Zero(arm.nv()));
   std::vector<Eigen::Vector3d> ends;
-  std::vector<double> ways;  // from the world to each link's end
+  std::vector<double> lengths;  // from the base to each link's end
   for (std::size_t n = 0; n < arm.size(); ++n) {
     places_.emplace_back(arm, n);
     if (const auto& beam = arm.link(n).beam()) places_.emplace_back(arm, n, 0.5 * beam->length());
     ends.push_back(slice_pose(ws, n).p);
-    const int parent = arm.parent(n);
-    const auto below = static_cast<std::size_t>(parent);
-    ways.push_back(parent == Arm::kWorld ? ends[n].norm() : ways[below] + (ends[n] - ends[below]).norm());
-    length_ = std::max(length_, ways[n]);
+    const bool carried = arm.parent(n) != Arm::kWorld;
+    const auto below = static_cast<std::size_t>(carried ? arm.parent(n) : 0);
+    lengths.push_back(carried ? lengths[below] + (ends[n] - ends[below]).norm() : ends[n].norm());
+    length_ = std::max(length_, lengths.back());
   }
   if (length_ == 0.0) length_ = 1.0;
   moves_.setZero(6 * static_cast<Eigen::Index>(places_.size()) + arm.nv(), arm.nv());

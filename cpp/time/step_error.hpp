@@ -49,7 +49,7 @@ class StepError {
   Eigen::VectorXd asked_;
   double tolerance_;
   double allowed_;                   ///< error of a step, in parts of the arm's length and rad
-  double length_ = 0.0;              ///< of the arm: the longest way from the world to an end (m)
+  double length_ = 0.0;              ///< of the arm (m): from the base to the farthest end, along the links
   double places_missed_ = 0.0;       ///< within a step, over h^2 times the accelerations that are missed where asked
   double rates_missed_ = 0.0;        ///< the same over h times these
   double h_ = 0.0;                   ///< of the step (s)

@@ -283,7 +283,7 @@ void bind_model(py::module_& m) {
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)
       .def_property_readonly("zero", &Arm::zero)
-      .def("operation_count", [](const Arm& a) { return operation_count(a); })
+      .def("operation_count", &operation_count, py::arg("q"), py::arg("v"))
       .def("patch_matrix", [](const Arm& a) { return Rows(a.patch_matrix()); })
       .def("first", &Arm::first, py::arg("link"))
       .def("first_q", &Arm::first_q, py::arg("link"))

@@ -323,7 +323,7 @@ ROBOT = Path(__file__).parents[1] / "data" / "robots" / "six.urdf"
 
 @pytest.mark.filterwarnings("ignore::flexarm.errors.RobotWarning")
 def test_robots_files_are_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """URDF and MJCF: at rest at zero, a second under gravity; tip names the end of a tree."""
+    """URDF and MJCF: at rest at zero, a second under gravity; tip names the end of a chain."""
     told = answer_quietly(capsys, "modes", str(ROBOT))
     joints = ["pan", "shoulder", "elbow", "wrist_a", "wrist_b", "wrist_c"]
     assert told["scene"] == "six" and told["coordinates"] == joints
@@ -336,11 +336,12 @@ def test_robots_files_are_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert answer_quietly(capsys, "view", str(ROBOT), "-o", str(picture))["frames"] == 1
     assert picture.read_bytes()[:4] == b"\x89PNG"
     tree = str(ROBOT.with_name("tree.urdf"))
-    assert "choose the link that the arm ends with" in refused(capsys, "modes", tree)
+    assert "mimic of 'grip_a'" in refused(capsys, "modes", tree)
     assert answer_quietly(capsys, "modes", tree, "--tip", "left_palm")["coordinates"][0] == "lift"
     assert "--tip tool: goes with a robot's file" in refused(capsys, "modes", "ist", "--tip", "tool")
     pytest.importorskip("mujoco")
-    assert answer_quietly(capsys, "modes", str(ROBOT.with_name("arm.xml")), "--tip", "tool")["coordinates"]
+    branched = answer_quietly(capsys, "modes", str(ROBOT.with_name("arm.xml")))["coordinates"]
+    assert branched == ["pan", "lift", "elbow", "flap_hinge", "reach"]
 
 
 def answer_quietly(capsys: pytest.CaptureFixture[str], *argv: str) -> Any:

@@ -98,11 +98,31 @@ def test_joints_that_go_their_own_ways_need_no_more_than_the_slower() -> None:
     former, 1/0.6 + 0.6 s."""
     sleds = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(1.0)), fa.Link(fa.Prismatic("y"), fa.RigidBody(1.0))])
     limits: dict[str, Any] = {"acceleration": 1.0, "speed": (2.0, 0.3)}
-    line = fa.plan_move(sleds, [0, 0], [1, 0.5], limits=limits)
+    line = fa.plan_move(sleds, path=[[0, 0], [1, 0.5]], limits=limits)
     assert line.rigid_duration == pytest.approx(1 / 0.6 + 0.6, rel=2e-3)
-    best = fa.plan_move(sleds, [0, 0], [1, 0.5], method="optimal", limits=limits)
+    assert line.q[:, 1] == pytest.approx(0.5 * line.q[:, 0], abs=1e-9)
+    assert line.rigid_duration <= line.duration < 1.02 * line.rigid_duration
+    best = fa.plan_move(sleds, [0, 0], [1, 0.5], limits=limits)
+    assert best.rigid_duration == line.rigid_duration
     assert 2.0 <= best.duration < 2.0 * 1.03
     assert np.abs(best.v).max(axis=0)[1] <= 0.3 * 1.0001 and np.abs(best.a).max() <= 1.0001
+
+
+@pytest.mark.parametrize("stop", [None, 2.5])
+def test_a_joint_stays_between_its_stops_or_else_between_both_positions(stop: float | None) -> None:
+    """An elbow with stops folds further, which leaves less inertia to turn."""
+    stops = {} if stop is None else {"lower": -stop, "upper": stop, "limit_stiffness": 1e4}
+    body = fa.RigidBody(1.0, com=(0.25, 0, 0), inertia=(0, 0, 0.02), end=(0.5, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), body), fa.Link(fa.Revolute("z", **stops), body, tip=fa.RigidBody(1.0))])
+    start, end = np.array([0.3, 1.5]), np.array([-1.0, 1.2])
+    limits = {"torque": (20.0, 10.0)}
+    move, line = fa.plan_move(arm, start, end, limits=limits), fa.plan_move(arm, path=[start, end], limits=limits)
+    assert move.q[[0, -1]] == pytest.approx(np.array([start, end]), abs=1e-9)
+    assert move.q[:, 0].min() > -1.001 and move.q[:, 0].max() < 0.301
+    assert move.q[:, 1].min() > (1.199 if stop is None else 1.0)
+    assert (1.0 if stop is None else 0.9) * line.duration > move.duration
+    assert move.q[:, 1].max() < 1.501 if stop is None else 1.7 < move.q[:, 1].max() < 2.501
+    assert all(x.peak < 1.001 * x.limit for x in move.limits)
 
 
 # -- one mode --------------------------------------------------------------------------------------------------------
@@ -166,7 +186,7 @@ def test_two_masses_and_a_spring_take_about_the_known_least_time() -> None:
 
 
 @QUIET
-@pytest.mark.parametrize(("links", "size", "method"), [(1, 1e-6, "fast"), (2, 1e-6, "shaped"), (2, 1e-4, "optimal")])
+@pytest.mark.parametrize(("links", "size", "method"), [(1, 1e-6, "fast"), (2, 1e-6, "shaped"), (2, 1e-4, "fast")])
 def test_small_moves_are_shaped(links: int, size: float, method: str) -> None:
     """Strong motors would do them in less than a ms: what is sought, and how it is measured, go with the move."""
     arm = one_mode() if links == 1 else two_links(gravity=0.0, shapes=1)
@@ -177,7 +197,7 @@ def test_small_moves_are_shaped(links: int, size: float, method: str) -> None:
     assert move.residual_unshaped == pytest.approx(unshaped, rel=0.05)
     assert swing(arm, move) < 1e-3 * unshaped
     assert move.residual < 1e-3 * unshaped
-    if method == "optimal":  # with such motors the joints go far beyond both ends
+    if links == 2 and method == "fast":  # with such motors the joints go far beyond both ends
         return
     done = (move.q - move.q[0]) / way
     assert done.min() > -0.01 and done.max() < 1.01
@@ -299,6 +319,7 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
         ({"q_from": None, "q_to": None, "path": [[0.01 * k + (k > 5), 0] for k in range(12)]}, "row 5 to 6"),
         ({"q_from": None, "q_to": None, "path": [[1, 1], [1, 1]]}, "does not move"),
         ({"method": "best"}, "method = 'best'"),
+        ({"method": "optimal"}, ("method = 'optimal'", "'fast'")),
         ({"residual": 0.0}, "residual = 0"),
         ({"residual": 5.0}, "residual = 5"),
     ],

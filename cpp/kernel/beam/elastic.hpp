@@ -25,6 +25,11 @@ inline void sum_lanes(const double*, int, const double*) {}
 template <class T>
 void in_register(T&) {}
 
+template <int C>
+struct Count {
+  static constexpr int value = C;
+};
+
 template <class S>
 S next(const double*& p) {
   const S x = Lanes<S>::load(p);
@@ -46,50 +51,113 @@ R read(const double*& p) {
 
 constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
 
-/// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate.
+/// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate; of
+/// slices one after the other, whose numbers are `apart`, and rows three. What lies in memory is read once: packs may
+/// alias anything.
+/// @tparam N  its ni, or 0 where that is any
+template <int N, bool rates, class S, class P>
+void add_block_of(const Block b, const double* numbers, int apart, const S* q, const S* dq, P* value, P* bias, P* slope,
+                  int stride, int slices) {
+  const bool square = b.i == b.j;
+  const int ni = N > 0 ? N : b.ni;
+  P qi[N > 0 ? N : kMostElastic], di[N > 0 ? N : kMostElastic], si[N > 0 ? N : kMostElastic];
+#pragma GCC unroll 4
+  for (int r = 0; r < ni; ++r) {
+    qi[r] = widen(q[b.i + r], P{});
+    if constexpr (rates) di[r] = widen(dq[b.i + r], P{});
+  }
+  q += b.j;
+  dq += b.j;
+  for (P* const end = slope + 3 * slices; slope < end; numbers += apart, value += 3, bias += 3, slope += 3) {
+    const double* p = numbers;
+    P *sj = slope + b.j * stride, total{}, total_bias{};
+#pragma GCC unroll 4
+    for (int r = 0; r < ni; ++r) si[r] = slope[(b.i + r) * stride];
+    for (int c = 0; c < b.nj; ++c, sj += stride) {
+      const P qb = widen(q[c], P{});
+      P left{}, left_dot{};
+#pragma GCC unroll 4
+      for (int r = 0; r < ni; ++r) {
+        const P C = next<P>(p);
+        left += C * qi[r];
+        if constexpr (rates) left_dot += C * di[r];
+        if (!square) si[r] += C * qb;
+      }
+      *sj += left;
+      total += left * qb;
+      if constexpr (rates) total_bias += left_dot * widen(dq[c], P{});
+    }
+    if (!square)
+#pragma GCC unroll 4
+      for (int r = 0; r < ni; ++r) slope[(b.i + r) * stride] = si[r];
+    *value += square ? 0.5 * total : total;
+    if constexpr (rates) *bias += square ? total_bias : 2.0 * total_bias;
+  }
+}
+template <bool rates = true, class S, class P>
+void add_blocks(const Block& b, const double* numbers, int apart, const S* q, const S* dq, P* value, P* bias, P* slope,
+                int stride, int slices) {
+  const auto sized = [&](auto count) {
+    add_block_of<decltype(count)::value, rates>(b, numbers, apart, q, dq, value, bias, slope, stride, slices);
+  };
+  if constexpr (Lanes<P>::width > 1) {  // in registers
+    if (b.ni == 1) return sized(Count<1>{});
+    if (b.ni == 2) return sized(Count<2>{});
+    if (b.ni == 3) return sized(Count<3>{});
+    if (b.ni == 4) return sized(Count<4>{});
+  }
+  sized(Count<0>{});
+}
+/// The same of one slice, whose numbers are next.
 template <bool rates = true, class S, class P>
 void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
                int stride) {
-  const bool square = b.i == b.j;
-  P total{}, total_bias{};
-  for (int c = 0; c < b.nj; ++c) {
-    const P qb = widen(q[b.j + c], P{});
-    P left{}, left_dot{};
-    for (int r = 0; r < b.ni; ++r) {
-      const P C = next<P>(numbers);
-      left += C * widen(q[b.i + r], P{});
-      if constexpr (rates) left_dot += C * widen(dq[b.i + r], P{});
-      if (!square) slope[(b.i + r) * stride] += C * qb;
-    }
-    slope[(b.j + c) * stride] += left;
-    total += left * qb;
-    if constexpr (rates) total_bias += left_dot * widen(dq[b.j + c], P{});
-  }
-  value += square ? 0.5 * total : total;
-  if constexpr (rates) bias += square ? total_bias : 2.0 * total_bias;
+  add_blocks<rates>(b, numbers, 0, q, dq, &value, &bias, slope, stride, 1);
+  numbers += b.ni * b.nj * Lanes<P>::width;
 }
 
-/// The lower triangle of F^T F, of n columns of so many rows.
-template <class P>
-void products(const P* F, int n, int rows, P* out) {
-  for (int i = 0; i < n; ++i) {
-    const P* a = F + i * rows;
-    int j = 0;
-    for (; j + 1 <= i; j += 2) {
-      const P *b = F + j * rows, *c = b + rows;
-      P ab{}, ac{};
-      for (int r = 0; r < rows; ++r) {
-        ab += a[r] * b[r];
-        ac += a[r] * c[r];
+/// Adds R x C numbers of F^T G, of columns i.. of F and j.. of G, to those of its lower triangle.
+template <int R, int C, int each, class P>
+void add_some_products(const P* F, const P* G, int rows, int i, int j, P* out) {
+  P sum[R][C];
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k) sum[r][k] = P{};
+  F += i * rows;
+  G += j * rows;
+  for (int first = 0; first < rows; first += each)
+#pragma GCC unroll 3
+    for (int a = first; a < first + each; ++a)
+#pragma GCC unroll 4
+      for (int k = 0; k < C; ++k) {
+        P x = G[k * rows + a];
+        in_register(x);
+#pragma GCC unroll 2
+        for (int r = 0; r < R; ++r) sum[r][k] += F[r * rows + a] * x;
       }
-      *out++ = ab;
-      *out++ = ac;
-    }
-    if (j > i) continue;
-    P aa{};
-    for (int r = 0; r < rows; ++r) aa += a[r] * a[r];
-    *out++ = aa;
-  }
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k)
+      if (j + k <= i + r) out[packed(i + r, j + k)] += sum[r][k];
+}
+/// Adds the lower triangle of F^T G, which is symmetric, of n columns of so many rows.
+/// @tparam each  the number of rows is a multiple of it
+template <int each, class P>
+void add_products(const P* F, const P* G, int n, int rows, P* out) {
+  const auto along = [&](auto height, int i) {
+    constexpr int R = decltype(height)::value;
+    const int end = i + R;
+    int j = 0;
+    for (; j + 4 <= end; j += 4) add_some_products<R, 4, each>(F, G, rows, i, j, out);
+    if (end - j == 3) add_some_products<R, 3, each>(F, G, rows, i, j, out);
+    if (end - j == 2) add_some_products<R, 2, each>(F, G, rows, i, j, out);
+    if (end - j == 1) add_some_products<R, 1, each>(F, G, rows, i, j, out);
+  };
+  int i = 0;
+  for (; i + 2 <= n; i += 2) along(Count<2>{}, i);
+  if (i < n) along(Count<1>{}, i);
 }
 
 /// A cross section of an elastic body in motion, in link axes (Eq. 23-27, 34-40).

@@ -47,7 +47,8 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
     }
   }
   *sums.body = {c, c_rate, bias, J, n};
-  products(slopes, ne, points, sums.M);
+  for (int k = 0; k < packed(ne, 0); ++k) sums.M[k] = P{};
+  add_products<1>(slopes, slopes, ne, points, sums.M);
 }
 
 /// Adds the parts linear in q, and the body that does not bend, to the sums (Eq. 80, 81).

@@ -74,28 +74,42 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
   sums.n = n;
 }
 
-/// A point of rotation: the moments that turn the section there, and R times the root of its inertia, from the slopes
-/// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
+/// The points' rotation vectors theta, their slopes and convective second rates b, three rows a point.
+/// @param t  numbers of the first point
 template <class S, class P>
-void turn_section(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
-                  P* slope, int rows, typename Space<P>::Lin& torque, typename Space<P>::Rot& turn) {
-  using Pt = Space<P>;
-  using Lin = typename Pt::Lin;
-  const Lin root = Pt::read(t), gyro = Pt::read(t);
-  P theta[3] = {P{}, P{}, P{}}, b[3] = {P{}, P{}, P{}}, d[3] = {P{}, P{}, P{}};
+void add_turns(const Node& node, const double* t, int apart, const S* q, const S* dq, P* slopes, int rows, P* theta,
+               P* b) {
+  for (int i = 0; i < 3 * node.rotary; ++i) theta[i] = b[i] = P{};
   for (int k = 0; k < node.ne; ++k) {
-    const P l = next<P>(t);
-    P* column = slope + k * rows;
-    theta[node.about[k]] += l * widen(q[k], P{});
-    put_vector(column, Pt::zero());
-    column[node.about[k]] = l;
+    const double* l = t + (6 + k) * Lanes<P>::width;
+    const P qk = widen(q[k], P{});
+    P *column = slopes + k * rows, *const end = column + 3 * node.rotary, *turn = theta + node.about[k];
+    for (const int r = node.about[k]; column < end; column += 3, turn += 3, l += apart) {
+      put_vector(column, Space<P>::zero());
+      column[r] = Lanes<P>::load(l);
+      *turn += column[r] * qk;
+    }
   }
+  t += (6 + node.ne) * Lanes<P>::width;
   for (int k = node.quadratic.position_blocks; k < node.quadratic.blocks; ++k) {
     const Block& block = node.quadratic.block[k];
     const int r = block.row - 3;
-    add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
+    add_blocks(block, t, apart, q, dq, theta + r, b + r, slopes + r, rows, node.rotary);
+    t += block.ni * block.nj * Lanes<P>::width;
   }
-  const Turned<P> turned(vector_at(theta));
+}
+
+/// A point of rotation: the moments that turn the section there, and R times the root of its inertia, from the slopes
+/// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
+template <class S, class P>
+void turn_section(const Node& node, const double* t, const S* dq, const typename Space<P>::Ang& w, P* slope, int rows,
+                  const typename Space<P>::Lin& theta, const typename Space<P>::Lin& b, typename Space<P>::Lin& torque,
+                  typename Space<P>::Rot& turn) {
+  using Pt = Space<P>;
+  using Lin = typename Pt::Lin;
+  const Lin root = Pt::read(t), gyro = Pt::read(t);
+  P d[3] = {P{}, P{}, P{}};
+  const Turned<P> turned(theta);
   for (int k = 0; k < node.ne; ++k) {
     const P qd = widen(dq[k], P{});
     P* column = slope + k * rows;
@@ -107,7 +121,7 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
   const typename Pt::Rot R = turned.rotation();
   // carried and own angular velocity, and the rate of their sum with accelerations left out (Eq. 46)
   const Lin carried = Pt::unrotate(R, w), own = turned.jacobian(theta_dot, -1.0), W = carried + own;
-  const Lin W_dot = Pt::cross(carried, own) + turned.bias(theta_dot, vector_at(b), -1.0);
+  const Lin W_dot = Pt::cross(carried, own) + turned.bias(theta_dot, b, -1.0);
   torque = {root.x * W_dot.x + gyro.x * (W.y * W.z), root.y * W_dot.y + gyro.y * (W.z * W.x),
             root.z * W_dot.z + gyro.z * (W.x * W.y)};
   turn = {R.xx * root.x, R.xy * root.y, R.xz * root.z, R.yx * root.x, R.yy * root.y,
@@ -119,15 +133,19 @@ template <class S, class P>
 void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
+  const int first = 3 * node.passes, apart = static_cast<int>(node.quadratic.rotary_numbers) * Lanes<P>::width;
+  P *slopes = scratch + parts.slopes + first, *forces = scratch + parts.forces + first;
+  P* b = scratch + parts.turns + 6 * node.rotary;  // where no turn is written before it is read
   typename Pt::Rot* turns = view<typename Pt::Rot>(scratch + parts.turns);
+  add_turns(node, t, apart, q, dq, slopes, parts.rows, forces, b);
   typename Pt::Lin n = Pt::zero();
   typename Pt::Sym J = Pt::none();
-  for (int a = 0; a < node.rotary; ++a) {
-    const int row = 3 * (node.passes + a);
+  for (int a = 0; a < node.rotary; ++a, t += apart) {
     typename Pt::Lin torque;
     typename Pt::Rot B;
-    turn_section(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
-    put_vector(scratch + parts.forces + row, torque);
+    turn_section(node, t, dq, w, slopes + 3 * a, parts.rows, vector_at(forces + 3 * a), vector_at(b + 3 * a), torque,
+                 B);
+    put_vector(forces + 3 * a, torque);
     turns[a] = B;
     const typename Pt::Rot BB = Pt::times_transposed(B, B);
     Pt::add(J, typename Pt::Sym{BB.xx, BB.yy, BB.zz, BB.xy, BB.xz, BB.yz});
@@ -137,30 +155,44 @@ void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, c
   sums.n_turn = n;
 }
 
-/// Sums over the columns that all points left: force and coupling of each coordinate, and inertia of each pair.
-template <class P>
-void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums<Space<P>> sums) {
+/// Sums over the columns that all points left, of C coordinates from k on: their force and coupling.
+template <int C, class P>
+void sum_columns_of(const Node& node, Parts<Space<P>> parts, const P* scratch, int k, Sums<Space<P>> sums) {
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
-  const P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
+  const P *column = scratch + parts.slopes + k * parts.rows, *forces = scratch + parts.forces;
   const Position<P>* place = view<const Position<P>>(scratch + parts.positions);
   const typename Pt::Rot* turns = view<const typename Pt::Rot>(scratch + parts.turns);
-  for (int k = 0; k < node.ne; ++k) {
-    const P *column = slopes + k * parts.rows, *of_turns = column + 3 * node.passes;
-    P e{};
-    Lin linear = Pt::zero(), angular = linear;
-    for (int r = 0; r < parts.rows; ++r) e += column[r] * forces[r];
-    sums.e[k] = e;
-    for (int a = 0; a < node.passes; ++a) {
-      const Lin slope = vector_at(column + 3 * a);
-      linear += place[a].one * slope;
-      angular += Pt::cross(place[a].x, slope);
-    }
-    for (int a = 0; a < node.rotary; ++a) angular += Pt::rotate(turns[a], vector_at(of_turns + 3 * a));
-    sums.M_linear[k] = linear;
-    sums.M_angular[k] = angular;
+  P e[C];
+  Lin linear[C], angular[C];
+  for (int c = 0; c < C; ++c) {
+    e[c] = P{};
+    linear[c] = angular[c] = Pt::zero();
   }
-  products(slopes, node.ne, parts.rows, sums.M);
+  for (int r = 0; r < parts.rows; ++r)
+    for (int c = 0; c < C; ++c) e[c] += column[c * parts.rows + r] * forces[r];
+  for (int a = 0; a < node.passes; ++a, column += 3)
+    for (int c = 0; c < C; ++c) {
+      const Lin slope = vector_at(column + c * parts.rows);
+      linear[c] += place[a].one * slope;
+      angular[c] += Pt::cross(place[a].x, slope);
+    }
+  for (int a = 0; a < node.rotary; ++a, column += 3)
+    for (int c = 0; c < C; ++c) angular[c] += Pt::rotate(turns[a], vector_at(column + c * parts.rows));
+  for (int c = 0; c < C; ++c) {
+    sums.e[k + c] = e[c];
+    sums.M_linear[k + c] = linear[c];
+    sums.M_angular[k + c] = angular[c];
+  }
+}
+/// Of all coordinates, and inertia of each pair.
+template <class P>
+void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums<Space<P>> sums) {
+  int k = 0;
+  for (; k + 2 <= node.ne; k += 2) sum_columns_of<2>(node, parts, scratch, k, sums);
+  if (k < node.ne) sum_columns_of<1>(node, parts, scratch, k, sums);
+  for (k = 0; k < packed(node.ne, 0); ++k) sums.M[k] = P{};
+  add_products<3>(scratch + parts.slopes, scratch + parts.slopes, node.ne, parts.rows, sums.M);
 }
 
 /// The body without the turning of its sections.

@@ -82,8 +82,8 @@ inline std::size_t sampled_scratch(const Node& node) {
   P* const begin = reinterpret_cast<P*>(sizeof(P));
   const sampled::SpaceSeries<P> space(node, begin);
   const int sums = sampled::Sums<Space<P>>::size(node.ne), work = 2 * kMostColumns * node.passes,
-            rows = sampled::rows_size<Space<P>>(node.ne);
-  return static_cast<std::size_t>((space.end - begin) + sums + (work > rows ? work : rows));
+            columns = sampled::columns_size<Space<P>>(node.ne);
+  return static_cast<std::size_t>((space.end - begin) + sums + (work > columns ? work : columns));
 }
 
 }  // namespace

@@ -8,11 +8,6 @@
 namespace {
 namespace sampled {
 
-template <int C>
-struct Count {
-  static constexpr int value = C;
-};
-
 /// The answer of a mask: of an arm in each lane, its own; of one arm, whether any lane is set.
 template <class S, class P>
 typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
@@ -213,60 +208,11 @@ struct Station {
 
 constexpr int kTogether = 4;  // stations that are summed together
 
-/// Numbers P of the rows of so many stations: mass times J_T, and in space inertia times J_R, of all coordinates.
+/// Numbers P of the columns of so many stations: J_T and in space J_R of all coordinates, and mass and inertia times
+/// these.
 template <class Sp>
-int rows_size(int ne) {
-  return ne * kTogether * 2 * Sp::linear;
-}
-
-/// Adds to sums the products of rows i to i + R - 1 with the Jacobians of coordinates j to j + C - 1, at N stations.
-template <int N, int R, int C, class Sp>
-void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
-               int i, int j, typename Sp::Scalar* sums) {
-  using P = typename Sp::Scalar;
-  P sum[R][C];
-#pragma GCC unroll 2
-  for (int r = 0; r < R; ++r)
-#pragma GCC unroll 4
-    for (int k = 0; k < C; ++k) sum[r][k] = P{};
-  const P* row = rows + i * each;
-  const auto add = [&](const P* column, int stride) {
-    const int apart = Sp::linear * stride;
-    for (int c = 0; c < Sp::linear; ++c, column += stride, row += N)
-      for (int a = 0; a < N; ++a)
-#pragma GCC unroll 4
-        for (int k = 0; k < C; ++k) {
-          P x = column[k * apart + a];
-          in_register(x);
-#pragma GCC unroll 2
-          for (int r = 0; r < R; ++r) sum[r][k] += row[r * each + a] * x;
-        }
-  };
-  add(J.at + j * Sp::linear * J.stride, J.stride);
-  if constexpr (!Sp::planar)
-    if (turning) add(J_turn.at + j * Sp::linear * J.stride, J.stride);
-#pragma GCC unroll 2
-  for (int r = 0; r < R; ++r)
-#pragma GCC unroll 4
-    for (int k = 0; k < C; ++k)
-      if (j + k <= i + r) sums[packed(i + r, j + k)] += sum[r][k];
-}
-
-/// The same of all pairs of coordinates (the lower triangle).
-template <int N, class Sp>
-void add_products(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
-                  int ne, typename Sp::Scalar* sums) {
-  const auto along = [&](auto height, int i, int end) {
-    constexpr int R = decltype(height)::value;
-    int j = 0;
-    for (; j + 4 <= end; j += 4) add_block<N, R, 4>(rows, each, J, J_turn, turning, i, j, sums);
-    if (end - j == 3) add_block<N, R, 3>(rows, each, J, J_turn, turning, i, j, sums);
-    if (end - j == 2) add_block<N, R, 2>(rows, each, J, J_turn, turning, i, j, sums);
-    if (end - j == 1) add_block<N, R, 1>(rows, each, J, J_turn, turning, i, j, sums);
-  };
-  int i = 0;
-  for (; i + 2 <= ne; i += 2) along(Count<2>{}, i, i + 2);
-  if (i < ne) along(Count<1>{}, i, ne);
+int columns_size(int ne) {
+  return 2 * ne * kTogether * 2 * Sp::linear;
 }
 
 template <class P>
@@ -350,10 +296,11 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
   using Lin = typename Sp::Lin;
   const bool turning = !Sp::planar && node.rotary;
   const int each = N * (turning ? 2 : 1) * Sp::linear;
+  P* const slopes = products + node.ne * each;
   Station<Sp> station[N];
   for (int a = 0; a < N; ++a) station[a] = add_station(node, rows, m, dq, w, from + a, *sums.body);
   for (int k = 0; k < node.ne; ++k) {
-    P e{}, *row = products + k * each;
+    P e{}, *row = products + k * each, *slope = slopes + k * each;
     Lin f = Sp::zero();
     typename Sp::Ang n = Sp::zero_angular();
     const Field<Sp> J_T = m.place.by(k);
@@ -364,7 +311,10 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
       e += Sp::dot(J, s.force);
       f += mJ;
       n += Sp::moment(s.x, mJ);
-      for (int c = 0; c < Sp::linear; ++c) row[c * N + a] = Sp::component(mJ, c);
+      for (int c = 0; c < Sp::linear; ++c) {
+        slope[c * N + a] = Sp::component(J, c);
+        row[c * N + a] = Sp::component(mJ, c);
+      }
     }
     if constexpr (!Sp::planar)
       if (turning) {
@@ -375,7 +325,10 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
           const Lin J = J_R(from + a), IJ = Sp::apply(s.J, J);
           e += Sp::dot(J, s.torque);
           n += IJ;
-          for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
+          for (int c = 0; c < Sp::linear; ++c) {
+            slope[(Sp::linear + c) * N + a] = Sp::component(J, c);
+            row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
+          }
         }
         for (int a = 0; a < N && node.rotary > 3; ++a) {  // momenta by centres of mass off the axis
           const Station<Sp>& s = station[a];
@@ -392,10 +345,7 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Series& m, const
     sums.M_linear[k] += f;
     sums.M_angular[k] += n;
   }
-  const Field<Sp> J{m.place.first.at + from, m.place.first.stride};
-  Field<Sp> J_turn = J;
-  if constexpr (!Sp::planar) J_turn.at = m.turned.first.at + from;
-  add_products<N>(products, each, J, J_turn, turning, node.ne, sums.M);
+  add_products<Sp::linear>(products, slopes, node.ne, each, sums.M);
 }
 
 /// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate.

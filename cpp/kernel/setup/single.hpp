@@ -10,8 +10,8 @@
 namespace flexarm {
 namespace lanes {
 
-/// Floating-point operations of one forward dynamics, in one lane.
-long operation_count(const KernelArm& arm);
+/// Floating-point operations of one forward dynamics at q, v, in one lane.
+long operation_count(const KernelArm& arm, const double* q, const double* v);
 
 /// Memory aligned for the widest pack.
 class Memory {

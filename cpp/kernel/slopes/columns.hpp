@@ -27,8 +27,8 @@ inline void add_product(const double* add, int add_stride, const double* A, int 
   };
   for (int column = 0; column < kColumns; column += W) {
     int r = 0;
-    for (; r + R <= rows; r += R) some(sampled::Count<R>{}, r, column);
-    for (; r < rows; ++r) some(sampled::Count<1>{}, r, column);
+    for (; r + R <= rows; r += R) some(Count<R>{}, r, column);
+    for (; r < rows; ++r) some(Count<1>{}, r, column);
   }
 }
 

@@ -64,6 +64,8 @@ inline Pack widen(const Pack& x, const Pack&) { return x; }
 inline void in_register(Pack& x) {
 #if FLEXARM_WIDTH == 8
   asm("" : "+v"(x));
+#elif FLEXARM_WIDTH == 4
+  asm("" : "+x"(x));
 #else
   (void)x;
 #endif

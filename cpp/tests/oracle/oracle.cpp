@@ -51,10 +51,11 @@ std::vector<Oracle::Moved> Oracle::move(const VectorXd& q, const VectorXd& v) co
     m.dqe = v.segment(j + joint.nv(), arm_->link(n).ne());
     m.link.move(m.qe, m.dqe);
     for (int k = 0; k < joint.nv(); ++k) m.resisted[k] = resistance(joint, k, q.data() + i, v.data() + j);
-    if (n == 0) {
+    if (arm_->parent(n) == flexarm::Arm::kWorld) {
       m.pose = {motion.p, motion.R};
     } else {
-      const Moved& below = out[n - 1];
+      const auto parent = static_cast<std::size_t>(arm_->parent(n));
+      const Moved& below = out[parent];
       const Section seat = below.link.end().at(motion.p);
       const Matrix3d R = seat.R * motion.R;
       m.pose = {below.pose.p + below.pose.R * seat.x, below.pose.R * R};
@@ -62,7 +63,7 @@ std::vector<Oracle::Moved> Oracle::move(const VectorXd& q, const VectorXd& v) co
       Matrix6Xd phi_e = seat.J;
       turn_rows(R.transpose(), phi_e);
       m.J = phi(R, seat.x) * below.J;
-      m.J.middleCols(j - phi_e.cols(), phi_e.cols()) += phi_e;
+      m.J.middleCols(arm_->first(parent) + arm_->link(parent).nj(), phi_e.cols()) += phi_e;
       const Vector6d carried = phi(R, seat.x) * below.V + phi_e * below.dqe;
       m.V += carried;
       Vector6d a = acceleration(seat, below.V, below.N, VectorXd::Zero(phi_e.cols()));

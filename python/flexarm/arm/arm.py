@@ -96,9 +96,16 @@ class Arm(Chain):
 
     # -- dynamics ------------------------------------------------------------------------------------------------------
 
-    def operation_count(self) -> int:
-        """Floating-point operations (+ - * /) of one forward dynamics, without loads, with all coordinates 0.1."""
-        return self._core.operation_count()
+    def operation_count(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> int:
+        """Floating-point operations (+ - * /) of one forward dynamics, without loads. A beam of order 3 or "exact" that
+        bends little needs fewer of them.
+
+        Args:
+            q: coordinates; by default all 0.1, which bends beams much.
+            v: rates; by default all 0.1.
+        """
+        return self._core.operation_count(array("q", np.full(self.nq, 0.1) if q is None else q, (self.nq,)),
+                                          array("v", np.full(self.nv, 0.1) if v is None else v, (self.nv,)))
 
     def forward_dynamics(
         self,
@@ -170,7 +177,9 @@ class Arm(Chain):
 
         Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
-        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments.
+        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A tree
+        of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
+        links branch after branch.
 
         Args:
             path: where to write it; None: nowhere.
@@ -190,7 +199,8 @@ class Arm(Chain):
     def to_urdf(self, path: str | Path | None = None, segments: int = 10) -> str:
         """The arm as a URDF file, its beams as in `to_mjcf`, with a link and a joint for each freedom.
 
-        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip".
+        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip";
+        those of a tree are links "NAME tip".
 
         Args:
             path: where to write it; None: nowhere.

@@ -21,7 +21,7 @@ def scene(p: argparse.ArgumentParser) -> None:
 
 def robot(p: argparse.ArgumentParser, more: str = "") -> str:
     """--tip of a robot's file; the help of SCENE then."""
-    tip = "of a robot's file, the link that the arm ends with; needed where the robot branches"
+    tip = "of a robot's file, the link that the arm ends with; by default the robot is taken whole, with its branches"
     p.add_argument("--tip", metavar="LINK", help=tip)
     return f"TOML file, the name of a shipped scene such as ist, {more}or a robot's file (.urdf; .xml of MuJoCo)"
 

@@ -1,8 +1,9 @@
-"""From a robot's tree to the links of an arm."""
+"""From a robot's file, as a tree of bodies, to the links of an arm."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,8 +31,8 @@ class Flexible:
         beam: its length must be the distance from `start` to `end`.
         start: the clamped end: a point in the link's axes (m), or the name of a link that is fixed to it; None: the
             link's own origin, where its joint sits.
-        end: the other end, likewise; None: the origin of the next joint, or of the tip. For a last link without a tip,
-            the arm's end is the beam's.
+        end: the other end, likewise; None: the origin of the next joint, or of the tip; where several sit on the link,
+            of the one at the beam's length. For a last link without a tip, the arm's end is the beam's.
         up: a direction in the link's axes; None: its z, or, for a beam along z, its x.
         mass: "replace": the beam's mass replaces the link's own. "add": the link's own body stays, as a rigid one.
             Bodies that are fixed to the link stay in both. A body that stays moves with the beam's clamp or its end,
@@ -50,16 +51,25 @@ class Flexible:
 
 
 @dataclass
+class _Seat:
+    """What sits on a link: the next link's joint, or a tip that is fixed to it."""
+
+    name: str  #: of the next link, or of the tip
+    joint: TreeJoint | None  #: None: of a tip
+    on: str  #: the body that carries the joint, or the tip itself
+    at: Pose
+
+
+@dataclass
 class _Group:
-    """A future link: its joint, the bodies rigid with it, and the next joint, all in the frame of its first body."""
+    """A future link: its joint, the bodies rigid with it, and what sits on it, all in the frame of its first body. The
+    base is one with a fixed joint."""
 
     joint: TreeJoint
     bodies: list[tuple[str, Mass]]
-    places: dict[str, Pose]
+    places: dict[str, Pose]  #: of the bodies that no held joint carries
     looks: list[tuple[str, Pose, Look]]  #: of the bodies
-    next: TreeJoint | None
-    end: Pose  #: of the next joint, or of the tip
-    tip: str | None  #: the name of the tip, if it is another body
+    seats: list[_Seat] = field(default_factory=list)
 
 
 @dataclass
@@ -70,41 +80,92 @@ class Conversion:
     notes: list[str] = field(default_factory=list)
 
 
-def chain(
-    tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops: Any, springs: Mapping[str, Any]
+def arm_links(
+    tree: Tree, tip: Any, flexible: Mapping[str, Any] | None, stops: Any, springs: Mapping[str, Any]
 ) -> Conversion:
     """The links of an arm that ends with `tip`; see from_urdf. `springs`: values that replace the file's, by the names
     of fa.Joint's arguments."""
-    path = tree.path(tree.default_tip() if tip is None else tip)
+    tips = [tip] if isinstance(tip, str) else tip
+    if tips is not None and not (isinstance(tips, Sequence) and tips and all(isinstance(x, str) for x in tips)):
+        raise ValueError(f"tip = {tip!r}: must be the name of a link, or a list of names")
+    path = tree.ways(tips)
     moving = [j for j in path if j.moves]
     if not moving:
-        raise ValueError(f"tip = {tip!r}: no joint on the way to it moves")
-    for joint in moving:
-        if joint.kind not in MOVING:
-            raise ValueError(f"joint '{joint.name}': type '{joint.kind}' is not supported; choose a tip ahead of it")
+        no = "the file has no joint that moves" if tips is None else f"tip = {tip!r}: no joint on the way to it moves"
+        raise ValueError(no)
+    groups = _groups(tree, path, tips or ())
+    _check_kinds(tree, moving, groups)
     _set_springs(moving, springs)
-    out = Conversion()
-    groups = [_group(tree, path, k) for k, j in enumerate(path) if j.moves]
-    _note_omissions(tree, path, out)
+    out, base = Conversion(), groups[tree.root]
+    _note_omissions(tree, path, base, out)
     wanted = _read_flexible(flexible, groups)
-    base = tree.path(moving[0].parent)
-    inboard = moving[0].origin
-    for joint in reversed(base):
-        inboard = joint.rest_pose @ inboard
     limited = [j.name for j in moving if j.lower is not None or j.upper is not None]
     if limited and stops is None:
         out.notes.append(f"limits of position (`stops` makes soft stops of them): {_first_few(limited)}")
-    for group in groups:
-        link, inboard = _link(group, inboard, wanted.get(group.joint.child), stops, out)
+    seats = {seat.name: (owner, seat) for owner, group in groups.items() for seat in group.seats}
+    ends, numbers, parents = {tree.root: Pose()}, {tree.root: -1}, list[int]()
+    for name in (j.child for j in path if j.child in seats):
+        owner, seat = seats[name]
+        inboard = ends[owner].seen(seat.at)
+        if seat.joint is not None:
+            link, ends[name] = _link(groups[name], inboard, wanted.get(name), stops, out)
+        else:
+            link = Link(Fixed(inboard=_placement(inboard)), name=_named(name, out))
+        numbers[name] = len(out.links)
+        parents.append(numbers[owner])
         out.links.append(link)
-    first, standing = groups[0].joint, out.links[0]
-    looks = [_placed(pose @ at, look, "base") for name, pose in tree.beneath(tree.root, first)
-             for at, look in tree.looks.get(name, [])]  # fmt: skip
+    out.links = seated(out.links, parents)
+    looks = [_placed(pose, look, "base") for _, pose, look in base.looks]
     if looks:
-        out.links[0] = replace(standing, looks=[*looks, *standing.looks])
-    last = groups[-1]
-    if last.tip is not None:
-        out.links.append(Link(Fixed(inboard=_placement(inboard)), name=_named(last.tip, out)))
+        out.links[0] = replace(out.links[0], looks=[*looks, *out.links[0].looks])
+    return out
+
+
+def _groups(tree: Tree, path: Sequence[TreeJoint], tips: Sequence[str]) -> dict[str, _Group]:
+    """The base and the future links, by the names of their first bodies."""
+    joints = [TreeJoint("", "fixed", "", tree.root), *(j for j in path if j.moves)]
+    kept = {j.child for j in joints}
+    out = {j.child: _group(tree, j, kept) for j in joints}
+    carriers = {name: group for group in out.values() for name in group.places}
+    for j in path:
+        group = carriers[j.parent]
+        if j.moves:
+            group.seats.append(_Seat(j.child, j, j.parent, group.places[j.parent] @ j.origin))
+        elif j.child in tips and group.joint.moves:
+            group.seats.append(_Seat(j.child, None, j.child, group.places[j.child]))
+    return out
+
+
+def _group(tree: Tree, joint: TreeJoint, kept: Container[str]) -> _Group:
+    bodies = tree.beneath(joint.child, kept)
+    masses = [(name, tree.bodies[name].placed(pose)) for name, pose in bodies]
+    places = {joint.child: Pose()}
+    for name, pose in bodies[1:]:  # parents come first
+        if tree.above[name].parent in places and not tree.above[name].moves:
+            places[name] = pose
+    looks = [(name, pose @ there, look) for name, pose in bodies for there, look in tree.looks.get(name, [])]
+    return _Group(joint, masses, places, looks)
+
+
+def _check_kinds(tree: Tree, moving: Sequence[TreeJoint], groups: Mapping[str, _Group]) -> None:
+    """Refuses joints that arms from files do not have, and tells the tips that stay ahead of them."""
+    bad = [j for j in moving if j.kind not in MOVING]
+    if bad:
+        near = {name for name, _ in tree.beneath(tree.root, {j.child for j in bad})}
+        ends = [n for n, g in groups.items() if g.joint.moves and n in near and not near & {s.name for s in g.seats}]
+        hint = f"; choose tips ahead of it: tip = {ends}" if ends else ""
+        raise ValueError(f"joint '{bad[0].name}': type '{bad[0].kind}' is not supported{hint}")
+
+
+def seated(links: Sequence[Link], parents: Sequence[int]) -> list[Link]:
+    """The links on the ends of those with these numbers (-1: the world), by name where one link or joint has it."""
+    words = Counter(word for link in links for word in {link.name, link.joint.name})
+    out = []
+    for k, (link, n) in enumerate(zip(links, parents, strict=True)):
+        name = links[n].name
+        known = name if name not in (None, "world") and words[name] == 1 else n
+        parent = None if n == k - 1 else "world" if n < 0 else known
+        out.append(link if parent == link.parent else replace(link, parent=parent))
     return out
 
 
@@ -126,38 +187,13 @@ def _set_springs(moving: Sequence[TreeJoint], springs: Mapping[str, Any]) -> Non
             joint.springs[argument] = number(f"{argument}['{key}']", value)
 
 
-def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
-    joint = path[k]
-    at, after = Pose(), None
-    for i in range(k + 1, len(path)):
-        after = path[i]
-        if after.moves:
-            break
-        at = at @ after.rest_pose
-    following = after if after is not None and after.moves else None
-    if following is not None:
-        at = at @ following.origin
-    bodies = tree.beneath(joint.child, following)
-    masses = [(name, tree.bodies[name].placed(pose)) for name, pose in bodies]
-    fixed = {joint.child: Pose()}
-    for name, pose in bodies[1:]:  # parents come first
-        if tree.above[name].parent in fixed and not tree.above[name].moves:
-            fixed[name] = pose
-    tip = path[-1].child if following is None and path[-1] is not joint else None
-    looks = [(name, pose @ there, look) for name, pose in bodies for there, look in tree.looks.get(name, [])]
-    return _Group(joint, masses, fixed, looks, following, at, tip)
-
-
-def _note_omissions(tree: Tree, path: Sequence[TreeJoint], out: Conversion) -> None:
-    """Notes branches off the chain, bodies fixed to the base, and the reader's omissions."""
-    first = next(j for j in path if j.moves)
-    base = tree.beneath(tree.root, first)
-    still = sum(tree.bodies[name].mass for name, _ in base)
+def _note_omissions(tree: Tree, path: Sequence[TreeJoint], base: _Group, out: Conversion) -> None:
+    """Notes branches that are held, bodies fixed to the base, and the reader's omissions."""
+    still = sum(mass.mass for _, mass in base.bodies)
     if still:
         out.notes.append(f"{still:.6g} kg fixed to the base: it does not move")
-    on_base = {name for name, _ in base}
-    on_path = {id(j) for j in path}
-    away = [j for j in tree.joints if j.moves and id(j) not in on_path]
+    on_base, on_path = {name for name, _ in base.bodies}, {j.child for j in path}
+    away = [j for j in tree.joints if j.moves and j.child not in on_path]
     off, held = [j.name for j in away], {j.name for j in away if j.child not in on_base}
     if held:
         how = "they are held at zero, their bodies move with the link"
@@ -177,12 +213,12 @@ def _first_few(names: Iterable[str]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
-def _read_flexible(flexible: Mapping[str, Any] | None, groups: Sequence[_Group]) -> dict[str, Flexible]:
+def _read_flexible(flexible: Mapping[str, Any] | None, groups: Mapping[str, _Group]) -> dict[str, Flexible]:
     if flexible is None:
         return {}
-    known = {g.joint.child: g for g in groups}
+    known = {name: g for name, g in groups.items() if g.joint.moves}
     for name in set(flexible) - set(known) if isinstance(flexible, Mapping) else ():
-        for g in groups:
+        for g in known.values():
             if name in g.places:
                 raise ValueError(f"flexible: '{name}' is fixed to '{g.joint.child}'; name that, which can be a beam")
     known_keys("flexible", flexible, known)
@@ -248,19 +284,19 @@ def _body(where: str, mass: Mass, axes: Array, origin: Array, end: Array) -> Rig
 
 
 def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, out: Conversion) -> tuple[Link, Pose]:
-    """A link, and the frame of the next joint on its end."""
+    """A link, and its end: the place of the first that sits on it, in the axes of the link that is made."""
     name, outboard = g.joint.child, g.joint.outboard
-    end = g.end
+    end = g.seats[0].at.position if g.seats else np.zeros(3)
     if wanted is None:
-        hub = _body(name, merged(m for _, m in g.bodies), np.eye(3), np.zeros(3), end.position)
+        hub = _body(name, merged(m for _, m in g.bodies), np.eye(3), np.zeros(3), end)
         looks = [_placed(pose, look, "hub") for _, pose, look in g.looks]
         link = Link(_joint(g.joint, inboard, outboard, stops, out), hub, name=_named(name, out), looks=looks)
-        return link, Pose(rotation=end.rotation)
+        return link, Pose(end)
     where = f"flexible['{name}']"
     a = _point(f"{where}.start", wanted.start, g, np.zeros(3))
-    b = _point(f"{where}.end", wanted.end, g, None if g.next is None and g.tip is None else end.position)
-    if g.next is None and g.tip is None:  # the arm ends with the beam
-        end = Pose(b)
+    nexts = sorted((s.at.position for s in g.seats), key=lambda p: abs(np.linalg.norm(p - a) - wanted.beam.length))
+    b = _point(f"{where}.end", wanted.end, g, nexts[0] if nexts else None)
+    end = end if g.seats else b  # the arm ends with the beam
     axes, length = _beam_axes(where, wanted, a, b)
     if abs(wanted.beam.length - length) > 1e-6 * length:
         raise ValueError(
@@ -268,19 +304,26 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, out: Co
             f"{np.round(a, 9).tolist()} to its end {np.round(b, 9).tolist()}"
         )
     own, x = g.bodies[0][1], axes[:, 0]
-    kept = [m for n, m in g.bodies if n != name or wanted.mass == "add"]
+    kept = [(n, m) for n, m in g.bodies if n != name or wanted.mass == "add"]
     if wanted.mass == "replace" and own.mass:
         out.notes.append(f"the {own.mass:.6g} kg of '{name}': its beam of {wanted.beam.mass:.6g} kg replaces them")
-    near = [m for m in kept if (m.com - a) @ x <= length / 2]
-    far = [m for m in kept if (m.com - a) @ x > length / 2]
-    hub = _body(name, merged(near), axes, np.zeros(3), a)
-    tip = _body(name, merged(far), axes, b, end.position - b)
+    far = {n for n, m in kept if (m.com - a) @ x > length / 2}
+    for seat in g.seats:
+        along = float((seat.at.position - a) @ x)
+        if along < length * (1 - 1e-6) and (seat.on == name or seat.on not in far):
+            which = f"joint '{seat.joint.name}'" if seat.joint else f"tip '{seat.name}'"
+            raise ValueError(
+                f"{where}: {which} sits {along:.6g} m along the beam of {length:.6g} m, not on its end; give a beam "
+                "that ends there, or leave the link rigid"
+            )
+    hub = _body(name, merged(m for n, m in kept if n not in far), axes, np.zeros(3), a)
+    tip = _body(name, merged(m for n, m in kept if n in far), axes, b, end - b)
     if not np.array_equal(axes, np.eye(3)):
         out.notes.append(f"the axes of '{name}': those of its beam are the link's here")
     turned = Pose(outboard.position, outboard.rotation @ axes)
     joint = _joint(g.joint, inboard, turned, stops, out)
     looks = _looks_of_beam(g, wanted, axes, a, b, out)
-    return Link(joint, hub, wanted.beam, tip, _named(name, out), looks), Pose(rotation=axes.T @ end.rotation)
+    return Link(joint, hub, wanted.beam, tip, _named(name, out), looks=looks), Pose(end, axes)
 
 
 def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array, out: Conversion) -> list[Look]:
@@ -292,8 +335,7 @@ def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array,
             continue
         far = (pose.position - a) @ axes[:, 0] > wanted.beam.length / 2
         origin = b if far else np.zeros(3)
-        seen = Pose(axes.T @ (pose.position - origin), axes.T @ pose.rotation)
-        looks.append(_placed(seen, look, "tip" if far else "hub"))
+        looks.append(_placed(Pose(origin, axes).seen(pose), look, "tip" if far else "hub"))
     if len(looks) < len(g.looks):
         out.notes.append(f"the look of '{g.joint.child}': its beam is drawn")
     return looks

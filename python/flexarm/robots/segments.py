@@ -14,6 +14,7 @@ from ..model.parts.chain import Chain
 from ..model.parts.joints import Axes, Fixed
 from ..model.parts.link import Link
 from ..model.parts.split import piece
+from .chain import seated
 from .tree import Mass, Pose, merged, realisable
 
 #: a hinge for each strain, in the order of its rotations: about z, then the moved y, then the moved x
@@ -44,6 +45,12 @@ class Segmented:
         """Names of its links: those of the first arm, and "NAME segment 1" and so on for a beam's segments."""
         own = self.arm.links
         return tuple(own[i].name or f"link {k}" for i, k in enumerate(self.of))
+
+    @property
+    def tips(self) -> dict[int, str]:
+        """A name for the end of each of its links that carries no other: "tip", or, of several, "NAME tip"."""
+        ends = self.arm.ends
+        return {i: f"{self.names[self.of.index(self.of[i])]} tip" if len(ends) > 1 else "tip" for i in ends}
 
     @property
     def hinges(self) -> frozenset[int]:
@@ -158,6 +165,8 @@ def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...], list[str]]:
     """The arm in pieces, the link of each piece, and the links whose moments of inertia were raised."""
     links: list[Link] = []
     of: list[int] = []
+    parents: list[int] = []
+    last = {-1: -1}  # of each link, its last piece
     raised: list[str] = []
     for k, link in enumerate(arm.links):
         corrected: list[bool] = []
@@ -167,10 +176,12 @@ def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...], list[str]]:
             end = _end(link.hub)
             body = _rigid([mass_of(link.hub), mass_of(link.tip).placed(Pose(end))], end + _end(link.tip), corrected)
             parts = [replace(link, hub=body, tip=None) if link.tip or any(corrected) else link]
+        parents += [last[arm.parents[k]], *range(len(links), len(links) + len(parts) - 1)]
         links += parts
+        last[k] = len(links) - 1
         of += [k] * len(parts)
         raised += [arm.names[k]] if any(corrected) else []
-    return links, tuple(of), raised
+    return seated(links, parents), tuple(of), raised
 
 
 def mass_of(body: RigidBody | None) -> Mass:

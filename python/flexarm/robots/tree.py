@@ -1,8 +1,8 @@
-"""A robot as described by its file: bodies on joints in a tree, and its serial chain that leads to one body."""
+"""A robot as described by its file: bodies on joints in a tree."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,6 +34,10 @@ class Pose:
     @property
     def inverse(self) -> Pose:
         return Pose(-self.rotation.T @ self.position, self.rotation.T)
+
+    def seen(self, other: Pose) -> Pose:
+        """A frame that stands beside this one, in this one."""
+        return Pose(self.rotation.T @ (other.position - self.position), self.rotation.T @ other.rotation)
 
 
 @dataclass(frozen=True)
@@ -157,42 +161,23 @@ class Tree:
         if lost:
             raise ValueError(f"link '{sorted(lost)[0]}': hangs in a loop of joints, which is not supported")
 
-    def path(self, tip: str) -> list[TreeJoint]:
-        """The joints from the base to a link."""
-        choice("tip", tip, self.bodies)
-        out: list[TreeJoint] = []
-        while tip in self.above:
-            out.append(self.above[tip])
-            tip = out[-1].parent
-        return out[::-1]
+    def ways(self, tips: Sequence[str] | None) -> list[TreeJoint]:
+        """The joints on the ways from the base to these bodies, None: to all that move; parents first, branch after
+        branch."""
+        passed: set[str] = set()
+        for tip in (j.child for j in self.joints if j.moves) if tips is None else tips:
+            choice("tip", tip, self.bodies)
+            while tip in self.above and tip not in passed:
+                passed.add(tip)
+                tip = self.above[tip].parent
+        return [self.above[name] for name, _ in self.beneath(self.root) if name in passed]
 
-    def beneath(self, name: str, without: TreeJoint | None = None) -> list[tuple[str, Pose]]:
-        """A body and all its descendants, except those behind the joint `without`, with their poses at zero; parents
-        first."""
+    def beneath(self, name: str, without: Container[str] = ()) -> list[tuple[str, Pose]]:
+        """A body and all its descendants, except those that begin with a body of `without`, with their poses at zero;
+        parents first, branch after branch."""
         out, todo = [], [(name, Pose())]
         while todo:
             body, pose = todo.pop()
             out.append((body, pose))
-            todo += [(j.child, pose @ j.rest_pose) for j in self.below[body] if j is not without]
+            todo += [(j.child, pose @ j.rest_pose) for j in reversed(self.below[body]) if j.child not in without]
         return out
-
-    def default_tip(self) -> str:
-        """The last body that moves, if the moving joints are one chain."""
-        moving = [j for j in self.joints if j.moves]
-        if not moving:
-            raise ValueError("the file has no joint that moves")
-        joints, moves = {self.root: 0}, {self.root: False}  # of each body: its depth, and whether it moves
-        for name, _ in self.beneath(self.root)[1:]:
-            above = self.above[name]
-            joints[name], moves[name] = joints[above.parent] + 1, above.moves or moves[above.parent]
-        longest = self.path(max(moving, key=lambda j: joints[j.child]).child)
-        on_path = {id(j) for j in longest}
-        apart = [j for j in moving if id(j) not in on_path]
-        if apart:
-            ends = [n for n in self.bodies if not any(j.moves for j in self.below[n]) and moves[n]]
-            few = ", ".join(ends[:12]) + (", ..." if len(ends) > 12 else "")
-            raise ValueError(
-                f"tip: the robot branches, '{apart[0].name}' is not on the way to '{longest[-1].child}'; "
-                f"choose the link that the arm ends with, such as one of {few}"
-            )
-        return longest[-1].child

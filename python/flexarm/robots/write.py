@@ -126,7 +126,7 @@ def _has(joint: Joint, field: str) -> bool:
 
 def mjcf(cut: Segmented) -> str:
     """The file: a body for each link, hinges and slides for its joint, a motor for each of the arm's own freedoms, and
-    a site at the tip."""
+    a site at each tip."""
     arm, w = cut.arm, float(locked_frequencies(cut.arm, cut.hinges).max(initial=500.0))
     digit = 10.0 ** np.floor(-np.log10(w))
     step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of the largest stable step
@@ -134,14 +134,14 @@ def mjcf(cut: Segmented) -> str:
     ET.SubElement(root, "compiler", angle="radian", autolimits="false")
     option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
     ET.SubElement(root, "option", option)
-    element = ET.SubElement(root, "worldbody")
-    end, motors, taken = Pose(), list[str](), _taken(arm)
+    elements, ends = {-1: ET.SubElement(root, "worldbody")}, {-1: Pose()}  # of the world, and of each link
+    motors, taken = list[str](), _taken(arm)
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
         name = _free(name, [WORLD])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
-        at = end @ inboard @ outboard
+        at = ends[arm.parents[k]] @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
-        element = ET.SubElement(element, "body", name=name, pos=_numbers(at.position), quat=turn)
+        element = ET.SubElement(elements[arm.parents[k]], "body", name=name, pos=_numbers(at.position), quat=turn)
         freedoms = _freedoms(name, link.joint, taken)
         anchor = outboard.inverse
         for f in freedoms:
@@ -150,8 +150,9 @@ def mjcf(cut: Segmented) -> str:
             motors += [f.name for f in freedoms]
         _mjcf_inertia(element, mass_of(link.hub), bool(freedoms))
         _mjcf_shape(element, _at_end(link))
-        end = Pose(_at_end(link))
-    ET.SubElement(element, "site", name="tip", pos=_numbers(end.position))
+        elements[k], ends[k] = element, Pose(_at_end(link))
+    for k, tip in cut.tips.items():
+        ET.SubElement(elements[k], "site", name=tip, pos=_numbers(ends[k].position))
     if motors:
         actuator = ET.SubElement(root, "actuator")
         for name in motors:
@@ -198,16 +199,16 @@ def _mjcf_shape(body: ET.Element, end: Array) -> None:
 
 
 def urdf(cut: Segmented) -> str:
-    """The file: a link and a joint for each freedom, a fixed link "tip" at the end. Springs stand in <gazebo> elements,
+    """The file: a link and a joint for each freedom, a fixed link at each tip. Springs stand in <gazebo> elements,
     which Gazebo reads."""
     root = ET.Element("robot", name="arm")
-    parent, springs, taken = _free(WORLD, cut.names), list[_Freedom](), _taken(cut.arm)
-    ET.SubElement(root, "link", name=parent)
-    end = Pose()
-    for name, link in zip(cut.names, cut.arm.links, strict=True):
+    springs, taken = list[_Freedom](), _taken(cut.arm)
+    bodies, ends = {-1: _free(WORLD, cut.names)}, {-1: Pose()}  # of the world and each link: the file's link, its end
+    ET.SubElement(root, "link", name=bodies[-1])
+    for n, (name, link) in enumerate(zip(cut.names, cut.arm.links, strict=True)):
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         freedoms: list[_Freedom | None] = list(_freedoms(name, link.joint, taken)) or [None]
-        at = end @ inboard
+        parent, at = bodies[cut.arm.parents[n]], ends[cut.arm.parents[n]] @ inboard
         for k, f in enumerate(freedoms):
             child = name if k + 1 == len(freedoms) else f"{name} {k + 1} of {len(freedoms)}"
             body = ET.SubElement(root, "link", name=child)
@@ -216,10 +217,11 @@ def urdf(cut: Segmented) -> str:
             _urdf_joint(root, f or link.joint.name or f"{child} (fixed)", at, parent, child)
             springs += [f] if f is not None and f.values["stiffness"] else []
             parent, at = child, Pose()
-        end = outboard @ Pose(_at_end(link))
-    tip = _free("tip", cut.names)
-    ET.SubElement(root, "link", name=tip)
-    _urdf_joint(root, f"{tip} (fixed)", end, parent, tip)
+        bodies[n], ends[n] = parent, outboard @ Pose(_at_end(link))
+    for n, tip in cut.tips.items():
+        tip = _free(tip, cut.names)
+        ET.SubElement(root, "link", name=tip)
+        _urdf_joint(root, f"{tip} (fixed)", ends[n], bodies[n], tip)
     for f in springs:
         spring = ET.SubElement(root, "gazebo", reference=f.name)
         ET.SubElement(spring, "springStiffness").text = _numbers(f.values["stiffness"])

@@ -55,8 +55,8 @@ class Move:
         torques: of the joints, gravity included (N, N m), (n, nj): the reactions of the flexible arm to this motion;
             as feed-forward they produce it.
         joints: their names. duration: of the move (s).
-        rigid_duration: of the time-optimal move of the arm with rigid beams along the same path (s), under the same
-            limits of torque, speed and acceleration.
+        rigid_duration: of the time-optimal move of the arm with rigid beams along the same path, or the straight line
+            (s), under the same limits of torque, speed and acceleration.
         half_period: of the slowest mode with locked joints (s), at the start or the end, the shorter one; 0 for a rigid
             arm. It is the time that a ZV shaper adds.
         frequencies: with locked joints, at the start and at the end (rad/s), (2, n): of the modes that are brought to

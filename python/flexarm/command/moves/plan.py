@@ -22,13 +22,15 @@ from .route import Profile, Route, path_points
 from .search import PENALTIES, Aim, Found, Search
 
 Tell = Callable[[str], None] | None
-METHODS = ("fast", "shaped", "optimal")
-_KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; for independent joints
-_PER_HALF = 10  # knots in half a period of the slowest mode
+METHODS = ("fast", "shaped")
+_KNOTS, _KNOTS_EACH = (160, 240), (60, 120)  # of a motion, at least and at most: along a route, and of each joint
+_KNOTS_ALL, _KNOTS_FEW = 240, 24  # of all joints; each has fewer, down to the second, where these would be more
+_ASIDE = 1e-3  # of the largest way: how far a joint without stops that stays may move
+_PER_HALF, _PER_HALF_EACH = 10, 2  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered if its frequency times the time between knots is below this
 _MODES = 12  # steered, at most
 _ROUNDS, _TRIES = 40, 12  # of a search for the least time, and for the smoothest motion in a given one
-_TIGHTER = 3  # attempts with larger margins, if limits are passed between the knots
+_TIGHTER = 5  # attempts with larger margins, if limits are passed between the knots
 _MARGIN = 3e-3  # first margin of torque, which is not steered between the knots
 _RIPPLE = 5e-3  # excess between the knots, above which the search includes rows there
 _ROUNDING = 1e-5  # accepted excess over a limit
@@ -58,12 +60,13 @@ def plan_move(
 ) -> Move:
     """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
 
-    By default the joints go together along the straight line between both positions, or along `path`, in about the
-    least time in which the limits allow it: a search finds a local optimum, and ends early if the limits are far
-    away. First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). The motion
-    is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end: by linear
-    programmes on exact Jacobians along the run, in which modes may change with the pose. The result is run once more
-    by "ida": `.limits` and `.residual` are of that run.
+    By default each joint goes its own way, or all go together along `path`, in about the least time in which the limits
+    allow it: a search finds a local optimum, and ends early if the limits are far away. A joint stays between its
+    stops; without stops and path, between both positions. First the time-optimal move of the rigid arm along the path
+    or the straight line is found (Bobrow et al. 1985, Verscheure et al. 2009). The motion is then chosen so that on the
+    flexible arm, simulated, all limits hold and nothing swings at the end: by linear programmes on exact Jacobians
+    along the run, in which modes may change with the pose. The result is run once more by "ida": `.limits` and
+    `.residual` are of that run.
 
     Every joint is driven, and the arm starts and ends in balance with gravity. Accelerations are continuous, and zero
     at both ends.
@@ -77,14 +80,12 @@ def plan_move(
             is one number for all joints, one for each, or a dictionary by link or (link, freedom). None, and joints
             that a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
         path: instead of q_from and q_to: samples (n, nj) of joint positions, through which a smooth curve goes (of
-            degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
+            degree five); or a function of s from 0 to 1 that gives them. [q_from, q_to] is the straight line.
         residual: vibration allowed after the move, as a part of the vibration after the time-optimal rigid move; a
             MoveWarning says if it is more.
-        method: "fast": the least time along the line or the path. "optimal": the least time for independent joints,
-            which is less, and takes longer to find; with a path, and for one joint, as "fast". "shaped": as smooth as
-            it can be (the least largest jerk along the path) in the time that the rigid arm needs plus half a period of
-            the slowest mode, the cost of a command without vibration (Singer and Seering 1990); longer if that is too
-            short for the limits.
+        method: "fast": the least time. "shaped": as smooth as it can be (the least largest jerk along the path, or the
+            straight line) in the time that the rigid arm needs plus half a period of the slowest mode, the cost of a
+            command without vibration (Singer and Seering 1990); longer if that is too short for the limits.
         progress: shows progress of the search on stderr: a bar, or lines where that is no terminal; or a callable
             (done, text).
 
@@ -99,6 +100,8 @@ def plan_move(
         MoveWarning: the remaining vibration is above `residual`, or a limit is passed.
     """
     driven = Driven.of(arm)
+    if method == "optimal":
+        raise ValueError("method = 'optimal': is 'fast' now, the default; path = [q_from, q_to] keeps to the line")
     choice("method", method, METHODS)
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:
@@ -110,10 +113,9 @@ def plan_move(
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, within)
         plant = MovedArm(arm, driven, route.start, route.end)
-        independent = method == "optimal" and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, within, route, rigid, len(driven.rates) if independent else 1, allowed, say)
-        search = plan.shaped if method == "shaped" else plan.optimal if independent else plan.fast
-        move = plan.move(*search())
+        independent = method == "fast" and path is None and len(driven.rates) > 1
+        plan = _Plan(plant, within, route, rigid, independent, allowed, say)
+        move = plan.move(*(plan.shaped() if method == "shaped" else plan.fast()))
     _warn(move, allowed, plan.scale)
     return move
 
@@ -164,12 +166,16 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """The problem of a planned move, and the searches for its solution."""
 
-    def __init__(self, plant: MovedArm, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
-                 tell: Tell) -> None:  # fmt: skip
+    def __init__(self, plant: MovedArm, limits: Limits, route: Route, rigid: RigidMove, independent: bool,
+                 allowed: float, tell: Tell) -> None:  # fmt: skip
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
+        self.independent = independent
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
-        self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS)) if ways == 1 else _KNOTS_EACH
+        self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS))
+        if independent:
+            least = np.clip(_KNOTS_ALL // len(route.end), _KNOTS_FEW, _KNOTS_EACH[0])
+            self.knots = int(np.clip(np.ceil(_PER_HALF_EACH * per), least, _KNOTS_EACH[1]))
         w = plant.modes.frequencies
         self.kept = min(_MODES, int((w * self.target / self.knots < _FAST).sum()))
         self.rigid_drive = plant.drive(*held(*self._rigid_samples()))
@@ -205,35 +211,34 @@ class _Plan:
         else:
             t = np.linspace(0.0, T, n + 1)
             alpha = 0.5 * T**2 * (self.rigid.at(t)[2] + self.rigid.at(t - half)[2])
-        return at_rest(Profile(T, alpha[:, None], np.zeros(1), self.route))
+        along = at_rest(Profile(T, alpha[:, None], np.zeros(1), self.route))
+        if not self.independent:
+            return along
+        return Profile(T, along.alpha * (self.route.end - self.route.start), self.route.start, None)
 
-    def _aim(self, end: Array, size: Array) -> Aim:
+    def _aim(self) -> Aim:
         tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
-        return Aim(tight, False, end, size, self.scale, self.kept, self.enough)
-
-    def _independent(self) -> Aim:
-        """The aim of independent joints."""
-        way = np.abs(self.route.end - self.route.start)
+        if not self.independent:
+            return Aim(tight, False, np.ones(1), np.full(1, 4.0), self.scale, self.kept, self.enough)
+        start, end = self.route.start, self.route.end
+        way, endless = np.abs(end - start), np.isinf(tight.reach)
+        tight = replace(tight, middle=np.where(endless, 0.5 * (start + end), tight.middle),
+                        reach=np.where(endless, np.maximum(0.5 * way, _ASIDE * way.max()), tight.reach))  # fmt: skip
         M = np.diag(self.plant.arm.mass_matrix(self.plant.q_end))[self.plant.driven.rates]
         able = np.minimum(self.limits.acceleration, self.limits.torque / M)  # approximate largest accelerations
-        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * (way / able).max() * able))
+        size = 4.0 * np.maximum(way, 0.25 * (way / able).max() * able)
+        return Aim(tight, False, end, size, self.scale, self.kept, self.enough)
 
     def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
         return Search(self.plant, aim, first, self.tell).solve(first, rounds)
 
     def shaped(self) -> tuple[Found, Any]:
-        return self._within(self._aim(np.ones(1), np.full(1, 4.0)), self._first())
+        return self._within(self._aim(), self._first())
 
     def fast(self) -> tuple[Found, Any]:
-        """The least time of all joints together along the route; then a little more of it, and smooth."""
-        aim, first = self._aim(np.ones(1), np.full(1, 4.0)), self._first()
+        """The least time; then a little more of it, and smooth."""
+        aim, first = self._aim(), self._first()
         return self._within(aim, self._least(aim, first), first)
-
-    def optimal(self) -> tuple[Found, Any]:
-        """The least time of independent joints, from the shaped motion on; then a little more of it, and smooth."""
-        first, aim = self.shaped()[0].profile, self._independent()
-        first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
-        return self._within(aim, self._least(aim, first))
 
     def _least(self, aim: Aim, first: Profile) -> Profile:
         """The least time, and a little more."""
@@ -281,7 +286,7 @@ class _Plan:
             margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
             if any((x > _RIPPLE).any() for x in over.values()) and p.fine == 1:  # include rows between the knots
                 margin, p = {"torque": _MARGIN}, replace(p, fine=2)
-            tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
+            tight = replace(aim.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
             found = self._smooth(replace(aim, limits=tight), p)
         return found, run
 

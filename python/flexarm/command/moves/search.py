@@ -29,7 +29,6 @@ _SMOOTH_ALONE = 1e-2  # and if it alone is minimised
 _TOLERANCE, _NOISE = 1e-3, 2e-4  # final tolerance of limits; tolerance of limits and vibration in a step
 _GAIN, _GAIN_OF_PENALTY = 2e-4, 0.02  # least gain of a round, as parts of the objective and of the penalties
 _JERK = 8.0  # largest jerk of the smoothest motion, in parts of the size of its accelerations
-_CORRECTIONS = (1, 3)  # of a step, at most: along a route (more gain less than 0.4 %), and of independent joints
 _DT = 1e-5  # relative difference of the duration for derivatives
 _SIMPLEX = {"presolve": False}  # it removes no dense row, and takes a quarter of the time
 
@@ -140,7 +139,6 @@ class Search:
             if self.tell is not None:
                 self.tell(f"round {k + 1}: {best.profile.duration:.4g} s, {100 * best.left:.2g} % left")
             slopes = self._slopes(best)
-            corrections = _CORRECTIONS[best.profile.route is None]
             while True:
                 step, promised = self._next(best, best, slopes, trust)
                 gain = best.merit - promised
@@ -149,12 +147,10 @@ class Search:
                 if step is None or trust < 1e-3 or gain < worth:
                     return best
                 trial = self.judge(step)
-                for _ in range(corrections):  # further steps with the same slopes correct for curvature
-                    step = self._next(trial, best, slopes, trust)[0] if max(trial.over, trial.left) > _NOISE else None
-                    corrected = trial if step is None else self.judge(step)
-                    if corrected.merit >= trial.merit:
-                        break
-                    trial = corrected
+                # a further step with the same slopes corrects for curvature
+                step = self._next(trial, best, slopes, trust)[0] if max(trial.over, trial.left) > _NOISE else None
+                if step is not None:
+                    trial = min(trial, self.judge(step), key=lambda found: found.merit)
                 share = (best.merit - trial.merit) / max(gain, 1e-300)
                 if share > 0.05:
                     break

@@ -29,10 +29,10 @@ class Link(Part):
         tip: the rigid body on the beam's end, such as a payload.
         name: such as "forearm"; it may be used instead of the link's number, and labels the elastic coordinates, and a
             joint without a name. No dots, no number; unique in the arm.
-        parent: the link on whose end the joint sits: the name or the number of one before it in the list, or "world";
-            None: the link before it, or the world for the first one. A link that several others name carries branches.
         looks: meshes and solids that are drawn for it, besides its beam. Without them each rigid body is
             drawn as the box of the same inertia.
+        parent: the link on whose end the joint sits: the name or the number of one before it in the list, or "world";
+            None: the link before it, or the world for the first one. A link that several others name carries branches.
     """
 
     joint: Joint
@@ -40,8 +40,8 @@ class Link(Part):
     beam: Beam | None = None
     tip: RigidBody | None = None
     name: str | None = None
-    parent: str | int | None = None
     looks: Sequence[Look] = ()
+    parent: str | int | None = None
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def _made(self) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 from ..._check import array
 from ...arm.arm import Arm
 from ...model.parts.beam import Beam
-from ...robots.chain import Flexible, chain
+from ...robots.chain import Flexible, arm_links
 from ...robots.mjcf import read_mjcf
 from ...robots.tree import RobotWarning, Tree
 from ...robots.urdf import read_urdf
@@ -19,7 +19,7 @@ from ...robots.urdf import read_urdf
 def from_urdf(
     path: str | Path,
     *,
-    tip: str | None = None,
+    tip: str | Sequence[str] | None = None,
     flexible: Mapping[str, Beam | Flexible] | None = None,
     stops: float | Sequence[float] | None = None,
     reflected_inertia: float | Mapping[str, float] | None = None,
@@ -27,19 +27,21 @@ def from_urdf(
     coulomb: float | Mapping[str, float] | None = None,
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
 ) -> Arm:
-    """An arm from a URDF file: the chain of joints from its base to one of its links.
+    """An arm from a URDF file: the tree of its joints, or the chain to one of its links.
 
     Each moving joint, with its child link and all links fixed to that, becomes one link of the arm, with the URDF's
     frames and the URDF's names of link and joint. Origins, axes, inertias, damping and (dry) friction are kept. The
-    arm's world is the base's frame.
+    arm's world is the base's frame, and links on the base have the parent "world". The links stand branch after branch,
+    in the order of the file's joints; a link's end is the place of the first joint on it.
 
     Args:
         path: of the file.
         tip: the last link of the arm, whose frame is `arm.frame(q)`; if it is fixed to a moving link, it becomes a link
-            of its own, without mass. None: the last moving link, if these are one chain. Joints of other branches are
-            locked at zero, and their bodies move with the link that carries them.
+            of its own, without mass. A list: the last links of a tree. Joints of other branches are locked at zero, and
+            their bodies move with the link that carries them. None: all joints that move.
         flexible: flexible links: by the name of a moving link, a Beam from its joint to the next one (or the tip), with
-            that length, whose mass replaces the link's own; or a Flexible for other cases.
+            that length, whose mass replaces the link's own; or a Flexible for other cases. What sits on a beam must sit
+            on its end: there, beyond it, or on a body that is fixed to it.
         stops: soft stops at the position limits: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no stops.
         reflected_inertia: of the drives' rotors at the joints (kg m^2, kg), which URDF lacks: one number for all moving
             joints, or by the name of a joint or of its child link, {"elbow": 0.1}.
@@ -48,8 +50,9 @@ def from_urdf(
         gravity: in the base's axes (m/s^2).
 
     Raises:
-        ValueError: no such file, bad XML (with the line), a loop, a floating, planar or mimic joint in the chain, an
-            impossible inertia, an unknown name (with the known ones); each with the name of the link or joint.
+        ValueError: no such file, bad XML (with the line), a loop, a floating, planar or mimic joint on the way to a tip
+            (with the tips ahead of them), an impossible inertia, an unknown name (with the known ones), a joint along a
+            beam; each with the name of the link or joint.
         ImportError: the parser is missing.
 
     Warns:
@@ -62,7 +65,7 @@ def from_urdf(
 def from_mjcf(
     path: str | Path,
     *,
-    tip: str | None = None,
+    tip: str | Sequence[str] | None = None,
     flexible: Mapping[str, Beam | Flexible] | None = None,
     stops: float | Sequence[float] | None = None,
     reflected_inertia: float | Mapping[str, float] | None = None,
@@ -70,7 +73,7 @@ def from_mjcf(
     coulomb: float | Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> Arm:
-    """An arm from an MJCF file: the chain of joints from the world to one of its bodies.
+    """An arm from an MJCF file: the tree of its joints, or the chain to one of its bodies.
 
     As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
     inertia) and friction loss. A body with several joints gives links without mass between them. All
@@ -78,7 +81,7 @@ def from_mjcf(
 
     Args:
         path: of the file; its includes are read from its folder.
-        tip: the last body of the arm; as of `from_urdf`, as are flexible and stops.
+        tip: the last body of the arm, or the last bodies; as of `from_urdf`, as are flexible and stops.
         flexible: flexible links, by the name of a body.
         stops: of soft stops at the joints' ranges.
         reflected_inertia, damping, coulomb: in place of the file's armature, damping and friction loss; as of
@@ -102,7 +105,7 @@ def _arm(
 ) -> Arm:  # fmt: skip
     try:
         tree = read(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
-        made = chain(tree, tip, flexible, stops, springs)
+        made = arm_links(tree, tip, flexible, stops, springs)
         arm = Arm(made.links, tree.gravity)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
