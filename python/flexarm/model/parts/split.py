@@ -58,8 +58,8 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
         own = piece(beam, ends[k], ends[k + 1], counts)
         hub = link.hub if first else None
         name = link.name if first or link.name is None else f"{link.name} {k + 1}"
-        out.append(Link(link.joint if first else Fixed(), hub, own, link.tip if last else None, name,
-                        link.parent if first else None))  # fmt: skip
+        joint, parent = (link.joint, link.parent) if first else (Fixed(), None)
+        out.append(Link(joint, hub, own, link.tip if last else None, name, parent=parent))
     return out
 
 
