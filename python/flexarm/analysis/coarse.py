@@ -78,8 +78,11 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     mass = sum(arm.links[j].mass for j in at)
     own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    above = [replace(arm.links[j], parent=at[arm.parents[j]]) for j in at if j != k]
-    rest = arm._alike([Link(joint, arm.links[k].tip), *above])
+    links = [Link(joint, arm.links[k].tip)]
+    for j, n in list(at.items())[1:]:
+        link, parent = arm.links[j], at[arm.parents[j]]
+        links.append(link if link.parent is None and parent == n - 1 else replace(link, parent=parent))
+    rest = arm._alike(links)
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
