@@ -123,9 +123,10 @@ class Gauss(Integrator):
     (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of what they miss of the
     places of the arm, its joints and its links' ends, and of its energy; vibration that is too fast for the steps
     counts by its size. It is symmetric in time. The state between its steps is interpolated, so that output times do
-    not shorten them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
-    which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau
-    (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
+    not shorten them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into
+    samples, which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the
+    points of Radau (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is
+    too fast for them.
 
     Args:
         step: the longest step (s); None: it chooses. Steps end at samples of torques and loads alone; those that would
