@@ -125,7 +125,7 @@ CPU time of one thread. "Alone" is one state after another, in C++. "In lanes" i
 of 64. Loads and derivatives are relative to the same arm's forward dynamics. An output is the extra time of each of
 1000 more outputs in a run of the paper's link. A rollout of one scenario is relative to the same without lanes. Calls
 from Python have NumPy arrays as input and output. The aims are for AVX-512. Operations are the additions,
-multiplications, divisions and roots of one forward dynamics.
+multiplications, divisions and roots of one forward dynamics in the motion that is measured.
 
 {table(["work", *columns, "aim", f"with {columns[0]}", "operations"], rows)}
 

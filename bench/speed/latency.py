@@ -68,8 +68,8 @@ part of a microsecond). There is no real-time scheduling and no locked memory.
 
 {chr(10).join(aims)}
 
-The work of a step is that of its iterations. Beyond the slowest of these medians, the machine took the time (its timer's
-interruptions count as the thread's):
+The work of a step is that of its iterations. Beyond the slowest of these medians, the machine took the time (its
+timer's interruptions count as the thread's):
 
 {table(["arm", "iterations", "of the steps", "median of these (µs)", "over the median step"], iterations)}
 

@@ -7,12 +7,13 @@ import pytest
 
 BENCH = Path(__file__).resolve().parents[2] / "bench" / "speed"
 DUMP = """# callgrind format
-events: Ir
-summary: 38
+positions: instr line
+events: Ir D1mr
+summary: 38 2
 
 ob=(1) /some/library
 fn=(1) f
-0x100 7 10
+0x100 7 10 2
 +4 7 10
 * +1 3
 calls=2 0x900
@@ -39,8 +40,9 @@ def test_a_callgrind_dump_is_counted_where_it_was_spent(bench, tmp_path):
     import counts
 
     (tmp_path / "dump").write_text(DUMP)
-    total, where = counts.executed(tmp_path / "dump")
-    assert total == 38 == sum(c.total() for c in where.values())
+    events, where = counts.executed(tmp_path / "dump")
+    assert events == {"Ir": 38, "D1mr": 2}
+    assert sum(c.total() for c in where.values()) == 38
     assert where["/some/library"] == {0x100: 15, 0x104: 13}
     assert where["/some/program"] == {0x20: 6, 0x23: 4}
 
@@ -62,6 +64,22 @@ def test_arithmetic_on_doubles_is_told_from_other_instructions(bench, instructio
     import counts
 
     assert counts.operations_of(instruction, operands) == expected
+
+
+@pytest.mark.parametrize(
+    ("instruction", "operands", "expected"),
+    [
+        ("vmovapd", "0x20(%rax,%rbx,8),%ymm1", True),
+        ("vmovapd", "%ymm1,0x20(%rax)", False),
+        ("vfmadd231pd", "0x10(%rip),%ymm1,%ymm2        # 40 <x+0x10>", True),
+        ("cmp", "%rax,0x8(%rdi)", True),
+        ("lea", "0x8(%rax),%rbx", False),
+    ],
+)
+def test_loads_are_told_from_stores(bench, instruction, operands, expected):
+    import lanes
+
+    assert lanes.is_load(instruction, operands) is expected
 
 
 def test_lanes_pay_from_the_batch_after_which_all_are_faster(bench):

@@ -104,8 +104,10 @@ class Arm(Chain):
             q: coordinates; by default all 0.1, which bends beams much.
             v: rates; by default all 0.1.
         """
-        return self._core.operation_count(array("q", np.full(self.nq, 0.1) if q is None else q, (self.nq,)),
-                                          array("v", np.full(self.nv, 0.1) if v is None else v, (self.nv,)))
+        return self._core.operation_count(
+            array("q", np.full(self.nq, 0.1) if q is None else q, (self.nq,)),
+            array("v", np.full(self.nv, 0.1) if v is None else v, (self.nv,)),
+        )
 
     def forward_dynamics(
         self,
