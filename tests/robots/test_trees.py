@@ -263,7 +263,7 @@ def across() -> fa.Arm:
 
 
 def stiff() -> fa.Arm:
-    return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, x.parent) for x in across()], across().gravity)
+    return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, parent=x.parent) for x in across()], across().gravity)
 
 
 def names_of_freedoms(cut: Any) -> list[str]:
