@@ -59,7 +59,7 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
         hub = link.hub if first else None
         name = link.name if first or link.name is None else f"{link.name} {k + 1}"
         out.append(Link(link.joint if first else Fixed(), hub, own, link.tip if last else None, name,
-                        link.parent if first else None))  # fmt: skip
+                        parent=link.parent if first else None))  # fmt: skip
     return out
 
 
