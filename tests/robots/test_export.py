@@ -248,8 +248,8 @@ def test_bad_input(tmp_path: Path) -> None:
         with refuses("segments ="):
             plane().to_mjcf(segments=segments)  # type: ignore[arg-type]
     ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="wrist")])
-    with refuses("wrist", "joint 'spherical'", "a ball"):
-        ball.to_mjcf()
+    with refuses("wrist", "joint 'spherical'", "no balls"):
+        ball.to_urdf()
     bent = fa.Beam(0.5, fa.Tube(0.01, 0.001), ALLOY, modes={"bending_y": 2}, order="exact", curvature=(0, 0, 1))
     with refuses("link 0", "curvature"):
         fa.Arm([fa.Link(fa.Revolute(), None, bent)]).to_urdf()

@@ -82,13 +82,12 @@ def test_the_reference_position(tmp_path: Path) -> None:
     ("text", "options", "says"),
     [
         (TEXT.replace("</worldbody>", ""), {"tip": "tool"}, "line 29"),
-        (TEXT.replace('name="elbow"', 'name="elbow" type="ball"'), {"tip": "tool"}, ("'elbow'", "'ball'")),
         (TEXT.replace('type="slide"', 'type="slid"'), {"tip": "tool"}, "line 20"),
         (TEXT, {"tip": "tol"}, ("tip = 'tol'", "'tool'")),
         ("<robot/>", {}, "URDF"),
         ("<mujoco/>", {}, ("joint", "moves")),
     ],
-    ids=["XML", "ball", "MuJoCo's own", "tip", "URDF", "empty"],
+    ids=["XML", "MuJoCo's own", "tip", "URDF", "empty"],
 )
 def test_bad_input(text: str, options: dict[str, Any], says: str, tmp_path: Path) -> None:
     (path := tmp_path / "arm.xml").write_text(text)

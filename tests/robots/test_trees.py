@@ -225,10 +225,9 @@ def test_a_beam_with_a_joint_along_it(tmp_path: Path) -> None:
 
 
 def test_what_stays_refused(tmp_path: Path) -> None:
-    with refuses("robot.xml", "'latch'", "'ball'", "tip = ['left_hand', 'right_arm', 'left_foot', 'right_leg']"):
-        read(tmp_path, HUMANOID.replace('name="latch" axis', 'name="latch" type="ball" axis'))
-    with refuses("robot.xml", "'root'", "'free'"):
-        read(tmp_path, HUMANOID.replace('<joint name="lift" type="slide" axis="0 0 1"/>', '<freejoint name="root"/>'))
+    mimic = '<mimic joint="to head"/><origin xyz="0.05 0.02 0"'
+    with refuses("robot.urdf", "'to left_thumb'", "mimic of 'to head'", "tip = ['left_finger', 'right_fore'"):
+        read(tmp_path, ROBOT.replace('<origin xyz="0.05 0.02 0"', mimic))
     loop = '<joint name="shut" type="fixed"><parent link="left_fore"/><child link="right_fore"/></joint></robot>'
     with refuses("robot.urdf", "'right_fore'", "'to right_fore'", "'shut'"):
         read(tmp_path, ROBOT.replace("</robot>", loop))
@@ -263,7 +262,7 @@ def across() -> fa.Arm:
 
 
 def stiff() -> fa.Arm:
-    return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, x.parent) for x in across()], across().gravity)
+    return fa.Arm([fa.Link(x.joint, x.hub, None, x.tip, x.name, parent=x.parent) for x in across()], across().gravity)
 
 
 def names_of_freedoms(cut: Any) -> list[str]:

@@ -181,7 +181,8 @@ class Arm(Chain):
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
         There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A tree
         of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
-        links branch after branch.
+        links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
+        link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
 
         Args:
             path: where to write it; None: nowhere.
@@ -191,7 +192,8 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
+            ValueError: a ball whose damping or reflected inertia differs from axis to axis, a beam that is curved at
+                rest, or bad arguments.
 
         Warns:
             RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
@@ -201,8 +203,9 @@ class Arm(Chain):
     def to_urdf(self, path: str | Path | None = None, segments: int = 10) -> str:
         """The arm as a URDF file, its beams as in `to_mjcf`, with a link and a joint for each freedom.
 
-        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip";
-        those of a tree are links "NAME tip".
+        A free joint becomes a floating one, and a planar joint whose freedoms have the same numbers a planar one. URDF
+        has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip"; those
+        of a tree are links "NAME tip".
 
         Args:
             path: where to write it; None: nowhere.
@@ -212,7 +215,8 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
+            ValueError: a ball; a free joint with more than one number of damping for all its freedoms; a beam that is
+                curved at rest; bad arguments.
 
         Warns:
             RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.

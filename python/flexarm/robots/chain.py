@@ -11,12 +11,13 @@ import numpy as np
 
 from .._check import Array, array, choice, instance, known_keys, number
 from ..model.parts.beam import Beam, RigidBody, Vector
-from ..model.parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
+from ..model.parts.joints import UNIT, Fixed, Free, Joint, Placement, Planar, Prismatic, Revolute, Spherical
 from ..model.parts.link import Link
 from ..model.parts.look import Look
-from .tree import MOVING, Mass, Pose, Tree, TreeJoint, merged
+from .tree import Mass, Pose, Tree, TreeJoint, merged, unit_axis
 
-_JOINTS = {"revolute": Revolute, "prismatic": Prismatic}
+_WITH_AXIS = {"revolute": Revolute, "prismatic": Prismatic}
+_WITHOUT = {"planar": Planar, "spherical": Spherical, "free": Free}
 _MASS = ("replace", "add")
 
 
@@ -149,7 +150,7 @@ def _group(tree: Tree, joint: TreeJoint, kept: Container[str]) -> _Group:
 
 def _check_kinds(tree: Tree, moving: Sequence[TreeJoint], groups: Mapping[str, _Group]) -> None:
     """Refuses joints that arms from files do not have, and tells the tips that stay ahead of them."""
-    bad = [j for j in moving if j.kind not in MOVING]
+    bad = [j for j in moving if j.kind not in _WITH_AXIS | _WITHOUT]
     if bad:
         near = {name for name, _ in tree.beneath(tree.root, {j.child for j in bad})}
         ends = [n for n, g in groups.items() if g.joint.moves and n in near and not near & {s.name for s in g.seats}]
@@ -170,13 +171,16 @@ def seated(links: Sequence[Link], parents: Sequence[int]) -> list[Link]:
 
 
 def _set_springs(moving: Sequence[TreeJoint], springs: Mapping[str, Any]) -> None:
-    """Replaces the file's values: one for all joints, or by the name of a joint or of the link that it moves."""
+    """Replaces the file's values: one for all joints that have a drive, or by the name of a joint or of the link that
+    it moves. Free joints have no drive, and balls no dry friction."""
     by_name = {j.child: j for j in moving} | {j.name: j for j in moving}
     for argument, values in springs.items():
         if values is None:
             continue
-        one_for_all = not isinstance(values, Mapping)
-        each = {j.name: number(argument, values) for j in moving} if one_for_all else values
+        each = values
+        if not isinstance(values, Mapping):
+            without = ("free", "spherical") if argument == "coulomb" else ("free",)
+            each = dict.fromkeys((j.name for j in moving if j.kind not in without), number(argument, values))
         known_keys(argument, each, by_name)
         used: dict[str, str] = {}
         for key, value in each.items():
@@ -238,15 +242,13 @@ def _joint(joint: TreeJoint, inboard: Pose, outboard: Pose, stops: Any, out: Con
         if len(numbers) != 2:
             raise ValueError(f"stops = {stops!r}: must be a stiffness, or (stiffness, damping)")
         values |= limits | dict(zip(("limit_stiffness", "limit_damping"), numbers, strict=True))
-    if not joint.axis.any():
-        raise ValueError(f"joint '{joint.name}': axis = {joint.axis.tolist()}: must have a length")
-    bare = joint.axis / np.abs(joint.axis).max()  # avoids overflow and underflow of the squares
-    axis = tuple((bare / np.linalg.norm(bare)).tolist())
-    word = next((w for w, unit in UNIT.items() if unit == axis), axis)
     places = {"inboard": _placement(inboard), "outboard": _placement(outboard)}
-    values |= {k: v for k, v in places.items() if v is not None}
+    values |= {k: v for k, v in places.items() if v is not None} | {"name": _named(joint.name, out)}
+    if joint.kind in _WITH_AXIS:
+        axis = tuple(unit_axis(joint.name, joint.axis).tolist())
+        values["axis"] = next((w for w, unit in UNIT.items() if unit == axis), axis)
     try:
-        return _JOINTS[joint.kind](word, **values, name=_named(joint.name, out))
+        return (_WITH_AXIS | _WITHOUT)[joint.kind](**values)
     except ValueError as e:
         raise ValueError(f"joint '{joint.name}': {e}") from None
 

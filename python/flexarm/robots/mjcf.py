@@ -10,7 +10,7 @@ import numpy as np
 
 from .._check import Array
 from ..model.parts.look import Look
-from .tree import Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
+from .tree import BALL_FRICTION, Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
 from .urdf import parse_xml, read_text
 
 #: a model's count of each feature that an arm does not have
@@ -87,23 +87,26 @@ def _joint(
 ) -> TreeJoint:
     name, parent, child = names
     kinds = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
-    kinds |= {mujoco.mjtJoint.mjJNT_BALL: "ball", mujoco.mjtJoint.mjJNT_FREE: "free"}
+    kinds |= {mujoco.mjtJoint.mjJNT_BALL: "spherical", mujoco.mjtJoint.mjJNT_FREE: "free"}
     kind = kinds[mujoco.mjtJoint(int(model.jnt_type[i]))]
-    if kind in ("ball", "free"):
-        return TreeJoint(name, kind, parent, child, at)
+    ball = kind in ("spherical", "free")  # its numbers hold for all its freedoms; its spring rests at qpos0
     adr, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
-    zero, pos = float(model.qpos0[adr]), model.jnt_pos[i].copy()
+    zero, pos = 0.0 if ball else float(model.qpos0[adr]), model.jnt_pos[i].copy()
     springs = {"stiffness": float(np.ravel(model.jnt_stiffness[i])[0])}
-    if springs["stiffness"]:
+    if springs["stiffness"] and not ball:
         springs["rest"] = float(model.qpos_spring[adr]) - zero
     springs |= {"damping": float(np.ravel(model.dof_damping[dof])[0]), "coulomb": float(model.dof_frictionloss[dof])}
     springs["reflected_inertia"] = float(model.dof_armature[dof])
+    if ball and springs.pop("coulomb"):
+        left_out.append((BALL_FRICTION, name))
     if zero:
         left_out.append(("the joint's ref: the arm's q is qpos - ref", name))
     for field, k in (("jnt_stiffnesspoly", i), ("dof_dampingpoly", dof)):
         if np.any(getattr(model, field, np.zeros((k + 1, 1)))[k]):
             left_out.append(("springs and dampers that are not linear", name))
     limits = (model.jnt_range[i] - zero).tolist() if model.jnt_limited[i] else (None, None)
+    if kind == "spherical":
+        limits = (None, limits[1] if limits[1] is not None and limits[1] < np.pi else None)
     place = Pose(at.position + at.rotation @ pos, at.rotation)
     return TreeJoint(name, kind, parent, child, place, model.jnt_axis[i].copy(), Pose(-pos), springs, *limits)
 

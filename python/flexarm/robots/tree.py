@@ -11,7 +11,7 @@ import numpy as np
 from .._check import Array, choice
 from ..model.parts.look import Look
 
-MOVING = ("revolute", "prismatic")
+BALL_FRICTION = "dry friction of ball and free joints"  #: an item of Omissions
 
 #: Features of a file that an arm does not have: (item, owner).
 Omissions = list[tuple[str, str]]
@@ -78,6 +78,14 @@ def merged(bodies: Iterable[Mass]) -> Mass:
     return Mass(mass, com, (inertia + inertia.T) / 2)
 
 
+def unit_axis(joint: str, axis: Array) -> Array:
+    """A joint's axis at length 1."""
+    if not axis.any():
+        raise ValueError(f"joint '{joint}': axis = {axis.tolist()}: must have a length")
+    bare = axis / np.abs(axis).max()  # avoids overflow and underflow of the squares
+    return np.asarray(bare / np.linalg.norm(bare))
+
+
 def realisable(body: Mass) -> Mass:
     """The same body with moments that a body in space can have. In a plane only the moment about the axis of the joints
     may be given; the others do not matter there, and are raised until it is not above their sum."""
@@ -94,11 +102,12 @@ class TreeJoint:
     """A joint of the tree.
 
     Attributes:
-        kind: "revolute", "prismatic", "fixed", or the file's name of another kind, which is not supported.
-        origin: its frame in the parent's frame; `axis` is in the axes of this frame.
+        kind: "fixed", "revolute", "prismatic", "planar", "spherical" or "free", as of fa.Joint; or what else the file
+            has, which is not supported.
+        origin: its frame in the parent's frame; `axis`, of the kinds that have one, is in the axes of this frame.
         outboard: the child's frame, in the joint's moving axes.
         springs: arguments of fa.Joint: stiffness, rest, damping, coulomb, reflected_inertia.
-        lower, upper: its limits (rad, m), or None.
+        lower, upper: its limits (rad, m), or None. Of a ball, `upper` is the largest angle of its turn.
     """
 
     name: str

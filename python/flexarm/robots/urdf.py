@@ -13,7 +13,7 @@ import numpy as np
 
 from .._check import Array, choice
 from ..model.parts.look import Look
-from .tree import Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
+from .tree import BALL_FRICTION, Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour, unit_axis
 
 _TYPES = ("unknown", "revolute", "continuous", "prismatic", "floating", "planar", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -164,7 +164,7 @@ def _mass(where: str, inertial: ET.Element | None) -> Mass:
 def _joint(name: str, joint: ET.Element, left_out: Omissions) -> TreeJoint:
     where = f"joint '{name}'"
     given = choice(f"{where}: type", _text(joint, "type", where), _TYPES)
-    kind, mimic = "revolute" if given == "continuous" else given, joint.find("mimic")
+    kind, mimic = {"continuous": "revolute", "floating": "free"}.get(given, given), joint.find("mimic")
     if mimic is not None:
         kind = f"mimic of '{_text(mimic, 'joint', where)}'"
     limits: list[Any] = [None, None]
@@ -176,9 +176,20 @@ def _joint(name: str, joint: ET.Element, left_out: Omissions) -> TreeJoint:
     if dynamics is not None:
         keys = {"damping": "damping", "coulomb": "friction"}
         springs = {k: float(_numbers(where, dynamics, key, (0.0,))[0]) for k, key in keys.items()}
+        if given == "floating" and springs.pop("coulomb"):
+            left_out.append((BALL_FRICTION, name))
     parent, child = (_text(joint.find(side), "link", f"{where}: {side}") for side in ("parent", "child"))
     axis, origin = _numbers(where, joint.find("axis"), "xyz", (1.0, 0.0, 0.0)), _pose(where, joint.find("origin"))
-    return TreeJoint(name, kind, parent, child, origin, axis, Pose(), springs, *limits)
+    turn = Pose(rotation=_turn_of_z(unit_axis(name, axis))) if given == "planar" else Pose()
+    return TreeJoint(name, kind, parent, child, origin @ turn, axis, turn.inverse, springs, *limits)
+
+
+def _turn_of_z(axis: Array) -> Array:
+    """The rotation matrix of the shortest turn that takes z to this unit vector."""
+    away, z = axis[:2], axis[2]
+    size = np.linalg.norm(away)
+    way = away / size if size else np.array([0.0, 1.0])  # of -z by half a turn about x
+    return np.block([[np.eye(2) - (1 - z) * np.outer(way, way), away[:, None]], [-away, z]])
 
 
 # -- looks -------------------------------------------------------------------------------------------------------------

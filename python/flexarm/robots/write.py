@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from .._check import Array, named
 from ..data.store.files import write_whole
 from ..model.parts.chain import Chain
-from ..model.parts.joints import Joint
+from ..model.parts.joints import UNIT, Joint
 from ..model.parts.link import Link
 from .segments import Segmented, locked_frequencies, mass_of, segmented
 from .tree import Mass, Pose, RobotWarning, realisable
@@ -36,20 +36,33 @@ def _pose(place: Any) -> Pose:
     return Pose() if place is None else Pose(*place._core)
 
 
-def _freedoms(name: str, joint: Joint, taken: Sequence[str]) -> list[_Freedom]:
-    """The freedoms of a link's joint, named by the joint or differently from `taken`. ValueError for balls, which have
-    quaternions."""
-    if joint.ball:
-        raise ValueError(f"{name}: its joint '{joint.type}' has a ball, which is not written; use Axes")
+def _freedoms(own: str, joint: Joint) -> list[_Freedom]:
+    """The freedoms of a joint of this name; those of a ball, its angular velocities, come last."""
     fields = ("stiffness", "rest", "damping", "lower", "upper", "coulomb", "stiction", "reflected_inertia",
               "torque_limit")  # fmt: skip
     columns = {field: joint._per_freedom(field, joint.nv) for field in fields}
-    own = joint.name or _free(f"{name} joint", taken)
     out = []
-    for k, (label, rotates, axis) in enumerate(joint._freedoms()):
+    turns = [(f"w{x}", True, axis) for x, axis in UNIT.items() if joint.ball]
+    for k, (label, rotates, axis) in enumerate([*joint._freedoms(), *turns]):
         words = own if joint.nv == 1 else f"{own} {label}"
         out.append(_Freedom(words, rotates, np.array(axis), {f: float(c[k]) for f, c in columns.items()}))
     return out
+
+
+def _joint_name(name: str, joint: Joint, taken: Sequence[str]) -> str:
+    """A name for the joint of the link `name`: its own, or one that differs from `taken`."""
+    return joint.name or _free(f"{name} joint", taken)
+
+
+def _misfit(freedoms: Sequence[_Freedom], common: Sequence[str], lost: Sequence[str] = ()) -> str | None:
+    """The first numbers that keep the freedoms from being one joint of a file, which has one number for all of them in
+    the `common` fields, and no others; the lost ones do not matter."""
+    none = {"lower": -np.inf, "upper": np.inf, "torque_limit": np.inf}
+    for field, first in freedoms[0].values.items() if freedoms else ():
+        each = [f.values[field] for f in freedoms]
+        if field not in lost and any(x != (first if field in common else none.get(field, 0.0)) for x in each):
+            return f"{field} = {each}"
+    return None
 
 
 def _at_end(link: Link) -> Array:
@@ -121,12 +134,15 @@ def _has(joint: Joint, field: str) -> bool:
     return bool((column[field] != (column["coulomb"] if field == "stiction" else 0.0)).any())
 
 
+#: what a free joint and a ball of MJCF have, one number for all freedoms
+_OF_A_BALL = ("stiffness", "damping", "reflected_inertia")
+
 # -- MJCF -------------------------------------------------------------------------------------------------------------
 
 
 def mjcf(cut: Segmented) -> str:
-    """The file: a body for each link, hinges and slides for its joint, a motor for each of the arm's own freedoms, and
-    a site at each tip."""
+    """The file: a body for each link, hinges, slides and balls for its joint, a motor for each of the arm's own
+    freedoms, and a site at each tip."""
     arm, w = cut.arm, float(locked_frequencies(cut.arm, cut.hinges).max(initial=500.0))
     digit = 10.0 ** np.floor(-np.log10(w))
     step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of the largest stable step
@@ -135,36 +151,57 @@ def mjcf(cut: Segmented) -> str:
     option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
     ET.SubElement(root, "option", option)
     elements, ends = {-1: ET.SubElement(root, "worldbody")}, {-1: Pose()}  # of the world, and of each link
-    motors, taken = list[str](), _taken(arm)
+    motors, taken = list[dict[str, str]](), _taken(arm)
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
         name = _free(name, [WORLD])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         at = ends[arm.parents[k]] @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
         element = ET.SubElement(elements[arm.parents[k]], "body", name=name, pos=_numbers(at.position), quat=turn)
-        freedoms = _freedoms(name, link.joint, taken)
-        anchor = outboard.inverse
-        for f in freedoms:
-            _mjcf_joint(element, f, anchor)
-        if k not in cut.hinges:
-            motors += [f.name for f in freedoms]
-        _mjcf_inertia(element, mass_of(link.hub), bool(freedoms))
+        own = _joint_name(name, link.joint, taken)
+        found = _mjcf_joints(element, own, link.joint, inboard if arm.parents[k] < 0 else None, outboard.inverse)
+        motors += found if k not in cut.hinges else []
+        _mjcf_inertia(element, mass_of(link.hub), bool(found))
         _mjcf_shape(element, _at_end(link))
         elements[k], ends[k] = element, Pose(_at_end(link))
     for k, tip in cut.tips.items():
         ET.SubElement(elements[k], "site", name=tip, pos=_numbers(ends[k].position))
     if motors:
         actuator = ET.SubElement(root, "actuator")
-        for name in motors:
-            ET.SubElement(actuator, "motor", name=name, joint=name)
+        for motor in motors:
+            ET.SubElement(actuator, "motor", motor)
     ET.indent(root)
     return _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
-    attributes = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
-    attributes["pos"] = _numbers(anchor.position)
-    v = f.values
+def _mjcf_joints(body: ET.Element, own: str, joint: Joint, ground: Pose | None, anchor: Pose) -> list[dict[str, str]]:
+    """Writes a link's joint, and returns a motor for each freedom. Of a free joint on the world (`ground`: its inboard
+    frame) a free one; elsewhere, or where its freedoms have different numbers, three slides and a ball."""
+    freedoms = _freedoms(own, joint)
+    slides, turns = (freedoms[:-3], freedoms[-3:]) if joint.ball else (freedoms, [])
+    axes = [_numbers(anchor.rotation @ f.axis) for f in freedoms]
+    if joint.type == "free" and ground is not None and not anchor.position.any() and not _misfit(freedoms, _OF_A_BALL):
+        _mjcf_joint(body, replace(freedoms[0], name=own), {"type": "free"})
+        pulls = [f"{_numbers(ground.rotation @ f.axis)} 0 0 0" for f in slides]
+        gears = [*pulls, *(f"0 0 0 {axis}" for axis in axes[3:])]
+        return [{"name": f.name, "joint": own, "gear": gear} for f, gear in zip(freedoms, gears, strict=True)]
+    motors, pos = [{"name": f.name, "joint": f.name} for f in slides], _numbers(anchor.position)
+    for f, axis in zip(slides, axes, strict=False):
+        _mjcf_joint(body, f, {"type": "hinge" if f.rotates else "slide", "axis": axis, "pos": pos})
+    if not turns:
+        return motors
+    if bad := _misfit(turns, (*_OF_A_BALL, "lower", "upper")):
+        raise ValueError(f"{own}: {bad} of its ball: must be the same about all axes in MJCF")
+    ball = own if not slides else f"{own} turn"
+    values = turns[0].values | ({"lower": 0.0} if np.isfinite(turns[0].values["upper"]) else {})
+    _mjcf_joint(body, replace(turns[0], name=ball, values=values), {"type": "ball", "pos": pos})
+    about = zip(turns, axes[len(slides) :], strict=True)
+    return motors + [{"name": f.name, "joint": ball, "gear": axis} for f, axis in about]
+
+
+def _mjcf_joint(body: ET.Element, f: _Freedom, kind: dict[str, str]) -> None:
+    """Writes one joint, with the numbers of a freedom."""
+    attributes, v = {"name": f.name, **kind}, f.values
     if v["stiffness"]:
         attributes |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
     for key, field in (("damping", "damping"), ("frictionloss", "coulomb"), ("armature", "reflected_inertia")):
@@ -199,22 +236,22 @@ def _mjcf_shape(body: ET.Element, end: Array) -> None:
 
 
 def urdf(cut: Segmented) -> str:
-    """The file: a link and a joint for each freedom, a fixed link at each tip. Springs stand in <gazebo> elements,
-    which Gazebo reads."""
+    """The file: a link and a joint for each freedom, one for a free joint, and for a planar one whose freedoms are
+    alike; a fixed link at each tip. Springs stand in <gazebo> elements, which Gazebo reads."""
     root = ET.Element("robot", name="arm")
     springs, taken = list[_Freedom](), _taken(cut.arm)
     bodies, ends = {-1: _free(WORLD, cut.names)}, {-1: Pose()}  # of the world and each link: the file's link, its end
     ET.SubElement(root, "link", name=bodies[-1])
     for n, (name, link) in enumerate(zip(cut.names, cut.arm.links, strict=True)):
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
-        freedoms: list[_Freedom | None] = list(_freedoms(name, link.joint, taken)) or [None]
+        freedoms, kind = _urdf_freedoms(_joint_name(name, link.joint, taken), link.joint)
         parent, at = bodies[cut.arm.parents[n]], ends[cut.arm.parents[n]] @ inboard
         for k, f in enumerate(freedoms):
             child = name if k + 1 == len(freedoms) else f"{name} {k + 1} of {len(freedoms)}"
             body = ET.SubElement(root, "link", name=child)
             last = k + 1 == len(freedoms)  # a URDF link's frame is that of the joint's moving side
             _urdf_inertia(body, mass_of(link.hub).placed(outboard) if last else Mass(), f is not None)
-            _urdf_joint(root, f or link.joint.name or f"{child} (fixed)", at, parent, child)
+            _urdf_joint(root, f or link.joint.name or f"{child} (fixed)", at, parent, child, kind)
             springs += [f] if f is not None and f.values["stiffness"] else []
             parent, at = child, Pose()
         bodies[n], ends[n] = parent, outboard @ Pose(_at_end(link))
@@ -228,6 +265,21 @@ def urdf(cut: Segmented) -> str:
         ET.SubElement(spring, "springReference").text = _numbers(f.values["rest"])
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _urdf_freedoms(own: str, joint: Joint) -> tuple[Sequence[_Freedom | None], str | None]:
+    """What a joint becomes: its freedoms, or one for all, with the format's name of that; None: a fixed joint."""
+    freedoms = _freedoms(own, joint)
+    bad = _misfit(freedoms, ("damping", "coulomb"), ("stiction", "reflected_inertia"))
+    if joint.type == "planar" and not bad:
+        return [replace(freedoms[-1], name=own)], "planar"
+    if not joint.ball:
+        return freedoms or [None], None
+    if joint.type != "free":
+        raise ValueError(f"{own}: its joint '{joint.type}': URDF has no balls; use three rotations (Axes)")
+    if bad:
+        raise ValueError(f"{own}: {bad}: a floating joint of URDF has one damping and no springs, stops nor friction")
+    return [replace(freedoms[-1], name=own)], "floating"
 
 
 def _rpy(R: Array) -> tuple[float, float, float]:
@@ -255,21 +307,25 @@ def _urdf_inertia(link: ET.Element, mass: Mass, moves: bool) -> None:
     ET.SubElement(inertial, "inertia", {f"i{'xyz'[i]}{'xyz'[j]}": _numbers(own.inertia[i, j]) for i, j in pairs})
 
 
-def _urdf_joint(root: ET.Element, f: _Freedom | str, at: Pose, parent: str, child: str) -> None:
-    """Writes a joint of a freedom, or a fixed one with this name."""
+def _urdf_joint(
+    root: ET.Element, f: _Freedom | str, at: Pose, parent: str, child: str, given: str | None = None
+) -> None:
+    """Writes a joint with the numbers of a freedom, of the given type; or a fixed one with this name."""
     kind, name, limits = "fixed", f, (-np.inf, np.inf)
     if isinstance(f, _Freedom):
         name, limits = f.name, (f.values["lower"], f.values["upper"])
-        kind = ("revolute" if np.isfinite(limits).any() else "continuous") if f.rotates else "prismatic"
+        own = ("revolute" if np.isfinite(limits).any() else "continuous") if f.rotates else "prismatic"
+        kind = given or own
     joint = ET.SubElement(root, "joint", name=str(name), type=kind)
     _urdf_origin(joint, at)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
     if not isinstance(f, _Freedom):
         return
-    ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
+    if kind != "floating":
+        ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
     effort = {"effort": _numbers(np.nan_to_num(f.values["torque_limit"], posinf=1e6)), "velocity": "1e6"}
-    if kind != "continuous":  # the format requires limits
+    if kind in ("revolute", "prismatic"):  # the format requires limits
         lower, upper = np.nan_to_num(limits, posinf=1e6, neginf=-1e6)
         ET.SubElement(joint, "limit", {"lower": _numbers(lower), "upper": _numbers(upper), **effort})
     elif np.isfinite(f.values["torque_limit"]):

@@ -32,7 +32,9 @@ def from_urdf(
     Each moving joint, with its child link and all links fixed to that, becomes one link of the arm, with the URDF's
     frames and the URDF's names of link and joint. Origins, axes, inertias, damping and (dry) friction are kept. The
     arm's world is the base's frame, and links on the base have the parent "world". The links stand branch after branch,
-    in the order of the file's joints; a link's end is the place of the first joint on it.
+    in the order of the file's joints; a link's end is the place of the first joint on it. A floating joint becomes a
+    Free one, at zero in its origin; a planar one Planar, in axes that the shortest turn takes from its origin's to z
+    along its axis. Their damping holds for all their freedoms.
 
     Args:
         path: of the file.
@@ -44,15 +46,15 @@ def from_urdf(
             on its end: there, beyond it, or on a body that is fixed to it.
         stops: soft stops at the position limits: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no stops.
         reflected_inertia: of the drives' rotors at the joints (kg m^2, kg), which URDF lacks: one number for all moving
-            joints, or by the name of a joint or of its child link, {"elbow": 0.1}.
+            joints but floating ones, or by the name of a joint or of its child link, {"elbow": 0.1}.
         damping: viscous (N m s/rad, N s/m), likewise, in place of the file's; None: the file's.
-        coulomb: dry friction (N m, N), likewise.
+        coulomb: dry friction (N m, N), likewise; balls have none.
         gravity: in the base's axes (m/s^2).
 
     Raises:
-        ValueError: no such file, bad XML (with the line), a loop, a floating, planar or mimic joint on the way to a tip
-            (with the tips ahead of them), an impossible inertia, an unknown name (with the known ones), a joint along a
-            beam; each with the name of the link or joint.
+        ValueError: no such file, bad XML (with the line), a loop, a mimic joint on the way to a tip (with the tips
+            ahead of it), an impossible inertia, an unknown name (with the known ones), a joint along a beam; each with
+            the name of the link or joint.
         ImportError: the parser is missing.
 
     Warns:
@@ -75,9 +77,10 @@ def from_mjcf(
 ) -> Arm:
     """An arm from an MJCF file: the tree of its joints, or the chain to one of its bodies.
 
-    As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
-    inertia) and friction loss. A body with several joints gives links without mass between them. All
-    coordinates are zero in the model's `qpos0`. It needs `pip install 'flexarm[mjcf]'`.
+    As of `from_urdf`, with bodies for links: hinges, slides, balls (Spherical) and free joints, their anchors, springs,
+    damping, armature (as reflected inertia) and friction loss. A body with several joints gives links without mass
+    between them. All coordinates are zero in the model's `qpos0`, and quaternions 1 0 0 0; a free joint's position is
+    told from there, in the axes that its body has there. It needs `pip install 'flexarm[mjcf]'`.
 
     Args:
         path: of the file; its includes are read from its folder.
