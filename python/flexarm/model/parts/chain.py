@@ -211,7 +211,7 @@ class Chain:
         """Whether every link sits on the one before it."""
         return self.parents == tuple(range(-1, len(self.links) - 1))
 
-    def children(self, link: Any) -> list[int]:
+    def children(self, link: int | str = -1) -> list[int]:
         """The links that sit on a link's end."""
         n = self._link(link)
         return [k for k, parent in enumerate(self.parents) if parent == n]
@@ -221,14 +221,14 @@ class Chain:
         """The links that carry no other one: the last one of a chain."""
         return [k for k in range(len(self.links)) if k not in self.parents]
 
-    def path(self, link: Any) -> list[int]:
+    def path(self, link: int | str = -1) -> list[int]:
         """The links from the world to this one."""
         out = [self._link(link)]
         while self.parents[out[-1]] >= 0:
             out.append(self.parents[out[-1]])
         return out[::-1]
 
-    def carried(self, link: Any) -> list[int]:
+    def carried(self, link: int | str = -1) -> list[int]:
         """The links that sit on a link's end, those on them, and so on, in the order of the list."""
         out, n = [], self._link(link)
         seen = {n}
