@@ -45,7 +45,9 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<in
     parents_.resize(size());
     std::iota(parents_.begin(), parents_.end(), kWorld);
   }
-  if (parents_.size() != size()) bad_value("parents", parents_.size(), "must be one for each link");
+  if (parents_.size() != size())
+    bad_value("parents", std::to_string(parents_.size()) + " numbers",
+              "must be one for each of " + std::to_string(size()) + " links");
   for (std::size_t n = 0; n < size(); ++n)
     if (parents_[n] < kWorld || parents_[n] >= static_cast<int>(n))
       bad_value("parents[" + std::to_string(n) + "]", parents_[n], "must be a link before this one, or -1: the world");

@@ -57,7 +57,7 @@ TEST_CASE("a parent must be a link before, or the world") {
   CHECK_THROWS_WITH_AS(tree({-1, 0, 2}), "parents[2] = 2: must be a link before this one, or -1: the world",
                        std::invalid_argument);
   CHECK_THROWS_AS(tree({-1, -2, 0}), std::invalid_argument);
-  CHECK_THROWS_WITH_AS(tree({-1, 0}), "parents = 2: must be one for each link", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(tree({-1, 0}), "parents = 2 numbers: must be one for each of 3 links", std::invalid_argument);
 }
 
 TEST_CASE("an arm without inertia is refused, with the coordinate named") {

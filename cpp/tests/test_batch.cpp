@@ -65,7 +65,7 @@ TEST_CASE("a batch is ImplicitStep, scenario by scenario, whatever the number of
 TEST_CASE("trees side by side move as each alone") {
   Batch lanes(flexarm_test::tree_arm(), 1e-4), alone(flexarm_test::tree_arm(), 1e-4);
   alone.problem.lanes = false;
-  run_batch(lanes.problem, lanes.out, 1);
+  CHECK(run_batch(lanes.problem, lanes.out, 1).lanes > 1);
   run_batch(alone.problem, alone.out, 1);
   double most = 0.0, apart = 0.0;
   for (std::size_t i = 0; i < alone.q.size(); ++i) {

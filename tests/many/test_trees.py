@@ -32,11 +32,15 @@ def test_a_batch_runs_as_each_alone() -> None:
 
 def test_a_sweep_notes_every_end() -> None:
     s = scene()
-    plan = fa.SweepPlan([fa.Vary("grid", {MASS: [0.4, 0.8]})], outputs=["end_position", "settling"], link="left upper")
+    plan = fa.SweepPlan([fa.Vary("grid", {MASS: [0.4, 0.8]})], outputs=["end_position", "settling"],
+                        link="left upper", band=0.5)  # fmt: skip
     found = fa.sweep(s, plan)
     run = s.run()
     for k, name in ((2, "left fore"), (4, "right fore")):
         assert np.allclose([found.columns[f"end of {name} {x}"][0] for x in "xyz"], run.frame(k)[0][-1], atol=1e-9)
+    away = np.linalg.norm(run.arm.end_places(run.q) - run.arm.end_places(run.q[-1]), axis=2).max(axis=1)
+    last = run.t[np.flatnonzero(away > 0.5 * away.max())[-1]]
+    assert 0 <= found.columns["settling"][0] - last <= run.t[1]  # between two rows
 
 
 def test_a_gradient_by_the_mass_of_a_hand() -> None:

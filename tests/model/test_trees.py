@@ -26,12 +26,14 @@ def test_who_sits_on_whom() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parent", "says"), [("nobody", "nobody"), (2, "links[2]"), (-1, "links[2]"), ("fore", "fore"), (7, 7)]
+    ("parent", "says"), [("nobody", "nobody"), *((k, "before this one") for k in (2, -1, "fore", 7))]
 )
-def test_a_parent_stands_before_its_children(parent: str | int, says: str | int) -> None:
+def test_a_parent_stands_before_its_children(parent: str | int, says: str) -> None:
     links = list(satellite().links)
     with refuses("parent", says):
         fa.Arm([*links[:2], replace(links[2], parent=parent), *links[3:]])
+    with refuses("links[0]: parent = 0", "as this is the first link"):
+        fa.Arm([replace(links[0], parent=0), *links[1:]])
     with refuses("parent", True):
         fa.Link(fa.Fixed(), parent=True)
 

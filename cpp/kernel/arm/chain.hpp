@@ -11,7 +11,7 @@
 
 namespace {
 
-/// All of one arm (or of one for each lane) in motion.
+/// All of one arm (or of one for each lane) in motion: its nodes in their order, of a tree as of a chain.
 template <class Sp, class P>
 struct Chain {
   using Space = Sp;
@@ -366,19 +366,22 @@ struct Chain {
       if (node.branch) leave_at_fork(node, F);
     }
   }
-  template <class M>
-  static void add_inertia(M& sum, const M& other) {
-    Fork<Sp, P>::add(sum, other);
-  }
+  /// Where branches of a node wait.
   Fork<Sp, P>& fork_of(int i) const { return fork[layout.node[i].fork]; }
+  /// Before an inward recursion.
   void clear_forks() {
     for (int k = 0; k < layout.forks; ++k) fork[k].clear();
   }
-  /// The force of a branch, in the axes of its parent's end, stays there until the recursion comes by.
+  /// The force of a branch, in the axes of its parent's end, waits there until the recursion comes by.
   template <class Sv>
   void leave_at_fork(const Node& node, Force<Sv>& F) {
     if (node.parent >= 0) fork_of(node.parent).template force<Sv>() += F;
     F = Force<Sv>::zero();
+  }
+  /// Its articulated inertia likewise.
+  void leave_at_fork(const Node& node, typename Sp::Inertia& M) {
+    if (node.parent >= 0) Fork<Sp, P>::add(fork_of(node.parent).M, M);
+    M = Sp::no_inertia();
   }
   /// F is carried by the node's end, and then goes through its joint, in its axes.
   void force_node(int i, const S* x, Force<Sp>& F, S* tau) {

@@ -84,14 +84,6 @@ inline void factor_joint(C& chain, const Node& node, State<typename C::Space>& s
 
 inline bool is_free(const Node& node) { return node.kind != Node::fixed && !node.given; }
 
-/// The inertia of a branch, about its parent's end, stays there until the recursion comes by.
-template <class C>
-inline void leave_at_fork(C& chain, const Node& node, typename C::Space::Inertia& M) {
-  using Sp = typename C::Space;
-  if (node.parent >= 0) C::add_inertia(chain.fork_of(node.parent).M, M);
-  M = Sp::no_inertia();
-}
-
 /// Factors M + shift of a chain after its `move`.
 /// @return where every pivot is positive; where not, `chain.lost` says why
 template <class C>
@@ -105,7 +97,7 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
   for (int i = chain.layout.nodes; i-- > 0;) {
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
-    if (node.fork >= 0) C::add_inertia(M, chain.fork[node.fork].M);
+    if (node.fork >= 0) chain.fork[node.fork].add_inertia_to(M);
     if (node.ne > 0) {
       if (node.tip) Sp::add(M, s.tip);
       M = Sp::rotate(s.elastic.end.frame.R, M);
@@ -115,7 +107,7 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
     }
     if (is_free(node)) factor_joint(chain, node, s, M, shift, good);
     if (node.parent >= 0 && !node.coincident) M = C::to_parent(node, s, M);
-    if (node.branch) leave_at_fork(chain, node, M);
+    if (node.branch) chain.leave_at_fork(node, M);
   }
   return good;
 }
@@ -226,7 +218,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
     if (node.fork >= 0) {
-      C::add_inertia(M, chain.fork[node.fork].M);
+      chain.fork[node.fork].add_inertia_to(M);
       F += chain.fork[node.fork].template force<Sp>();
     }
     if (node.ne > 0) {
@@ -255,7 +247,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
       F = s.frame.to_parent(F);
     }
     if (!node.branch) continue;
-    leave_at_fork(chain, node, M);
+    chain.leave_at_fork(node, M);
     chain.leave_at_fork(node, F);
   }
   outward<true>(chain, Motion<Sp>{base, Sp::zero_angular()}, x);

@@ -1,5 +1,5 @@
-// Nodes that carry more than one branch: where the branches' forces and inertias are summed up inward, and where the
-// motion of the node's end is kept outward.
+// Nodes with a child that does not stand right behind them in the list: here the branches' forces and inertias are
+// summed up inward, and the motion of the node's end is kept outward.
 #pragma once
 
 #include "arm/state.hpp"
@@ -32,6 +32,7 @@ struct Fork {
     const S* b = view<const S>(&other);
     for (std::size_t k = 0; k < sizeof(Any) / sizeof(S); ++k) a[k] += b[k];
   }
+  void add_inertia_to(typename Sp::Inertia& sum) const { add(sum, M); }
   /// The sums, before an inward recursion.
   void clear() {
     M = Sp::no_inertia();

@@ -27,6 +27,7 @@ class Slopes {
     int first, end;          ///< nodes
     int parent;              ///< the segment that it sits on, or -1: the world
     bool leaf;               ///< whether none sits on it
+    int child, sibling;      ///< one that sits on it, and the next one on its own parent; -1: none
     int rates, own, inputs;  ///< rows of rates; columns, filled up to multiples of D
     int* rate;               ///< of each row
     int* direction;          ///< of each own column: a coordinate, or nq and a rate; -1: none
@@ -130,7 +131,7 @@ class Slopes {
   }
 
   void lay_out(int first, int end, int columns, bool by_v, Arena& arena) {
-    Segment s{first, end, -1, true, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
+    Segment s{first, end, -1, true, -1, -1, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
     for (int i = end; i < layout_.nodes; ++i) s.leaf = s.leaf && layout_.node[i].parent != end - 1;
     for (int i = first; i < end; ++i) s.rates += layout_.node[i].ne + (layout_.node[i].kind != Node::fixed);
     const int sits_on = layout_.node[first].parent;
@@ -142,6 +143,10 @@ class Slopes {
     if (!s.rate) return;  // counting
     for (int k = 0; k < segments_; ++k)
       if (segment_[k].end - 1 == sits_on) s.parent = k;
+    if (s.parent >= 0) {
+      s.sibling = segment_[s.parent].child;
+      segment_[s.parent].child = segments_;
+    }
     int row = 0, column = 0;
     for (int i = first; i < end; ++i) {
       const Node& node = layout_.node[i];
@@ -213,8 +218,10 @@ class Slopes {
     const int parent = layout_.node[s.first].parent;
     if (parent >= 0) w = layout_.node[parent].ne > 0 ? value_->state[parent].end_w : value_->state[parent].w;
     const Motion<One> a = value_->end_acceleration(parent, base_);
-    for (int i = s.end; i < layout_.nodes; ++i)
-      if (layout_.node[i].parent == s.end - 1) force += value_->to_parent(i, value_->state[i].force);
+    for (int k = s.child; k >= 0; k = segment_[k].sibling) {
+      const int i = segment_[k].first;
+      force += value_->to_parent(i, value_->state[i].force);
+    }
     put(w);
     put(a);
     put(One::zero_angular());
@@ -350,9 +357,8 @@ class Slopes {
   /// The force on the end of segment k, by the motion x there: of all that sits on it.
   void carry(int k, const double* x, int stride, double* force) const {
     const double* sum = nullptr;
-    for (int i = k + 1; i < segments_; ++i) {
+    for (int i = segment_[k].child; i >= 0; i = segment_[i].sibling) {
       const Segment& s = segment_[i];
-      if (s.parent != k) continue;
       add_product(sum, D, s.response, s.inputs, x, stride, kForce, motion_, force, D);
       sum = force;
     }

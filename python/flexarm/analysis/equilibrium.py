@@ -88,7 +88,7 @@ def _sizes(arm: Chain) -> Array:
     """How far one unit of each rate's coordinate moves the arm, (nv,): the turn of a section (rad), or a shift in parts
     of the arm's length. So coordinates compare, although strains of short beams are large numbers (1/m)."""
     length = arm.longest([float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links))])
-    length = max(length, arm.longest([link.beam.length if link.beam else 0.0 for link in arm.links])) or 1.0
+    length = max(length, arm.beam_reach) or 1.0
     sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
     for n, link in enumerate(arm.links):
         elastic = slice(first[n] + link.joint.nv, first[n + 1])

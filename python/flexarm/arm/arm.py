@@ -104,10 +104,8 @@ class Arm(Chain):
             q: coordinates; by default all 0.1, which bends beams much.
             v: rates; by default all 0.1.
         """
-        return self._core.operation_count(
-            array("q", np.full(self.nq, 0.1) if q is None else q, (self.nq,)),
-            array("v", np.full(self.nv, 0.1) if v is None else v, (self.nv,)),
-        )
+        q, v = (np.full(n, 0.1) if x is None else x for x, n in ((q, self.nq), (v, self.nv)))
+        return self._core.operation_count(*self._single(q=q, v=v))
 
     def forward_dynamics(
         self,

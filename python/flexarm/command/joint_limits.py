@@ -24,6 +24,12 @@ def freedoms(arm: Arm) -> dict[Any, int]:
     return {(n, k) if own[1:] else n: i for n, own in rates.items() for k, i in enumerate(own)}
 
 
+def same_joints(x: Arm, y: Arm) -> bool:
+    """Whether links sit on the same ones, by joints of the same freedoms."""
+    kinds = [[(n, link.joint.labels) for n, link in zip(arm.parents, arm.links, strict=True)] for arm in (x, y)]
+    return kinds[0] == kinds[1]
+
+
 def by_freedom(arm: Arm, name: str) -> dict[int, float]:
     """A number that each freedom of a joint has, such as "coulomb" or "lower", by rate."""
     joints = [(arm.joint_rates(n), arm.links[n].joint) for n in arm.movable]

@@ -163,7 +163,7 @@ def seated(links: Sequence[Link], parents: Sequence[int]) -> list[Link]:
     words = Counter(word for link in links for word in {link.name, link.joint.name})
     out = []
     for k, (link, n) in enumerate(zip(links, parents, strict=True)):
-        name = links[n].name
+        name = links[n].name if n >= 0 else None
         known = name if name not in (None, "world") and words[name] == 1 else n
         parent = None if n == k - 1 else "world" if n < 0 else known
         out.append(link if parent == link.parent else replace(link, parent=parent))

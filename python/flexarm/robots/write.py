@@ -134,10 +134,10 @@ def _has(joint: Joint, field: str) -> bool:
     return bool((column[field] != (column["coulomb"] if field == "stiction" else 0.0)).any())
 
 
+# -- MJCF -------------------------------------------------------------------------------------------------------------
+
 #: what a free joint and a ball of MJCF have, one number for all freedoms
 _OF_A_BALL = ("stiffness", "damping", "reflected_inertia")
-
-# -- MJCF -------------------------------------------------------------------------------------------------------------
 
 
 def mjcf(cut: Segmented) -> str:

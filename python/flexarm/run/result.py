@@ -132,8 +132,9 @@ class Result(outputs.Rows):
     def to_data(self) -> Data:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
-        of the arm's end, "end x", "end y", "end z" (m). Units are those of joints; elastic coordinates have "", since
-        theirs depend on the beam's basis. Rows that a batch did not keep are left out.
+        of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on. Units are
+        those of joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not
+        keep are left out.
 
         Raises:
             ValueError: no rows.

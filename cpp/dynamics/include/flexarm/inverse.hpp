@@ -25,7 +25,7 @@ class JointReactions {
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
   /// Force and moment [f; m] (N, N m) through the joint of a link, on it: at its own frame and in its axes, or
-  /// (inboard) at the end of the link below.
+  /// (inboard) at the end of its parent.
   Vec6<double> operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
                           std::size_t link, bool inboard);
 

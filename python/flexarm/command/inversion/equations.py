@@ -39,7 +39,7 @@ class Equations:
         self.arm, self.output, self.posture = arm, output, posture
         self.joints, self.inner = np.array(joints, dtype=int), np.array(inner, dtype=int)
         far = float(np.linalg.norm(arm.end_places(arm.zero), axis=1).max())
-        self.length = max(far, arm.longest([link.beam.length if link.beam else 0.0 for link in arm.links]), 1e-3)
+        self.length = max(far, arm.beam_reach, 1e-3)
         self.elastic = True  # whether the inner coordinates move
         self.tell: Callable[[str], None] = lambda doing: None
         self.locked: tuple[Any, ...] = ()  # keys of locked freedoms, and of passive ones

@@ -16,7 +16,7 @@ from ...model.acting.control import PD
 from ...model.acting.drive import Motion, Torque
 from ...run.result import Result
 from ...run.simulation import simulate
-from ..joint_limits import freedoms
+from ..joint_limits import freedoms, same_joints
 from .path import Output
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class Inversion:
         if (how == "feedback") != (kp is not None and kv is not None):
             raise ValueError(f'kp = {kp}, kv = {kv}: how="feedback" needs both gains, other ways none')
         arm = self.arm if arm is None else arm
-        if not isinstance(arm, Arm) or _joints(arm) != _joints(self.arm):
+        if not isinstance(arm, Arm) or not same_joints(arm, self.arm):
             raise ValueError(f"arm = {arm!r}: must be an Arm with the same joints as the inverted one")
         if "integrator" not in options:
             options = {"rtol": 1e-9, "atol": 1e-11, "max_order": 5, **options}
@@ -203,11 +203,6 @@ class Inversion:
         for key, place in self._joint_places().items():
             q[arm.coordinate_of(arm.joint_rate(key))] = place
         return arm.equilibrium(q, lock=[key for key in self._joint_places() if key not in self._passive])
-
-
-def _joints(arm: Arm) -> list[Any]:
-    """Of each link, what it sits on, and its joint's freedoms."""
-    return [(parent, link.joint.labels) for parent, link in zip(arm.parents, arm.links, strict=True)]
 
 
 def _smooth_torque(t: Array, values: Array) -> Torque:

@@ -16,6 +16,7 @@ from ...model.acting.drive import Motion
 from ...model.parts.labels import ends as ends_of
 from ...run.result import Result
 from ...run.simulation import simulate
+from ..joint_limits import same_joints
 from .moved_arm import MovedArm
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ class Move:
         frequencies: with locked joints, at the start and at the end (rad/s), (2, n): of the modes that are brought to
             rest.
         limits: the use of each limit.
-        residual: largest distance of the arm's end from its final place after the move, simulated on the flexible arm
-            (m). residual_unshaped: after the time-optimal rigid move.
+        residual: largest distance of the arm's end, of a tree of any end, from its final place after the move,
+            simulated on the flexible arm (m). residual_unshaped: after the time-optimal rigid move.
         drive: motions for `simulate`, which stay at the end when the move is over. rigid_drive: those of the
             time-optimal rigid move, for comparison.
     """
@@ -123,7 +124,7 @@ class Move:
         return swing(self._other(arm), self.simulate(arm), self.duration)
 
     def _other(self, arm: Any) -> MovedArm:
-        if not isinstance(arm, Arm) or _joints(arm) != _joints(self.arm):
+        if not isinstance(arm, Arm) or not same_joints(arm, self.arm):
             raise ValueError("arm: must be an Arm with the same joints as the one the move is planned for")
         return MovedArm(arm, type(self._plant.driven).of(arm), self.q[0], self.q[-1])
 
@@ -173,11 +174,6 @@ def swing(plant: MovedArm, run: Result, duration: float) -> float:
     """The largest distance of the arm's end, of a tree of any end, from its final place, after a move (m)."""
     after = run.arm.end_places(run.q[run.t >= duration * (1.0 - 1e-12)])
     return float(np.linalg.norm(after - plant.rest, axis=2).max())
-
-
-def _joints(arm: Arm) -> list[tuple[int, int]]:
-    """Of each link, what it sits on, and how many freedoms its joint has."""
-    return [(parent, link.joint.nv) for parent, link in zip(arm.parents, arm.links, strict=True)]
 
 
 def held(t: Array, q: Array, v: Array, a: Array) -> tuple[Array, ...]:

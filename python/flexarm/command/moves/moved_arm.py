@@ -107,7 +107,7 @@ class MovedArm:
 
     def left(self, q: Array, v: Array) -> Array:
         """Displacement and rate (over its frequency) of each locked mode at the end, (2, n), as displacements of the
-        arm's end (m)."""
+        arm's end, of a tree of the end that moves most (m)."""
         m, d = self.modes, self.driven
         to_modes = m.shapes.T @ m.mass
         with np.errstate(divide="ignore", invalid="ignore"):

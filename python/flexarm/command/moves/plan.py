@@ -14,7 +14,7 @@ from ..._check import Array, array, choice, number
 from ..._console import progress_bar
 from ...arm.arm import Arm
 from ...run.simulation import simulated
-from ..joint_limits import Driven, Limits
+from ..joint_limits import Driven, Limits, joint_ranges
 from .move import LimitUse, Move, held, swing
 from .moved_arm import MovedArm
 from .rigid import RigidMove, fastest
@@ -24,7 +24,7 @@ from .search import PENALTIES, Aim, Found, Search
 Tell = Callable[[str], None] | None
 METHODS = ("fast", "shaped")
 _KNOTS, _KNOTS_EACH = (160, 240), (60, 120)  # of a motion, at least and at most: along a route, and of each joint
-_KNOTS_ALL, _KNOTS_FEW = 240, 24  # of all joints; each has fewer, down to the second, where these would be more
+_KNOTS_ALL, _KNOTS_FEW = 240, 24  # all joints together have at most the first, unless each had fewer than the second
 _ASIDE = 1e-3  # of the largest way: how far a joint without stops that stays may move
 _PER_HALF, _PER_HALF_EACH = 10, 2  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered if its frequency times the time between knots is below this
@@ -62,11 +62,11 @@ def plan_move(
 
     By default each joint goes its own way, or all go together along `path`, in about the least time in which the limits
     allow it: a search finds a local optimum, and ends early if the limits are far away. A joint stays between its
-    stops; without stops and path, between both positions. First the time-optimal move of the rigid arm along the path
-    or the straight line is found (Bobrow et al. 1985, Verscheure et al. 2009). The motion is then chosen so that on the
-    flexible arm, simulated, all limits hold and nothing swings at the end: by linear programmes on exact Jacobians
-    along the run, in which modes may change with the pose. The result is run once more by "ida": `.limits` and
-    `.residual` are of that run.
+    stops; where a stop is missing and there is no path, it does not go beyond both positions, nor does a single joint.
+    First the time-optimal move of the rigid arm along the path or the straight line is found (Bobrow et al. 1985,
+    Verscheure et al. 2009). The motion is then chosen so that on the flexible arm, simulated, all limits hold and
+    nothing swings at the end: by linear programmes on exact Jacobians along the run, in which modes may change with
+    the pose. The result is run once more by "ida": `.limits` and `.residual` are of that run.
 
     Every joint is driven, and the arm starts and ends in balance with gravity. Accelerations are continuous, and zero
     at both ends.
@@ -100,8 +100,6 @@ def plan_move(
         MoveWarning: the remaining vibration is above `residual`, or a limit is passed.
     """
     driven = Driven.of(arm)
-    if method == "optimal":
-        raise ValueError("method = 'optimal': is 'fast' now, the default; path = [q_from, q_to] keeps to the line")
     choice("method", method, METHODS)
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:
@@ -221,9 +219,11 @@ class _Plan:
         if not self.independent:
             return Aim(tight, False, np.ones(1), np.full(1, 4.0), self.scale, self.kept, self.enough)
         start, end = self.route.start, self.route.end
-        way, endless = np.abs(end - start), np.isinf(tight.reach)
-        tight = replace(tight, middle=np.where(endless, 0.5 * (start + end), tight.middle),
-                        reach=np.where(endless, np.maximum(0.5 * way, _ASIDE * way.max()), tight.reach))  # fmt: skip
+        way = np.abs(end - start)
+        low, high = joint_ranges(self.plant.arm, "stops", None, self.plant.driven.rates.tolist())
+        low = np.where(np.isinf(low), np.minimum(start, end), low)
+        high = np.where(np.isinf(high), np.maximum(start, end), high)
+        tight = replace(tight, middle=0.5 * (low + high), reach=np.maximum(0.5 * (high - low), _ASIDE * way.max()))
         M = np.diag(self.plant.arm.mass_matrix(self.plant.q_end))[self.plant.driven.rates]
         able = np.minimum(self.limits.acceleration, self.limits.torque / M)  # approximate largest accelerations
         size = 4.0 * np.maximum(way, 0.25 * (way / able).max() * able)

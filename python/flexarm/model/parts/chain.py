@@ -200,10 +200,10 @@ class Chain:
             raise ValueError(f"{field} = 'world': is the name of a link, too; give that another name")
         if parent is None or parent == "world":
             return k - 1 if parent is None else -1
-        n = self._link(parent, field)
-        if n >= k or (not isinstance(parent, str) and int(parent) < 0):
-            right = "a link before this one" if k else "None or 'world', of the first link"
-            raise ValueError(f"{field} = {parent!r}: must be {right}, or 'world'")
+        n = self._link(parent, field) if isinstance(parent, str) else parent
+        if not 0 <= n < k:
+            right = "a link before this one, or 'world'" if k else "None or 'world', as this is the first link"
+            raise ValueError(f"{field} = {parent!r}: must be {right}")
         return n
 
     @property
@@ -244,6 +244,11 @@ class Chain:
         for size, parent in zip(sizes, self.parents, strict=True):
             sums.append(size if parent < 0 else sums[parent] + size)
         return max(sums, default=0.0)
+
+    @property
+    def beam_reach(self) -> float:
+        """The largest length of beams along the way from the world to an end (m)."""
+        return self.longest([link.beam.length if link.beam is not None else 0.0 for link in self.links])
 
     def end_places(self, q: ArrayLike) -> Array:
         """Positions (..., n, 3) of all `ends` in the world (m)."""

@@ -94,7 +94,7 @@ class Joint(Part):
         torque_limit: of the motor or its gear (N m, N): the largest absolute sum of drives, controllers and `tau`;
             None: no limit. It acts in all time integration; `Result.tau` is the limited torque. A prescribed motion and
             the functions of one instant have no limit. Springs, dampers, stops and dry friction are not in the sum.
-        inboard: frame of the joint on its parent, the link below or the world, from that link's end.
+        inboard: frame of the joint, from the end of the link's parent, or in the world.
         outboard: frame of the link, from the joint's moving side.
         name: such as "elbow"; it may be used instead of the link's number, and labels the coordinates. No dots, no
             number; unique in the arm.
