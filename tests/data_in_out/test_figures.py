@@ -71,7 +71,8 @@ def test_names_of_joints_over_modes(count: int) -> None:
     s = np.linspace(0, 3.6, 60)
     moved = np.sin(s[:, None, None] * np.arange(1, 9)) * np.array([0, 1, 1])[None, :, None]
     labels = [f"mode {k}: {100 * k} Hz, damping 0.005 %" for k in range(8)]
-    readable(modes.plot_modes(s, moved, labels, [(3.6 / count * k, name) for k, name in enumerate(NAMES[:count])]))
+    readable(modes.plot_modes(s, moved, labels, [(3.6 / count * k, name) for k, name in enumerate(NAMES[:count])],
+                              {"arm": range(60)}))  # fmt: skip
 
 
 def pair(count: int) -> Any:
