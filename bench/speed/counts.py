@@ -89,16 +89,40 @@ def executed(path: Path) -> tuple[dict[str, int], dict[str, Counter[int]]]:
     return totals, counts
 
 
+def timed(program: Path) -> tuple[list[dict[str, Any]], list[str]]:
+    """The program's rows with their times, and the words of the remark behind them."""
+    lines = subprocess.run([program, "times"], check=True, capture_output=True, text=True).stdout.splitlines()
+    return list(csv.DictReader(x for x in lines if not x.startswith("#"))), lines[-1][1:].split()
+
+
+def under_callgrind(program: Path, folder: str, *options: str) -> str:
+    """What the program prints there. FOLDER/out.1, out.2 .. are the dumps of its calls of `flexarm_measured`."""
+    command = ["valgrind", "--tool=callgrind", "--dump-instr=yes", f"--callgrind-out-file={folder}/out", *options]
+    command += ["--toggle-collect=flexarm_measured", "--dump-after=flexarm_measured", str(program)]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def arguments(doc: str | None, program: str) -> tuple[argparse.Namespace, str]:
+    """Those of a bench whose program runs under valgrind, and valgrind's version."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", type=Path)
+    parser.add_argument("--program", type=Path, default=ROOT / "build/release" / program)
+    options = parser.parse_args()
+    if not options.program.exists():
+        parser.error(f"{options.program} is not there: cmake --preset release && cmake --build --preset release")
+    if not shutil.which("valgrind"):
+        parser.error("valgrind is not there; on Debian or Ubuntu: apt-get install valgrind")
+    version = subprocess.run(["valgrind", "--version"], check=True, capture_output=True, text=True).stdout.strip()
+    return options, version.removeprefix("valgrind-")
+
+
 def measure(program: Path) -> list[dict[str, Any]]:
     """A row for each rung."""
-    lines = subprocess.run([program, "times"], check=True, capture_output=True, text=True).stdout.splitlines()
-    rows: list[dict[str, Any]] = list(csv.DictReader(x for x in lines if not x.startswith("#")))
-    operation = float(lines[-1][1:])
+    rows, words = timed(program)
+    operation = float(words[0])
     known: dict[str, dict[int, tuple[str, str]]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        command = ["valgrind", "--tool=callgrind", "--dump-instr=yes", f"--callgrind-out-file={folder}/out"]
-        command += ["--toggle-collect=flexarm_measured", "--dump-after=flexarm_measured", str(program)]
-        subprocess.run(command, check=True, capture_output=True)
+        under_callgrind(program, folder)
         for k, row in enumerate(rows):
             events, counts = executed(Path(folder) / f"out.{k + 1}")
             total = events["Ir"]
@@ -184,17 +208,9 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path)
-    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bench_counts")
-    options = parser.parse_args()
-    if not options.program.exists():
-        parser.error(f"{options.program} is not there: cmake --preset release && cmake --build --preset release")
-    if not shutil.which("valgrind"):
-        parser.error("valgrind is not there; on Debian or Ubuntu: apt-get install valgrind")
-    version = subprocess.run(["valgrind", "--version"], capture_output=True, text=True).stdout.strip()
+    options, valgrind = arguments(__doc__, "bench_counts")
     rows = measure(options.program)
-    keep("speed_counts", page(rows, version.removeprefix("valgrind-")), rows, draw(rows), options.o)
+    keep("speed_counts", page(rows, valgrind), rows, draw(rows), options.o)
 
 
 if __name__ == "__main__":

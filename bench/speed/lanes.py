@@ -10,16 +10,14 @@ its section of docs/speed.md (with -o only the file, into DIR).
 
 from __future__ import annotations
 
-import argparse
 import csv
-import subprocess
 import tempfile
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from counts import code_of, executed, operations_of
-from speed_common import ROOT, about, keep, table
+from counts import arguments, code_of, executed, operations_of, timed, under_callgrind
+from speed_common import about, keep, table
 
 NEAR = 1.3  # measured over floor: the aim
 
@@ -49,15 +47,11 @@ def counted(dump: Path, known: dict[str, dict[int, tuple[str, str]]]) -> Counter
 
 def measure(program: Path) -> tuple[list[dict[str, Any]], dict[str, float]]:
     """A row for each work, and nanoseconds of one instruction of each kind."""
-    lines = subprocess.run([program, "times"], check=True, capture_output=True, text=True).stdout.splitlines()
-    rows: list[dict[str, Any]] = list(csv.DictReader(x for x in lines if not x.startswith("#")))
-    words = lines[-1][1:].split()
+    rows, words = timed(program)
     best = dict(zip(words[::2], map(float, words[1::2]), strict=True))
     known: dict[str, dict[int, tuple[str, str]]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        command = ["valgrind", "--tool=callgrind", "--dump-instr=yes", f"--callgrind-out-file={folder}/out"]
-        command += ["--cache-sim=yes", "--toggle-collect=flexarm_measured", "--dump-after=flexarm_measured"]
-        text = subprocess.run([*command, program], check=True, capture_output=True, text=True).stdout
+        text = under_callgrind(program, folder, "--cache-sim=yes")
         for k, (row, other) in enumerate(zip(rows, csv.DictReader(text.splitlines()), strict=True)):
             if row["lanes"] != other["lanes"]:
                 raise SystemExit("valgrind does not know this processor's vectors: set FLEXARM_ISA=avx2")
@@ -91,15 +85,9 @@ Measured by `python bench/speed/lanes.py` ({about(valgrind=valgrind)}).
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path)
-    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bench_lanes")
-    options = parser.parse_args()
-    if not options.program.exists():
-        parser.error(f"{options.program} is not there: cmake --preset release && cmake --build --preset release")
-    version = subprocess.run(["valgrind", "--version"], check=True, capture_output=True, text=True).stdout.strip()
+    options, valgrind = arguments(__doc__, "bench_lanes")
     rows, best = measure(options.program)
-    keep("speed_floor", page(rows, best, version.removeprefix("valgrind-")), rows, None, options.o)
+    keep("speed_floor", page(rows, best, valgrind), rows, None, options.o)
 
 
 if __name__ == "__main__":

@@ -335,9 +335,9 @@ class Pane {
       object.scale.setScalar(0.5 * view.radius * share);
       if (kind === "force") object.position.addScaledVector(q.normalize(), -object.scale.y); // its head pushes
     }
+    let n = 0; // the same of all traces
+    while (n < this.traceTimes.length && this.traceTimes[n] <= time) n++;
     for (const done of this.traces) {
-      let n = 0;
-      while (n < this.traceTimes.length && this.traceTimes[n] <= time) n++;
       if (slow) done.geometry.setDrawRange(0, n);
       else done.geometry.instanceCount = Math.max(n - 1, 0);
     }
