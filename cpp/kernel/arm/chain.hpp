@@ -88,7 +88,7 @@ struct Chain {
           });
     }
   }
-  /// Where the branch that begins with node i sits: w and attitude there.
+  /// What node i sits on, where a recursion begins with it: w and attitude there.
   void start_branch(int i, Ang& w, typename Sp::Rot& attitude) const {
     const int parent = layout.node[i].parent;
     w = Sp::zero_angular();

@@ -215,9 +215,9 @@ class Slopes {
     };
     typename One::Ang w = One::zero_angular();
     Force<One> force = Force<One>::zero();
-    const int parent = layout_.node[s.first].parent;
-    if (parent >= 0) w = layout_.node[parent].ne > 0 ? value_->state[parent].end_w : value_->state[parent].w;
-    const Motion<One> a = value_->end_acceleration(parent, base_);
+    typename One::Rot attitude;
+    value_->start_branch(s.first, w, attitude);
+    const Motion<One> a = value_->end_acceleration(layout_.node[s.first].parent, base_);
     for (int k = s.child; k >= 0; k = segment_[k].sibling) {
       const int i = segment_[k].first;
       force += value_->to_parent(i, value_->state[i].force);
@@ -230,12 +230,9 @@ class Slopes {
   }
   /// How the frame stands where a segment begins.
   typename Sp::Rot attitude_of(const Segment& s, const Ang& turn) const {
-    typename One::Rot R = One::turn(0, 0.0, 1.0);
-    if (const int parent = layout_.node[s.first].parent; parent >= 0) {
-      const auto& before = value_->state[parent];
-      R = before.attitude;
-      if (layout_.node[parent].ne > 0) R = One::times(R, before.elastic.end.frame.R);
-    }
+    typename One::Ang w;
+    typename One::Rot R;
+    value_->start_branch(s.first, w, R);
     return Sp::times(constant(R), small_turn(turn));
   }
   static Space<LaneDual>::Rot constant(const Space<double>::Rot& R) {
