@@ -38,8 +38,11 @@ double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact :
 
 }  // namespace
 
-Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<int> parents)
-    : links_(std::move(links)), gravity_(finite("gravity", gravity)), parents_(std::move(parents)) {
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<int> parents, std::vector<Strut> struts)
+    : links_(std::move(links)),
+      gravity_(finite("gravity", gravity)),
+      parents_(std::move(parents)),
+      struts_(std::move(struts)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
   if (parents_.empty()) {
     parents_.resize(size());
@@ -74,7 +77,25 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<in
             .cwiseInverse()
             .cwiseMin(std::numeric_limits<double>::max());
   }
+  for (std::size_t k = 0; k < struts_.size(); ++k) check(struts_[k], "struts[" + std::to_string(k) + "]");
   check_inertia();
+}
+
+void Arm::check(const Strut& strut, const std::string& name) const {
+  if (strut.points.size() < 2)
+    bad_value(name + ".points", std::to_string(strut.points.size()) + " points", "must be two or more");
+  non_negative(name + ".stiffness", strut.stiffness);
+  non_negative(name + ".damping", strut.damping);
+  non_negative(name + ".length", strut.length);
+  if (!std::isfinite(strut.force)) bad_value(name + ".force", strut.force, "must be finite");
+  for (std::size_t i = 0; i < strut.points.size(); ++i) {
+    const Strut::Point& p = strut.points[i];
+    const std::string here = name + ".points[" + std::to_string(i) + "]";
+    finite(here + ".offset", p.offset);
+    if (p.link < kWorld || p.link >= static_cast<int>(size()))
+      bad_value(here + ".link", p.link, "there is no such link");
+    if (p.link != kWorld && p.on == Strut::Point::slice) link(static_cast<std::size_t>(p.link)).slice_at(p.x);
+  }
 }
 
 bool Arm::is_chain() const {

@@ -275,10 +275,28 @@ void bind_model(py::module_& m) {
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
+      .def_static("on_strut", &Load::on_strut, py::arg("arm"), py::arg("strut"))
       .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
                   py::arg("world_axes"));
-  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&, std::vector<int>>(), py::arg("links"), py::arg("gravity"),
-          py::arg("parents"))
+  py::class_<Strut>(m, "Strut")
+      .def(py::init([](const std::vector<std::tuple<int, std::string, double, Eigen::Vector3d>>& points,
+                       double stiffness, double damping, double length, double force, bool tension_only) {
+             Strut strut{{}, stiffness, damping, length, force, tension_only};
+             for (const auto& [link, on, x, offset] : points) {
+               if (on != "origin" && on != "end" && on != "slice")
+                 bad_value("on", "\"" + on + "\"", "must be \"origin\", \"end\" or \"slice\"");
+               strut.points.push_back({link,
+                                       on == "origin" ? Strut::Point::origin
+                                       : on == "end"  ? Strut::Point::end
+                                                      : Strut::Point::slice,
+                                       x, offset});
+             }
+             return strut;
+           }),
+           py::arg("points"), py::arg("stiffness"), py::arg("damping"), py::arg("length"), py::arg("force"),
+           py::arg("tension_only"));
+  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&, std::vector<int>, std::vector<Strut>>(), py::arg("links"),
+          py::arg("gravity"), py::arg("parents"), py::arg("struts") = std::vector<Strut>{})
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

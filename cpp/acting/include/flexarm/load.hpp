@@ -17,11 +17,14 @@ struct Load {
   std::size_t link;
   bool world_axes;            ///< or the axes of the slice, which turn with it
   std::vector<Point> points;  ///< empty: the link's end
+  int strut = -1;             ///< or a strut, which pushes with the first of the six numbers besides its own force
 
   /// At a link's end, where the next joint sits.
   static Load at_end(const Arm& arm, std::size_t link, bool world_axes);
   /// At the slice at x metres along a link's beam.
   static Load at_slice(const Arm& arm, std::size_t link, double x, bool world_axes);
+  /// In a strut or tendon, which pushes its ends apart with the first of the six numbers (N).
+  static Load on_strut(const Arm& arm, std::size_t strut);
   /// Along a beam from a to b metres: force and moment per length (N/m, N).
   static Load along(const Arm& arm, std::size_t link, double a, double b, bool world_axes);
 };

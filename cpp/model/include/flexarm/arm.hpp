@@ -6,6 +6,7 @@
 
 #include "flexarm/link.hpp"
 #include "flexarm/made_once.hpp"
+#include "flexarm/strut.hpp"
 
 namespace flexarm {
 
@@ -38,9 +39,10 @@ class Arm {
 
   /// @param gravity world axes (m/s^2); a joint on the world sits at its origin, in its axes
   /// @param parents of each link, the link at whose end its joint sits: one before it, or kWorld. Empty: a chain
+  /// @param struts struts and tendons between points of the links and of the world
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
   explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
-               std::vector<int> parents = {});
+               std::vector<int> parents = {}, std::vector<Strut> struts = {});
 
   const std::vector<Link>& links() const { return links_; }
   std::size_t size() const { return links_.size(); }
@@ -48,6 +50,7 @@ class Arm {
   /// The link on whose end link n sits, or kWorld.
   int parent(std::size_t n) const { return parents_[n]; }
   const std::vector<int>& parents() const { return parents_; }
+  const std::vector<Strut>& struts() const { return struts_; }
   /// Whether every link sits on the one before it.
   bool is_chain() const;
   const Eigen::Vector3d& gravity() const { return gravity_; }
@@ -78,12 +81,14 @@ class Arm {
   const MadeOnce& kept() const { return kept_; }
 
  private:
+  void check(const Strut& strut, const std::string& name) const;
   /// Every coordinate must move some inertia, or no force law gives its acceleration.
   void check_inertia() const;  // inertia_check.cpp
 
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
   std::vector<int> parents_, first_, first_q_, coordinate_of_;
+  std::vector<Strut> struts_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;
