@@ -23,8 +23,8 @@ void make_room_for_limits(Workspace& ws);
 /// The part of move_arm that factor_shifted and composite_mass_matrix need.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
-/// Slopes of the joints' springs, dampers and stops by their coordinates (nv), where the workspace is; see Node.
-void joint_stiffness(Workspace& ws, Eigen::VectorXd& slopes);
+/// Changes of the forces of joints, beams and struts by changes x of the coordinates (nv), see Kernels; after `factor`.
+void stiffness_times(Workspace& ws, const Eigen::VectorXd& x, Eigen::VectorXd& out);
 
 /// E(p) of a ball's quaternion, dp/dt = E w; E^T E is a quarter of the unit matrix.
 Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p);

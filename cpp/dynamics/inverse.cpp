@@ -9,7 +9,9 @@ void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& 
   ws.chain_to_move().move(q.data(), v.data());
 }
 
-void joint_stiffness(Workspace& ws, Eigen::VectorXd& slopes) { ws.placed_chain().joint_stiffness(slopes.data()); }
+void stiffness_times(Workspace& ws, const Eigen::VectorXd& x, Eigen::VectorXd& out) {
+  ws.placed_chain().stiffness_times(x.data(), out.data());
+}
 
 void inverse(Workspace& ws, const double* q, const double* v, const double* a, double* tau) {
   using Array = Eigen::Map<const Eigen::VectorXd>;

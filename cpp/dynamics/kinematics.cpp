@@ -159,6 +159,15 @@ SliceMotion slice_motion(const Arm&, const Workspace& ws, const PlacedSlice& at)
   return motion(*ws.frames, at.place(), at.numbers());
 }
 
+void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                  StrutMotion& out) {
+  const Eigen::Index n = static_cast<Eigen::Index>(arm.struts().size());
+  out.motion.resize(3, n);
+  out.jacobian.resize(arm.nv(), n);
+  if (n > 0)
+    (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), out.motion.data(), out.jacobian.data());
+}
+
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   lanes::Sums sums;
   (*ws.frames)->sums(ws.frames->self(), q.data(), v.data(), sums);
@@ -169,6 +178,14 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     if (!link.beam()) continue;
     const auto qe = q.segment(arm.first_q(n) + link.joint().nq(), link.ne());
     e.potential += 0.5 * qe.dot(link.beam()->stiffness().lazyProduct(qe));
+  }
+  if (arm.struts().empty()) return e;
+  StrutMotion lines;
+  strut_motion(arm, ws, q, v, lines);
+  for (std::size_t k = 0; k < arm.struts().size(); ++k) {
+    const Strut& strut = arm.struts()[k];
+    const double depth = lines.motion(0, static_cast<Eigen::Index>(k)) - strut.length;
+    if (depth > 0.0 || !strut.tension_only) e.potential += 0.5 * strut.stiffness * depth * depth;
   }
   return e;
 }

@@ -9,9 +9,8 @@ namespace flexarm {
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control)
     : arm_(&arm),
       ws_(arm, prescribed),
-      spring_(Eigen::VectorXd::Zero(arm.nv())),
-      turn_(spring_),
-      rhs_(spring_),
+      turn_(Eigen::VectorXd::Zero(arm.nv())),
+      rhs_(turn_),
       ball_(arm.size()) {
   ws_.feed_back(control.feedback());
 }
@@ -21,7 +20,6 @@ bool ChainInverse::factor(const System& s, double cj) {
   ws_.feedback = s.ws.feedback;  // with their present offsets, which tell the laws at their limits
   ws_.limits = s.ws.limits;
   move_chain(ws_, q, v);
-  joint_stiffness(ws_, spring_);
   for (std::size_t n = 0; n < arm_->size(); ++n)
     if (const Joint& joint = arm_->link(n).joint(); joint.has_ball())
       ball_[n] = ball_rate_matrix(q.data() + arm_->first_q(n) + joint.nq() - 4);
@@ -36,9 +34,9 @@ void ChainInverse::solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, d
     turn_.segment(j, nj) = r1.segment(i, nj);
     if (link.joint().has_ball())  // E^T E is a quarter of the unit matrix
       turn_.segment<3>(j + nj - 3).noalias() = 4.0 * ball_[n].transpose() * r1.segment<4>(i + nq - 4);
-    rhs_.segment(j, nj) = spring_.segment(j, nj).cwiseProduct(turn_.segment(j, nj));
-    if (ne > 0) rhs_.segment(j + nj, ne).noalias() = link.beam()->stiffness() * r1.segment(i + nq, ne);
+    turn_.segment(j + nj, ne) = r1.segment(i + nq, ne);
   }
+  stiffness_times(ws_, turn_, rhs_);
   rhs_ = (r2 - rhs_ / cj) / cj;
   solve_shifted(*arm_, ws_, rhs_, dv);
   for (std::size_t n = 0; n < arm_->size(); ++n) {

@@ -105,11 +105,24 @@ void solve(void* self, const double* r, double* x) {
   on(self, [&](auto& chain) { ::solve(chain, r, x); });
 }
 
-void joint_stiffness(void* self, double* slopes) {
+void stiffness_times(void* self, const double* x, double* out) {
   on(self, [&](auto& chain) {
-    for (int i = 0; i < chain.layout.nodes; ++i)
-      if (const Node& node = chain.layout.node[i]; node.kind != Node::fixed)
-        slopes[node.v] = node.passive ? chain.state[i].slope_q : 0.0;
+    for (int i = 0; i < chain.layout.nodes; ++i) {
+      const Node& node = chain.layout.node[i];
+      const auto& s = chain.state[i];
+      if (node.kind != Node::fixed) out[node.v] = node.passive ? s.slope_q * x[node.v] : 0.0;
+      for (int k = 0; k < node.ne; ++k) {
+        out[node.ve + k] = 0.0;
+        for (int j = 0; j < node.ne; ++j)
+          out[node.ve + k] += s.elastic.constants[j <= k ? packed(k, j) : packed(j, k)] * x[node.ve + j];
+      }
+    }
+    for (int k = 0; k < chain.layout.struts; ++k) {
+      const auto& s = chain.struts->strut[k];
+      double sum = 0.0;
+      for (int i = 0; i < chain.layout.nv; ++i) sum += s.g[i] * x[i];
+      for (int i = 0; i < chain.layout.nv; ++i) out[i] += s.by_length * sum * s.g[i];
+    }
   });
 }
 
@@ -218,7 +231,7 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   mass_matrix,
                                                   factor,
                                                   solve,
-                                                  joint_stiffness,
+                                                  stiffness_times,
                                                   side_memory,
                                                   inverse_side_by_side,
                                                   roll_memory,

@@ -97,6 +97,19 @@ void sums(void* self, const double* q, const double* v, Sums& out) {
   put(whole.angular, out.momentum + 3);
 }
 
+void struts(void* self, const double* q, const double* v, double* motion, double* by_q) {
+  One& f = of(self);
+  set(f, q, v);
+  f.place();
+  for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = 0.0;
+  f.chain.struts->stretch(f.chain, f.q, f.v);
+  for (int k = 0; k < f.chain.layout.struts; ++k) {
+    const StrutState<double>& s = f.chain.struts->strut[k];
+    for (const double x : {s.length, s.rate, s.force}) *motion++ = x;
+    f.chain.struts->gather(f.chain, k, by_q + k * f.chain.layout.nv);
+  }
+}
+
 // --- Derivatives, by dual numbers. ---
 
 using Tangent = Frames<LaneDual>;
@@ -157,7 +170,7 @@ namespace lanes {
 
 extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
 const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory, begin,    place, accelerate,    pose,   jacobian,
-                                                      motion, reaction, sums,  slopes_memory, slopes, jacobian_rate};
+                                                      motion, reaction, sums, struts, slopes_memory, slopes, jacobian_rate};
 
 }  // namespace lanes
 }  // namespace flexarm

@@ -90,6 +90,27 @@ inline flexarm::Arm flat_tree(int order = 2) {
   return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 0});
 }
 
+/// An arm with struts from the world to its ends, a rope over all its links that is taut, and one that is slack.
+inline flexarm::Arm tied(const flexarm::Arm& arm) {
+  using P = flexarm::Strut::Point;
+  const int last = static_cast<int>(arm.size()) - 1;
+  const auto slice = [&](int n, double part, const Eigen::Vector3d& offset) {
+    const auto& beam = arm.link(static_cast<std::size_t>(n)).beam();
+    return beam ? P{n, P::slice, part * beam->length(), offset} : P{n, P::origin, 0.0, offset};
+  };
+  flexarm::Strut jack{{{-1, P::end, 0.0, {0.3, -0.8, 0.5}}, {last, P::end, 0.0, {0.02, 0.03, 0.01}}}, 30.0, 2.0, 0.4, 5.0};
+  flexarm::Strut spring{{slice(0, 0.4, {0.0, 0.02, 0.01}), slice(last, 0.7, {0.01, -0.02, 0.0})}, 20.0, 1.0, 3.0, 0.0};
+  flexarm::Strut rope{{{-1, P::end, 0.0, {-0.5, 0.4, 0.1}}}, 50.0, 3.0, 0.2, -1.0, true}, loose = rope;
+  for (int n = 0; n <= last; ++n) {
+    rope.points.push_back(slice(n, 0.3, {0.0, 0.03, 0.02}));
+    rope.points.push_back({n, P::end, 0.0, {0.0, 0.02, 0.01}});
+  }
+  loose.points = {slice(last, 0.2, {0, 0, 0}), {-1, P::end, 0.0, {0.1, 0.2, 0.1}}};
+  loose.length = 50.0;
+  loose.force = 0.0;
+  return flexarm::Arm(arm.links(), arm.gravity(), arm.parents(), {jack, spring, rope, loose});
+}
+
 /// Small reproducible numbers.
 inline Eigen::VectorXd wave(int n, double phase, double size = 0.05) {
   Eigen::VectorXd x(n);

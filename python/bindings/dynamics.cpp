@@ -236,6 +236,25 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
 }
 
+/// Of its struts.
+void bind_struts(py::class_<PyArm, Arm>& arm) {
+  arm.def(
+      "strut_motion",
+      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+        const auto n = static_cast<py::ssize_t>(self.struts().size());
+        Answers out(q, {n, 3}), jacobian(q, {n, self.nv()});
+        const auto lent = self.workspace();
+        StrutMotion m;
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          strut_motion(self, *lent, rows(q).row(k), rows(v).row(k), m);
+          out[k] = m.motion.transpose();
+          jacobian[k] = m.jacobian.transpose();
+        });
+        return py::make_tuple(out.all(), jacobian.all());
+      },
+      py::arg("q"), py::arg("v"));
+}
+
 /// Of the whole arm, and of its beams.
 void bind_sums(py::class_<PyArm, Arm>& arm) {
   arm.def(
@@ -296,5 +315,6 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
 void bind_dynamics(py::class_<PyArm, Arm>& arm) {
   bind_forces(arm);
   bind_motion(arm);
+  bind_struts(arm);
   bind_sums(arm);
 }

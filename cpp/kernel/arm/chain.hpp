@@ -6,6 +6,7 @@
 
 #include "arm/forks.hpp"
 #include "arm/joints.hpp"
+#include "arm/struts.hpp"
 #include "beam/loads.hpp"
 #include "wide/arena.hpp"
 
@@ -16,6 +17,7 @@ template <class Sp, class P>
 struct Chain {
   using Space = Sp;
   using S = typename Sp::Scalar;
+  using Wide = P;  ///< S, or of one arm packs of it
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
   using Mask = typename Lanes<S>::Mask;
@@ -29,10 +31,14 @@ struct Chain {
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
   S* kept;           ///< numbers of a body, while others of the pack are found
   Fork<Sp, P>* fork;
+  Struts<Chain>* struts;  ///< of an arm that has some
+  bool stiffened = false;  ///< whether the factors are those of a matrix with terms of struts
 
   Chain(const Layout& layout_, const double* numbers_, Arena& arena) : layout(layout_), numbers(numbers_) {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
     arena.take(layout.forks, fork);
+    P* turns;
+    arena.take(layout.struts, turns);
     arena.take(layout.nodes, state);
     for (int i = 0; i < layout.nodes; ++i) {
       Elastic<Sp> counted;
@@ -49,6 +55,10 @@ struct Chain {
     arena.take(most_elastic(layout), s.J);
     arena.take_zeros(6 * layout.loads, wrench);
     arena.take(kept_numbers(layout), kept);
+    arena.take(layout.struts > 0 ? 1 : 0, struts);
+    if (layout.struts == 0) return;
+    Struts<Chain> none;
+    (arena.counts() ? none : *struts).lay_out(layout, most_elastic(layout), turns, arena);
   }
   Chain(const Layout& layout_, const double* numbers_, Arena&& arena) : Chain(layout_, numbers_, arena) {}
   /// Bytes, aligned for P.
@@ -87,6 +97,12 @@ struct Chain {
             bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
           });
     }
+    if constexpr (rates && forces)
+      if (layout.struts > 0) push_struts(q, v);
+  }
+  void push_struts(const S* q, const S* v) {
+    struts->stretch(*this, q, v);
+    struts->act(*this, 1.0);
   }
   /// What node i sits on, where a recursion begins with it: w and attitude there.
   void start_branch(int i, Ang& w, typename Sp::Rot& attitude) const {
@@ -188,6 +204,7 @@ struct Chain {
       shared[i] = s;
       known[i] = true;
     }
+    if (layout.struts > 0) push_struts(q, v);
   }
   static bool same(const Ang& a, const Ang& b) {
     const S *x = view<const S>(&a), *y = view<const S>(&b);
@@ -199,6 +216,23 @@ struct Chain {
   static const S* none() {
     static const S zeros[kMostElastic]{};
     return zeros;
+  }
+
+  /// Whether a place moves with the end of a beam.
+  static bool on_end(const Layout& layout, const Place& place) {
+    return place.on == Place::end && layout.node[place.node].ne > 0;
+  }
+  /// A place as a slice of its node's frame, or of its beam's end.
+  Slice<Sp>& slice_of(const Place& at, const double* place_numbers, const S* q, const S* v) {
+    const Node& node = layout.node[at.node];
+    if (at.on != Place::slice) {
+      fixed_slice(place_numbers, *slice);
+      return *slice;
+    }
+    const double* points = numbers + node.points;
+    if (node.body == Node::sampled_beam) sampled::sample(Sp{}, node, points, q + node.qe, v + node.ve, scratch);
+    slice_at(node, place_numbers, points, q + node.qe, v + node.ve, scratch, *slice);
+    return *slice;
   }
 
   /// Acceleration of a slice in a link that turns by w, beyond the link's and that of coordinates (Eq. 45, 46).
@@ -389,7 +423,7 @@ struct Chain {
     State<Sp>& s = state[i];
     if (node.ne > 0) {
       const Elastic<Sp>& e = s.elastic;
-      if (node.tip || node.loads > 0) F += s.tip_force;
+      if (node.tip || node.loads > 0 || node.tied) F += s.tip_force;
       if (node.tip) F += s.tip * s.end_a;
       F = e.end.frame.turn_back(F);
       const S* xe = x + node.ve;

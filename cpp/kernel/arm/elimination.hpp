@@ -84,10 +84,9 @@ inline void factor_joint(C& chain, const Node& node, State<typename C::Space>& s
 
 inline bool is_free(const Node& node) { return node.kind != Node::fixed && !node.given; }
 
-/// Factors M + shift of a chain after its `move`.
-/// @return where every pivot is positive; where not, `chain.lost` says why
+/// The recursions' factors, of M + shift without struts.
 template <class C>
-inline typename C::Mask factor(C& chain, const Shift& shift) {
+inline typename C::Mask factor_recursive(C& chain, const Shift& shift) {
   using Sp = typename C::Space;
   using S = typename C::S;
   typename C::Mask good = Lanes<S>::everywhere(true);
@@ -177,9 +176,9 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
   }
 }
 
-/// x = (M + shift)^-1 r by the factors, zero where given.
+/// x = (M + shift)^-1 r by the recursions' factors alone, without struts; zero where given.
 template <class C, class V>
-inline void solve(C& chain, const V* r, V* x) {
+inline void solve_recursive(C& chain, const V* r, V* x) {
   using Sp = typename C::Space;
   using Vs = typename SpaceOf<Sp, V>::type;
   Force<Vs> F = Force<Vs>::zero();
@@ -200,6 +199,24 @@ inline void solve(C& chain, const V* r, V* x) {
   outward<false>(chain, Motion<Vs>::zero(), x);
 }
 
+/// x = (M + shift)^-1 r by the factors, zero where given.
+template <class C, class V>
+inline void solve(C& chain, const V* r, V* x) {
+  solve_recursive(chain, r, x);
+  if (chain.stiffened) chain.struts->correct(chain.layout, x);
+}
+
+/// Factors M + shift of a chain after its `move`.
+/// @return where every pivot is positive; where not, `chain.lost` says why
+template <class C>
+inline typename C::Mask factor(C& chain, const Shift& shift) {
+  const typename C::Mask good = factor_recursive(chain, shift);
+  chain.stiffened = chain.layout.struts > 0 && (shift.stiffness != 0.0 || shift.damping != 0.0);
+  if (chain.stiffened)
+    chain.struts->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
+  return good;
+}
+
 /// Forward dynamics of a chain after its `move`: inward articulated inertias M and forces F of all nodes behind, in the
 /// axes of a node's end, about its end; outward accelerations.
 /// @param tau  generalised forces
@@ -211,6 +228,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
   using S = typename C::S;
   typename C::Mask good = Lanes<S>::everywhere(true);
   chain.lost = Lanes<S>::everywhere(false);
+  chain.stiffened = false;
   typename Sp::Inertia M = Sp::no_inertia();
   Force<Sp> F = Force<Sp>::zero();
   chain.clear_forks();
@@ -224,7 +242,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
     if (node.ne > 0) {
       const Slice<Sp>& end = s.elastic.end;
       if (node.tip) Sp::add(M, s.tip);
-      if (node.tip || node.loads > 0) F += s.tip_force;
+      if (node.tip || node.loads > 0 || node.tied) F += s.tip_force;
       M = Sp::rotate(end.frame.R, M);
       F = end.frame.turn_back(F) + M * end.bias;
       factor_beam(chain, node, s, M, Shift{}, good);

@@ -15,18 +15,12 @@ struct Frames {
   using C = Chain<Sp, S>;
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  /// A node's frame, or that of its beam's end.
-  struct Moving {
-    Frame<Sp> at;  ///< in the world
-    Motion<Sp> u;  ///< velocity, own axes
-  };
-
   C chain;
-  Moving *frame, *end;  ///< of each node; where there is no beam, they are one
+  Places<Sp> places;
   S *q, *v, *a;
 
   Frames(const Layout& layout, const double* numbers, Arena& arena) : chain(layout, numbers, arena) {
-    arena.take(layout.nodes, frame, end);
+    places.lay_out(layout.nodes, arena);
     S* all = nullptr;  // in one row
     arena.take_zeros(layout.nq + 2 * layout.nv, all);
     q = all;
@@ -43,29 +37,14 @@ struct Frames {
   template <bool forces = false>
   void place() {
     chain.template move<true, forces>(q, v);
-    const Moving world{{Sp::turn(0, S{}, number<S>(1.0)), Sp::zero()}, Motion<Sp>::zero()};
-    Moving before = world;
-    for (int i = 0; i < chain.layout.nodes; ++i) {
-      const Node& node = chain.layout.node[i];
-      const State<Sp>& s = chain.state[i];
-      Moving& f = frame[i];
-      if (node.branch) before = node.parent < 0 ? world : end[node.parent];
-      f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
-      if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
-      before = f;
-      if (node.ne > 0) {
-        const Slice<Sp>& e = s.elastic.end;
-        before = {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), s.end_w}};
-      }
-      end[i] = before;
-    }
+    places.find(chain.layout, chain.state, v);
   }
 
   /// A place: the frame that it belongs to, and in its axes a slice.
   struct Spot {
     const Node& node;
     const State<Sp>& state;
-    const Moving& frame;
+    const Moving<Sp>& frame;
     Motion<Sp> a;  ///< acceleration of the frame, own axes
     const Slice<Sp>& slice;
     int own;  ///< elastic coordinates that move the slice in the frame
@@ -74,20 +53,14 @@ struct Frames {
   Spot spot(const Place& at, const double* numbers) {
     const Node& node = chain.layout.node[at.node];
     const State<Sp>& s = chain.state[at.node];
-    Slice<Sp>& slice = *chain.slice;
-    if (at.on == Place::slice && node.body == Node::sampled_beam)
-      sampled::sample(Sp{}, node, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch);
-    if (at.on == Place::slice)
-      slice_at(node, numbers, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch, slice);
-    else
-      fixed_slice(numbers, slice);
-    if (at.on == Place::end && node.ne > 0) return {node, s, end[at.node], s.end_a, slice, 0};
-    return {node, s, frame[at.node], s.a, slice, at.on == Place::slice ? node.ne : 0};
+    const Slice<Sp>& slice = chain.slice_of(at, numbers, q, v);
+    if (at.on == Place::end && node.ne > 0) return {node, s, places.end[at.node], s.end_a, slice, 0};
+    return {node, s, places.frame[at.node], s.a, slice, at.on == Place::slice ? node.ne : 0};
   }
 
   /// Velocity of a place, world axes (Eq. 85).
   Motion<Sp> velocity(const Spot& at) const {
-    return in_world(at.frame, at.slice.frame.shift(at.frame.u) + at.slice.rate);
+    return at.frame.in_world(at.slice.frame.shift(at.frame.u) + at.slice.rate);
   }
   /// Acceleration (Eq. 45, 46, 86); after the chain has accelerated with the accelerations in a.
   Motion<Sp> acceleration(const Spot& at) const {
@@ -95,12 +68,8 @@ struct Frames {
     Motion<Sp> sum = s.frame.shift(at.a) + C::convective(s, at.frame.u.angular) + s.bias;
     const S* ddq = a + at.node.ve;
     for (int k = 0; k < at.own; ++k) sum += ddq[k] * s.J[k];
-    return in_world(at.frame, sum);
+    return at.frame.in_world(sum);
   }
-  static Motion<Sp> in_world(const Moving& frame, const Motion<Sp>& m) {
-    return {Sp::rotate(frame.at.R, m.linear), Sp::rotate(frame.at.R, m.angular)};
-  }
-
   /// visit(rate, motion) for each rate that moves a place: columns of its Jacobian (Eq. 91: Phi H), world axes.
   template <class Visit>
   void jacobian(const Place& place, const double* numbers, const Visit& visit) {
@@ -108,7 +77,7 @@ struct Frames {
     const Lin p = at.in_world().r;
     for (int i = place.node; i >= 0; i = chain.layout.node[i].parent) {
       const Node& node = chain.layout.node[i];
-      const Frame<Sp>& own = frame[i].at;
+      const Frame<Sp>& own = places.frame[i].at;
       if (node.kind != Node::fixed) {
         const Lin h = Sp::rotate(own.R, number<S>(node.sign) * Sp::unit(node.axis));
         if (node.kind == Node::revolute)
@@ -119,7 +88,7 @@ struct Frames {
       const bool here = i == place.node;
       if (here && place.on == Place::frame) continue;
       const Slice<Sp>& s = here && place.on == Place::slice ? at.slice : chain.state[i].elastic.end;
-      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - end[i].at.r;
+      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - places.end[i].at.r;
       for (int k = 0; k < node.ne; ++k) {
         const Ang turn = Sp::rotate(own.R, s.J[k].angular);
         visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, s.J[k].linear) + Sp::cross(turn, arm), turn});
@@ -136,7 +105,7 @@ struct Frames {
   };
   Whole whole() const {
     Whole sum{chain.twice_kinetic(v), S{}, Sp::zero(), Sp::zero(), Sp::zero()};
-    const auto add = [&](const Moving& f, const typename Sp::Rigid& body, const Force<Sp>& momentum) {
+    const auto add = [&](const Moving<Sp>& f, const typename Sp::Rigid& body, const Force<Sp>& momentum) {
       const Force<Sp> world = f.at.to_parent(momentum);
       sum.mass += body.m;
       sum.moment += body.m * f.at.r + Sp::rotate(f.at.R, body.c);
@@ -147,12 +116,12 @@ struct Frames {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       if (!node.body) continue;
-      Force<Sp> momentum = s.body * frame[i].u;  // the rigid rows of Eq. 80
+      Force<Sp> momentum = s.body * places.frame[i].u;  // the rigid rows of Eq. 80
       for (int k = 0; k < node.ne; ++k) momentum += v[node.ve + k] * s.elastic.M_er[k];
-      add(frame[i], s.body, momentum);
+      add(places.frame[i], s.body, momentum);
       if (node.body == Node::cut)
-        sum.moment += Sp::rotate(frame[i].at.R, s.elastic.left_out);  // there gravity acts, too
-      if (node.tip) add(end[i], s.tip, s.tip * end[i].u);
+        sum.moment += Sp::rotate(places.frame[i].at.R, s.elastic.left_out);  // there gravity acts, too
+      if (node.tip) add(places.end[i], s.tip, s.tip * places.end[i].u);
     }
     return sum;
   }

@@ -114,8 +114,9 @@ struct Kernels {
   Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
-  /// Slopes of the joints' forces by their coordinates (nv) as implicit steps take them, where the chain is.
-  void (*joint_stiffness)(void* self, double* slopes);
+  /// Changes of the forces of joints, beams and struts (nv) where the coordinates change by x (nv, turns of balls),
+  /// by their stiffness as implicit steps take it; after `factor`.
+  void (*stiffness_times)(void* self, const double* x, double* out);
   /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
   /// lane l are at i width + l; they and the memory are aligned to 64 bytes. Elastic bodies of nodes that are not
   /// `own` (without loads, and not cut) are the same in all lanes, and in all calls from one in which none is `known`

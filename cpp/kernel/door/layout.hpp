@@ -68,6 +68,7 @@ struct Node {
 
   // where its numbers begin: joint and body, the beam's end, its points, the tip body, the bounds of few points
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0, bounds = 0;
+  bool tied = false;          ///< a strut is tied to the end of its beam
   int loads = 0;              ///< that act on it,
   const int* load = nullptr;  ///< and which
 };
@@ -88,6 +89,20 @@ struct PlacedLoad {
   bool mean = false;                  ///< whether there is a mean slice
   int slices = 0;                     ///< besides it; of one arm on packs, groups of them
   std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
+  int strut = -1;                     ///< or it acts in a strut, and has no place
+};
+
+/// A point of a strut. Its numbers: where it is in the axes of a place (of node -1: in the world), and those of the
+/// place.
+struct TiedPoint {
+  Place place;
+  std::size_t numbers = 0;
+};
+struct StrutLine {
+  int points = 0;
+  const TiedPoint* point = nullptr;
+  bool tension_only = false;
+  std::size_t numbers = 0;  ///< where its own begin (records::StrutLaw)
 };
 
 struct Layout {
@@ -101,6 +116,9 @@ struct Layout {
   int loads = 0;
   const PlacedLoad* load = nullptr;
   const double* load_numbers = nullptr;
+  int struts = 0, strut_points = 0;
+  const StrutLine* strut = nullptr;
+  const double* strut_numbers = nullptr;
 };
 
 /// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.

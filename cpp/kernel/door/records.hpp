@@ -35,6 +35,13 @@ struct BallStop {
   T upper, stiffness, damping;
 };
 
+/// Of a strut (see Strut): behind it, of each of its pieces, the square of its length across the plane.
+template <class T>
+struct StrutLaw {
+  using Number = T;
+  T stiffness, length, damping, force;
+};
+
 /// Where something sits on a frame, and how it is turned there.
 template <class Sp>
 struct Seat {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "door/records.hpp"
 #include "setup/sampled_tables.hpp"
 
 namespace flexarm {
@@ -54,6 +55,15 @@ void KernelArm::point() {
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
   layout_.load_numbers = load_numbers_.data();
+  const TiedPoint* tied = strut_points_.data();
+  for (StrutLine& line : struts_) {
+    line.point = tied;
+    tied += line.points;
+  }
+  layout_.struts = static_cast<int>(struts_.size());
+  layout_.strut_points = static_cast<int>(strut_points_.size());
+  layout_.strut = struts_.data();
+  layout_.strut_numbers = strut_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -72,6 +82,11 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   seats_ = other.seats_;
   loads_ = other.loads_;
   load_numbers_ = other.load_numbers_;
+  heights_ = other.heights_;
+  struts_ = other.struts_;
+  strut_points_ = other.strut_points_;
+  point_sizes_ = other.point_sizes_;
+  strut_numbers_ = other.strut_numbers_;
   point();
   return *this;
 }
@@ -135,22 +150,50 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
   }
   out.load_numbers_.clear();
   for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
+  out.group_struts(*this, width);
   out.point();
   return out;
 }
 
+void KernelArm::group_place(const Place& place, std::size_t size, const KernelArm& alone, int width, const double*& p,
+                            Numbers& out) const {
+  const std::size_t node = static_cast<std::size_t>(place.node);
+  if (place.on == Place::slice && nodes_[node].body == Node::sampled_beam)
+    return group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, out);
+  out.insert(out.end(), p, p + size);
+  p += size;
+}
+
+void KernelArm::group_struts(const KernelArm& alone, int width) {
+  const double* p = alone.strut_numbers_.data();
+  std::size_t at = 0;
+  strut_numbers_.clear();
+  const auto move = [&](std::size_t count) {
+    strut_numbers_.insert(strut_numbers_.end(), p, p + count);
+    p += count;
+  };
+  const std::size_t vector = layout_.planar ? 2 : 3;
+  for (StrutLine& line : struts_) {
+    line.numbers = strut_numbers_.size();
+    move(sizeof(records::StrutLaw<double>) / sizeof(double) + static_cast<std::size_t>(line.points - 1));
+    for (int i = 0; i < line.points; ++i, ++at) {
+      TiedPoint& tied = strut_points_[at];
+      tied.numbers = strut_numbers_.size();
+      move(vector);
+      if (tied.place.node >= 0)
+        group_place(tied.place, point_sizes_[at] - vector, alone, width, p, strut_numbers_);
+    }
+  }
+}
+
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
   const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
-  const bool sampled = nodes_[node].body == Node::sampled_beam && load.place.on == Place::slice;
   const double* p = alone.load_numbers_.data() + load.numbers;
   load.numbers = load_numbers_.size();
   const auto move_one = [&] {
     const std::size_t begin = load_numbers_.size();
     load_numbers_.push_back(*p++);  // its weight
-    if (sampled)
-      group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, load_numbers_);
-    else
-      for (std::size_t i = 1; i < size; ++i) load_numbers_.push_back(*p++);
+    group_place(load.place, size - 1, alone, width, p, load_numbers_);
     load.size = load_numbers_.size() - begin;
   };
   if (load.mean) move_one();
@@ -171,7 +214,8 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
   KernelArm out = *arms[0];
   out.prescribe(given);
   const std::size_t w = static_cast<std::size_t>(width);
-  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::load_numbers_}) {
+  for (Numbers KernelArm::* all :
+       {&KernelArm::numbers_, &KernelArm::load_numbers_, &KernelArm::strut_numbers_}) {
     const std::size_t n = (out.*all).size();
     (out.*all).resize(n * w);
     for (std::size_t l = 0; l < w; ++l) {

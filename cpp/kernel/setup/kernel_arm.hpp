@@ -58,7 +58,7 @@ class KernelArm {
   /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
   struct Seat {
     int node = 0;
-    Placement origin;
+    Placement origin, end;
     Spot origin_spot, end_spot;
   };
   KernelArm() = default;
@@ -67,6 +67,15 @@ class KernelArm {
   PlacedLoad put_load(const Arm& arm, const Load& load);
   /// Numbers of a load of `alone`, for packs of points.
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
+  void put_struts(const Arm& arm);
+  void group_struts(const KernelArm& alone, int width);
+  /// A point of a strut.
+  TiedPoint put_point(const Arm& arm, const flexarm::Strut::Point& point);
+  /// How far it is across the plane that the arm moves in.
+  double height(const Arm& arm, const flexarm::Strut::Point& point) const;
+  /// The numbers of a place of `alone` go from p into `out`, for packs of points; p moves on.
+  void group_place(const Place& place, std::size_t size, const KernelArm& alone, int width, const double*& p,
+                   Numbers& out) const;
   void point();
   /// Which nodes are branches, and which carry them; of nodes with their parents.
   void find_branches();
@@ -81,6 +90,11 @@ class KernelArm {
   std::vector<Seat> seats_;  ///< one for each link
   std::vector<PlacedLoad> loads_;
   Numbers load_numbers_;
+  std::vector<double> heights_;  ///< of each node across the plane
+  std::vector<StrutLine> struts_;
+  std::vector<TiedPoint> strut_points_;  ///< of all struts, in order
+  std::vector<std::size_t> point_sizes_;  ///< how many numbers each has, with its place
+  Numbers strut_numbers_;
 };
 
 /// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.

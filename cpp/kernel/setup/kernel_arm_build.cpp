@@ -68,6 +68,8 @@ Node& ArmBuilder::begin_node(const Matrix3d& R) {
   set(node.parent, parent);
   set(node.numbers, out.numbers_.size());
   set(node.turned, !is_identity(R));
+  out.heights_.push_back(height + offset[axes.z]);
+  height = out.heights_.back();
   put(offset);
   if (node.turned) put(R);
   offset.setZero();
@@ -79,6 +81,7 @@ Node& ArmBuilder::begin_coincident() {
   set(node.parent, parent);
   set(node.numbers, out.numbers_.size());
   set(node.coincident, true);
+  out.heights_.push_back(height);
   return append(node);
 }
 
@@ -151,10 +154,15 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
 }
 
 void ArmBuilder::sit_on(int link) {
-  const Placement at = link < 0 ? Placement{} : ends[static_cast<std::size_t>(link)];
+  const Placement at = link < 0 ? Placement{} : out.seats_[static_cast<std::size_t>(link)].end;
   parent = link < 0 ? -1 : out.seats_[static_cast<std::size_t>(link)].node;
   offset = at.position;
   turn = at.rotation;
+  height = 0.0;
+  if (link < 0) return;
+  height = out.heights_[static_cast<std::size_t>(parent)];
+  if (out.nodes_[static_cast<std::size_t>(parent)].ne > 0)
+    height += arm.link(static_cast<std::size_t>(link)).hub().end[axes.z];
 }
 
 void ArmBuilder::add_link(std::size_t n) {
@@ -180,9 +188,9 @@ void ArmBuilder::add_link(std::size_t n) {
     add_beam(link, n);
   else
     add_rigid(link);
-  seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
+  seat.end = {offset, turn};
+  seat.end_spot = out.fixed(seat.node, Place::end, seat.end);
   out.seats_.push_back(seat);
-  ends.push_back({offset, turn});
 }
 
 void ArmBuilder::add_rigid(const Link& link) {
@@ -258,6 +266,7 @@ KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n) b.add_link(n);
   b.out.find_branches();
+  b.out.put_struts(arm);
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

@@ -43,7 +43,7 @@ struct ArmBuilder {
   int parent = -1;
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  std::vector<Placement> ends;  ///< of each link: where its children sit, in the same way
+  double height = 0.0;          ///< of that frame across the plane that the arm moves in
 
   ArmBuilder(const Arm& a, bool in_space);
 

@@ -53,7 +53,70 @@ KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTa
   return spot;
 }
 
+double KernelArm::height(const Arm& arm, const flexarm::Strut::Point& point) const {
+  const Axes axes = axes_of(layout_);
+  if (!layout_.planar) return 0.0;
+  if (point.link < 0) return point.offset[axes.z];
+  const std::size_t link = static_cast<std::size_t>(point.link);
+  const Seat& seat = seats_[link];
+  const std::size_t node = static_cast<std::size_t>(seat.node);
+  double sum = heights_[node] + point.offset[axes.z];
+  const bool own = point.on == flexarm::Strut::Point::origin, end = point.on == flexarm::Strut::Point::end;
+  if (own || (!end && nodes_[node].ne == 0)) sum += seat.origin.position[axes.z];
+  if (end) sum += seat.end.position[axes.z];
+  if ((end && nodes_[node].ne > 0) || point.on == flexarm::Strut::Point::slice)
+    sum += arm.link(link).hub().end[axes.z];
+  return sum;
+}
+
+TiedPoint KernelArm::put_point(const Arm& arm, const flexarm::Strut::Point& point) {
+  TiedPoint out;
+  out.numbers = strut_numbers_.size();
+  in_axes(axes_of(layout_), [&](auto to) { put_record(strut_numbers_, to.lin(point.offset)); });
+  if (point.link < 0) {
+    out.place.node = -1;
+    return out;
+  }
+  const std::size_t link = static_cast<std::size_t>(point.link);
+  const Spot spot = point.on == flexarm::Strut::Point::origin ? origin(link)
+                    : point.on == flexarm::Strut::Point::end  ? end(link)
+                                                              : slice(arm, link, arm.link(link).slice_at(point.x));
+  out.place = spot.place;
+  strut_numbers_.insert(strut_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
+  Node& node = nodes_[static_cast<std::size_t>(spot.place.node)];
+  node.tied = node.tied || spot.place.on == Place::end;
+  return out;
+}
+
+void KernelArm::put_struts(const Arm& arm) {
+  for (const flexarm::Strut& strut : arm.struts()) {
+    StrutLine line;
+    line.points = static_cast<int>(strut.points.size());
+    line.tension_only = strut.tension_only;
+    line.numbers = strut_numbers_.size();
+    put_record(strut_numbers_,
+               records::StrutLaw<double>{strut.stiffness, strut.length, strut.damping, strut.force});
+    for (std::size_t i = 1; i < strut.points.size(); ++i) {
+      const double across = height(arm, strut.points[i]) - height(arm, strut.points[i - 1]);
+      strut_numbers_.push_back(across * across);
+    }
+    struts_.push_back(line);
+    structure_.push_back(line.tension_only);
+    for (const flexarm::Strut::Point& point : strut.points) {
+      strut_points_.push_back(put_point(arm, point));
+      point_sizes_.push_back(strut_numbers_.size() - strut_points_.back().numbers);
+      structure_.push_back(strut_points_.back().place.on);
+      structure_.push_back(strut_points_.back().place.node);
+    }
+  }
+}
+
 PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
+  if (load.strut >= 0) {
+    PlacedLoad in_strut;
+    in_strut.strut = load.strut;
+    return in_strut;
+  }
   std::vector<Spot> spots;
   std::vector<double> weights;
   if (load.points.empty()) {
@@ -95,11 +158,12 @@ KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) cons
   KernelArm out = *this;
   for (const Load& load : loads) {
     const PlacedLoad placed = out.put_load(arm, load);
-    out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
+    if (placed.strut < 0)
+      out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
     // between fewer points, slices are not as right as sums over all of them
     if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].sampled.half = 0;
     out.loads_.push_back(placed);
-    for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices})
+    for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices, placed.strut})
       out.structure_.push_back(x);
     out.layout_.attitudes = out.layout_.attitudes || placed.world;
   }

@@ -57,7 +57,7 @@ class Single {
     return kernels_.factor(self_, shift, v, &twice_kinetic);
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
-  void joint_stiffness(double* slopes) { kernels_.joint_stiffness(self_, slopes); }
+  void stiffness_times(const double* x, double* out) { kernels_.stiffness_times(self_, x, out); }
 
  private:
   void begin() {

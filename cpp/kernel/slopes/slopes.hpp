@@ -50,6 +50,8 @@ class Slopes {
     move_value(q, v);
     differentiate(a);
     for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
+    for_strut_columns(by_v != nullptr,
+                      [&](const int* direction) { put(direction, columns_, -1.0, by_q, by_v, true); });
   }
 
   /// Of forward dynamics, whose accelerations go into a. @return the outcome
@@ -57,13 +59,19 @@ class Slopes {
                   double* by_v, double* by_tau) {
     begin(wrenches, q, v, a);
     move_value(q, v);
+    if (layout_.struts > 0) value_->struts->act(*value_, 1.0);
     const bool good = ::forward(*value_, base_, tau, a);
     if (!good) return outcome(*value_, good);
+    if (layout_.struts > 0) value_->struts->act(*value_, -1.0);
     for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
     differentiate(a);
     for_columns([&](const int* direction) {
       solve_columns();
       put(direction, columns_, -1.0, by_q, by_v);
+    });
+    for_strut_columns(true, [&](const int* direction) {
+      solve_columns();
+      put(direction, columns_, 1.0, by_q, by_v, true);
     });
     for (int first = 0; first < nv_; first += D) {
       int direction[D];
@@ -175,7 +183,8 @@ class Slopes {
     base_ = One::read(p);
   }
 
-  /// The chain's values, and tables of its elastic bodies.
+  /// The chain's values, and tables of its elastic bodies. Struts do not act yet: their forces go from one segment to
+  /// another, and are differentiated by themselves.
   void move_value(const double* q, const double* v) {
     turn_hinges(value_->layout, 0, layout_.nodes, q, value_->state, value_->scratch);
     typename One::Ang w = One::zero_angular();
@@ -188,6 +197,7 @@ class Slopes {
             if (bodies_->has(i)) bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_);
           });
     }
+    if (layout_.struts > 0) value_->struts->stretch(*value_, q, v);
   }
 
   /// Whether one of D directions is an elastic coordinate of a node.
@@ -310,11 +320,7 @@ class Slopes {
     for (int i = s.first; i < s.end; ++i)
       dual_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
-            if (bodies_->has(i))
-              bodies_->look_up(i, first < s.own && bends(node, s.direction + first), q + node.qe, v + node.ve,
-                               dual_->state[i]);
-            else
-              dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
+            bend(i, first < s.own && bends(node, s.direction + first), node, constants, gravity, q, v);
           });
     for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a);
     put_all(w);
@@ -414,6 +420,56 @@ class Slopes {
         visit(segment_[k].direction + first);
       }
   }
+  /// The same of the struts' generalised forces.
+  template <class Visit>
+  void for_strut_columns(bool by_v, const Visit& visit) {
+    if (layout_.struts == 0) return;
+    const int all = nq_ + (by_v ? nv_ : 0);
+    LaneDual *v = q_ + nq_, *g = v + 2 * nv_;
+    for (int first = 0; first < all; first += D) {
+      int direction[D];
+      for (int k = 0; k < D; ++k) direction[k] = first + k < all ? first + k : -1;
+      const auto seed = [&](double slope) {
+        for (int k = 0; k < D && first + k < all; ++k) q_[first + k].d[k / FLEXARM_WIDTH][k % FLEXARM_WIDTH] = slope;
+      };
+      seed(1.0);
+      move_dual(direction);
+      dual_->struts->stretch(*dual_, q_, v);
+      for (int i = 0; i < nv_ * D; ++i) columns_[i] = 0.0;
+      for (int s = 0; s < layout_.struts; ++s) {
+        dual_->struts->gather(*dual_, s, g);
+        for (int i = 0; i < nv_; ++i) {
+          const LaneDual force = dual_->struts->strut[s].force * g[i];
+          const double* slopes = view<const double>(&force.d);
+          for (int k = 0; k < D; ++k) columns_[i * D + k] += slopes[k];
+        }
+      }
+      seed(0.0);
+      visit(direction);
+    }
+  }
+  /// All frames, without forces.
+  void move_dual(const int* direction) {
+    const LaneDual *q = q_, *v = q + nq_;
+    turn_hinges(layout_, 0, layout_.nodes, q, dual_->state, dual_->scratch);
+    Ang w = Sp::zero_angular();
+    typename Sp::Rot attitude = Sp::turn(0, LaneDual{}, number<LaneDual>(1.0));
+    for (int i = 0; i < layout_.nodes; ++i) {
+      if (layout_.node[i].branch) dual_->start_branch(i, w, attitude);
+      dual_->template move_node<true, false>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
+            bend(i, bends(node, direction), node, constants, gravity, q, v);
+          });
+    }
+  }
+  void bend(int i, bool bends, const Node& node, const double* constants, const Lin& gravity, const LaneDual* q,
+            const LaneDual* v) {
+    if (bodies_->has(i))
+      bodies_->look_up(i, bends, q + node.qe, v + node.ve, dual_->state[i]);
+    else
+      dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
+  }
+
   /// Those of M^-1 times them, by the chain's factors, as many as a pack has lanes at a time.
   void solve_columns() {
     constexpr int W = FLEXARM_WIDTH;
@@ -424,11 +480,12 @@ class Slopes {
       for (int i = 0; i < nv_; ++i) Lanes<Pack>::store(first + i * D, x[i]);
     }
   }
-  void put(const int* direction, const double* columns, double factor, double* by_q, double* by_v) const {
+  void put(const int* direction, const double* columns, double factor, double* by_q, double* by_v,
+           bool add = false) const {
     for (int k = 0; k < D; ++k) {
       if (direction[k] < 0) continue;
       double* column = direction[k] < nq_ ? by_q + direction[k] * nv_ : by_v + (direction[k] - nq_) * nv_;
-      for (int i = 0; i < nv_; ++i) column[i] = factor * columns[i * D + k];
+      for (int i = 0; i < nv_; ++i) column[i] = factor * columns[i * D + k] + (add ? column[i] : 0.0);
     }
   }
 

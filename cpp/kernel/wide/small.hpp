@@ -19,8 +19,8 @@ void factor_small(S* G, int n) {
 }
 
 /// x = G^-1 x.
-template <class S>
-void solve_small(const S* G, int n, S* x) {
+template <class S, class V>
+void solve_small(const S* G, int n, V* x) {
   for (int i = 1; i < n; ++i)
     for (int j = 0; j < i; ++j) x[i] -= G[i * n + j] * x[j];
   for (int i = n; i-- > 0;) {

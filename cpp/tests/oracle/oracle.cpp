@@ -110,7 +110,7 @@ VectorXd Oracle::loads_on(std::size_t n, const Moved& m) const {
   VectorXd F = VectorXd::Zero(6 + m.qe.size());
   for (std::size_t l = 0; l < loads_.size(); ++l) {
     const flexarm::Load& load = loads_[l];
-    if (load.link != n) continue;
+    if (load.strut >= 0 || load.link != n) continue;
     const auto act = [&](const Section& at, double weight) {
       Vector6d W = weight * wrenches[l];
       turn_rows(load.world_axes ? Matrix3d(m.pose.R.transpose()) : at.R, W);
@@ -144,7 +144,52 @@ VectorXd Oracle::inverse(const VectorXd& q, const VectorXd& v, const VectorXd& a
       tau[j + static_cast<Index>(k)] += link.joint().forces()[k].reflected_inertia * a[j + static_cast<Index>(k)];
   }
   for (const flexarm::AppliedFeedback& f : feedback) tau -= (*f.law)(f.offset, q, v) * f.law->column;
+  for (std::size_t k = 0; k < arm_->struts().size(); ++k) {
+    const flexarm::Strut& strut = arm_->struts()[k];
+    const Stretch line = stretch(strut, q);
+    double push = strut.force;
+    for (std::size_t l = 0; l < loads_.size(); ++l)
+      if (loads_[l].strut == static_cast<int>(k)) push += wrenches[l][0];
+    const double depth = line.length - strut.length, rate = line.by_rates.dot(v);
+    const double soft = strut.tension_only ? std::min(1.0, depth / 1e-3) : 1.0;
+    if (depth > 0.0 || !strut.tension_only) push -= strut.stiffness * depth + soft * strut.damping * rate;
+    if (strut.tension_only) push = std::min(push, 0.0);
+    tau -= push * line.by_rates;
+  }
   return tau;
+}
+
+Oracle::Stretch Oracle::stretch(const flexarm::Strut& strut, const VectorXd& q) const {
+  std::vector<Vector3d> at;
+  std::vector<MatrixXd> moved;
+  for (const flexarm::Strut::Point& point : strut.points) {
+    at.push_back(point.offset);
+    moved.push_back(MatrixXd::Zero(3, arm_->nv()));
+    if (point.link < 0) continue;
+    const auto link = static_cast<std::size_t>(point.link);
+    flexarm::SliceTable slice;
+    if (point.on == flexarm::Strut::Point::slice) slice = arm_->link(link).slice_at(point.x);
+    const bool on_slice = point.on == flexarm::Strut::Point::slice;
+    Pose pose = this->pose(link, on_slice ? &slice : nullptr, q);
+    Matrix6Xd J = jacobian(link, on_slice ? &slice : nullptr, q);
+    if (point.on == flexarm::Strut::Point::origin) {
+      const Pose own = link_pose(link, q);
+      const Moved m = move(q, VectorXd::Zero(arm_->nv()))[link];
+      J << own.R * m.J.topRows<3>(), own.R * m.J.bottomRows<3>();
+      pose = own;
+    }
+    const Vector3d across = pose.R * point.offset;
+    at.back() = pose.p + across;
+    moved.back() = J.topRows<3>();
+    for (Index k = 0; k < J.cols(); ++k) moved.back().col(k) += Vector3d(J.col(k).tail<3>()).cross(across);
+  }
+  Stretch out{0.0, VectorXd::Zero(arm_->nv())};
+  for (std::size_t i = 1; i < at.size(); ++i) {
+    const Vector3d d = at[i] - at[i - 1];
+    out.length += d.norm();
+    out.by_rates += (moved[i] - moved[i - 1]).transpose() * d.normalized();
+  }
+  return out;
 }
 
 VectorXd Oracle::solve_free(const MatrixXd& S, const VectorXd& r) const {
@@ -183,6 +228,13 @@ MatrixXd Oracle::shifted(const VectorXd& q, const VectorXd& v, double damping, d
       if (arm_->coordinate_of(i) >= 0) slopes[i] += stiffness * f.law->by_q[arm_->coordinate_of(i)];
     S += f.law->column * slopes.transpose();
   }
+  for (const flexarm::Strut& strut : arm_->struts()) {  // away from the kinks of ropes
+    const Stretch line = stretch(strut, q);
+    const double depth = line.length - strut.length;
+    if (strut.tension_only && (depth < 0.0 || strut.force > strut.stiffness * depth + strut.damping * line.by_rates.dot(v)))
+      continue;
+    S += (stiffness * strut.stiffness + damping * strut.damping) * line.by_rates * line.by_rates.transpose();
+  }
   return S;
 }
 
@@ -194,6 +246,10 @@ double Oracle::potential(const VectorXd& q) const {
     if (link.ne() == 0) continue;
     const VectorXd qe = q.segment(arm_->first_q(n) + link.joint().nq(), link.ne());
     sum += 0.5 * qe.dot(link.beam()->stiffness() * qe);
+  }
+  for (const flexarm::Strut& strut : arm_->struts()) {
+    const double depth = stretch(strut, q).length - strut.length;
+    if (depth > 0.0 || !strut.tension_only) sum += 0.5 * strut.stiffness * depth * depth;
   }
   return sum;
 }

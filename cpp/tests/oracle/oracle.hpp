@@ -38,6 +38,12 @@ class Oracle {
   Eigen::MatrixXd shifted(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double damping, double stiffness) const;
   /// S^-1 r on what is free, zero elsewhere.
   Eigen::VectorXd solve_free(const Eigen::MatrixXd& S, const Eigen::VectorXd& r) const;
+  /// Of a strut: its length and its derivative (nv): of its rate by the rates.
+  struct Stretch {
+    double length = 0.0;
+    Eigen::VectorXd by_rates;
+  };
+  Stretch stretch(const flexarm::Strut& strut, const Eigen::VectorXd& q) const;
   double potential(const Eigen::VectorXd& q) const;
   /// Sum of mass times place, world axes.
   Eigen::Vector3d mass_moment(const Eigen::VectorXd& q) const;

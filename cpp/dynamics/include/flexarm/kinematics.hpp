@@ -85,6 +85,15 @@ struct SliceMotion {
 SliceMotion slice_motion(const Arm& arm, const Workspace& ws, std::size_t link);
 SliceMotion slice_motion(const Arm& arm, const Workspace& ws, const PlacedSlice& at);
 
+/// Of the arm's struts.
+struct StrutMotion {
+  Eigen::MatrixXd motion;    ///< length (m), rate (m/s) and force, with which it pushes (N), in rows of 3, a column each
+  Eigen::MatrixXd jacobian;  ///< of the lengths: dl/dt of strut k is column k times v (nv rows)
+};
+/// Without the forces of loads on struts.
+void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                  StrutMotion& out);
+
 struct Energy {
   double kinetic;    ///< J
   double potential;  ///< elastic, less sum of m g . p from the world's origin (J)
