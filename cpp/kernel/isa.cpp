@@ -117,11 +117,13 @@ void stiffness_times(void* self, const double* x, double* out) {
           out[node.ve + k] += s.elastic.constants[j <= k ? packed(k, j) : packed(j, k)] * x[node.ve + j];
       }
     }
+    if (!chain.layout.by_state()) return;
+    const auto& lines = *chain.by_state;
     for (int k = 0; k < chain.layout.struts; ++k) {
-      const auto& s = chain.struts->strut[k];
+      const double* g = lines.G + k * chain.layout.nv;
       double sum = 0.0;
-      for (int i = 0; i < chain.layout.nv; ++i) sum += s.g[i] * x[i];
-      for (int i = 0; i < chain.layout.nv; ++i) out[i] += s.by_length * sum * s.g[i];
+      for (int i = 0; i < chain.layout.nv; ++i) sum += g[i] * x[i];
+      for (int i = 0; i < chain.layout.nv; ++i) out[i] += lines.strut[k].by_length * sum * g[i];
     }
   });
 }

@@ -102,11 +102,13 @@ void struts(void* self, const double* q, const double* v, double* motion, double
   set(f, q, v);
   f.place();
   for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = 0.0;
-  f.chain.struts->stretch(f.chain, f.q, f.v);
+  ByState<One::C>& lines = *f.chain.by_state;
+  lines.find(f.chain, f.q, f.v);
+  lines.gather(f.chain);
+  const int nv = f.chain.layout.nv;
   for (int k = 0; k < f.chain.layout.struts; ++k) {
-    const StrutState<double>& s = f.chain.struts->strut[k];
-    for (const double x : {s.length, s.rate, s.force}) *motion++ = x;
-    f.chain.struts->gather(f.chain, k, by_q + k * f.chain.layout.nv);
+    for (const double x : {lines.strut[k].length, lines.strut[k].rate, lines.strut[k].force}) *motion++ = x;
+    for (int i = 0; i < nv; ++i) by_q[k * nv + i] = lines.G[k * nv + i];
   }
 }
 

@@ -81,7 +81,7 @@ TEST_CASE("arms with struts in a pack move as they do alone") {
     v0.col(b) = 1e-2 * v;
   }
   const auto run = [&](bool side_by_side) {
-    BatchProblem p = flexarm_test::batch_of({&arm, &other}, kScenarios, 1e-3, kSteps);
+    BatchProblem p = flexarm_test::batch_of({&arm, &other, &arm, &arm, &other, &arm, &arm}, kScenarios, 1e-3, kSteps);
     flexarm_test::begin_at(p, q0, v0, 0);
     p.method.name = "implicit";
     p.lanes = side_by_side;

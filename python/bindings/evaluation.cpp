@@ -15,7 +15,7 @@ bool Setting::operator==(const Setting& other) const {
     return a.slice.X == b.slice.X && a.weight == b.weight;
   };
   const auto same = [&](const Load& a, const Load& b) {
-    return a.link == b.link && a.world_axes == b.world_axes && a.strut == b.strut &&
+    return a.link == b.link && a.world_axes == b.world_axes && a.strut == b.strut && a.by_state == b.by_state &&
            std::equal(a.points.begin(), a.points.end(), b.points.begin(), b.points.end(), same_point);
   };
   return prescribed == other.prescribed &&

@@ -92,7 +92,9 @@ LoadDrive make_load(const PyLoad& given, const Eigen::VectorXd& times, AllAsked&
   const py::object& law = given.law;
   LoadDrive d{given.place, {}, {}};
   all.push_back(nullptr);
-  if (py::isinstance<py::tuple>(law)) {
+  if (given.place.by_state) {
+    d.wrench = [](double t) { return Vec6<double>(Vec6<double>::Unit(0) * t); };
+  } else if (py::isinstance<py::tuple>(law)) {
     const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
     d.breaks = parts.at(0).breaks();
     d.wrench = PolynomialWrench{parts};
@@ -223,6 +225,21 @@ std::pair<const char*, Of T::*> field(const char* name, Of T::* at) {
 }
 
 }  // namespace
+
+std::shared_ptr<const StateForce> state_force(const py::object& law) {
+  const std::shared_ptr<py::object> shared(new py::object(law), [](py::object* x) {
+    const Locked lock;
+    delete x;
+  });
+  return std::make_shared<const StateForce>([shared](double t, const Eigen::Vector3d& p, const Eigen::Matrix3d& R,
+                                                     const Vec6<double>& velocity) {
+    const Locked lock;
+    const auto found = call(*shared, t, p, R, velocity).cast<std::array<double, 6>>();
+    for (const double x : found)
+      if (!std::isfinite(x)) bad_value("Load at t", t, "gave nan or inf; it must be finite");
+    return Vec6<double>(Eigen::Map<const Vec6<double>>(found.data()));
+  });
+}
 
 void bind_problem(py::module_& m) {
   using Eigen::VectorXd;

@@ -100,6 +100,8 @@ struct PyIntegrator {
   flexarm::IdaOptions ida;
 };
 
+/// A callable (t, p, R, velocity) -> six numbers.
+std::shared_ptr<const flexarm::StateForce> state_force(const py::object& law);
 /// A drive with recorded calls of its callable.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// Lists, by event, of t (n), q (n, nq) and v (n, nv), of which the first coordinates are kept.

@@ -1,4 +1,5 @@
 #include "evaluation.hpp"
+#include "laws.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
@@ -272,9 +273,21 @@ void bind_model(py::module_& m) {
 
   py::class_<Arm>(m, "ArmAlone");  // PyArm's base, the type of arguments
   py::class_<PyArm, Arm> arm(m, "Arm");
+  py::class_<StateForce, std::shared_ptr<StateForce>>(m, "StateForce").def(py::init([](const py::object& law) {
+    return std::const_pointer_cast<StateForce>(state_force(law));
+  }), py::arg("law"));
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
+      .def_static(
+          "by_state",
+          [](const Arm& arm, std::size_t link, std::optional<double> x, bool world,
+             const std::shared_ptr<StateForce>& law) {
+            Load load = x ? Load::at_slice(arm, link, *x, world) : Load::at_end(arm, link, world);
+            load.by_state = law;
+            return load;
+          },
+          py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"), py::arg("law"))
       .def_static("on_strut", &Load::on_strut, py::arg("arm"), py::arg("strut"))
       .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
                   py::arg("world_axes"));

@@ -4,9 +4,9 @@
 // Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
+#include "arm/by_state.hpp"
 #include "arm/forks.hpp"
 #include "arm/joints.hpp"
-#include "arm/struts.hpp"
 #include "beam/loads.hpp"
 #include "wide/arena.hpp"
 
@@ -31,14 +31,14 @@ struct Chain {
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
   S* kept;           ///< numbers of a body, while others of the pack are found
   Fork<Sp, P>* fork;
-  Struts<Chain>* struts;  ///< of an arm that has some
-  bool stiffened = false;  ///< whether the factors are those of a matrix with terms of struts
+  ByState<Chain>* by_state;  ///< of an arm that has such forces
+  bool stiffened = false;    ///< whether the factors are those of a matrix with slopes of them
 
   Chain(const Layout& layout_, const double* numbers_, Arena& arena) : layout(layout_), numbers(numbers_) {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
     arena.take(layout.forks, fork);
-    P* turns;
-    arena.take(layout.struts, turns);
+    P* wide;
+    arena.take(2 * ByState<Chain>::columns(layout), wide);
     arena.take(layout.nodes, state);
     for (int i = 0; i < layout.nodes; ++i) {
       Elastic<Sp> counted;
@@ -55,10 +55,10 @@ struct Chain {
     arena.take(most_elastic(layout), s.J);
     arena.take_zeros(6 * layout.loads, wrench);
     arena.take(kept_numbers(layout), kept);
-    arena.take(layout.struts > 0 ? 1 : 0, struts);
-    if (layout.struts == 0) return;
-    Struts<Chain> none;
-    (arena.counts() ? none : *struts).lay_out(layout, most_elastic(layout), turns, arena);
+    arena.take(layout.by_state() ? 1 : 0, by_state);
+    if (!layout.by_state()) return;
+    ByState<Chain> none;
+    (arena.counts() ? none : *by_state).lay_out(layout, most_elastic(layout), wide, arena);
   }
   Chain(const Layout& layout_, const double* numbers_, Arena&& arena) : Chain(layout_, numbers_, arena) {}
   /// Bytes, aligned for P.
@@ -98,11 +98,11 @@ struct Chain {
           });
     }
     if constexpr (rates && forces)
-      if (layout.struts > 0) push_struts(q, v);
+      if (layout.by_state()) push_by_state(q, v);
   }
-  void push_struts(const S* q, const S* v) {
-    struts->stretch(*this, q, v);
-    struts->act(*this, 1.0);
+  void push_by_state(const S* q, const S* v) {
+    by_state->find(*this, q, v);
+    by_state->act(*this, 1.0);
   }
   /// What node i sits on, where a recursion begins with it: w and attitude there.
   void start_branch(int i, Ang& w, typename Sp::Rot& attitude) const {
@@ -204,7 +204,7 @@ struct Chain {
       shared[i] = s;
       known[i] = true;
     }
-    if (layout.struts > 0) push_struts(q, v);
+    if (layout.by_state()) push_by_state(q, v);
   }
   static bool same(const Ang& a, const Ang& b) {
     const S *x = view<const S>(&a), *y = view<const S>(&b);

@@ -84,7 +84,7 @@ inline void factor_joint(C& chain, const Node& node, State<typename C::Space>& s
 
 inline bool is_free(const Node& node) { return node.kind != Node::fixed && !node.given; }
 
-/// The recursions' factors, of M + shift without struts.
+/// The recursions' factors, of M + shift without forces by state.
 template <class C>
 inline typename C::Mask factor_recursive(C& chain, const Shift& shift) {
   using Sp = typename C::Space;
@@ -176,7 +176,7 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
   }
 }
 
-/// x = (M + shift)^-1 r by the recursions' factors alone, without struts; zero where given.
+/// x = (M + shift)^-1 r by the recursions' factors alone, without forces by state; zero where given.
 template <class C, class V>
 inline void solve_recursive(C& chain, const V* r, V* x) {
   using Sp = typename C::Space;
@@ -203,7 +203,7 @@ inline void solve_recursive(C& chain, const V* r, V* x) {
 template <class C, class V>
 inline void solve(C& chain, const V* r, V* x) {
   solve_recursive(chain, r, x);
-  if (chain.stiffened) chain.struts->correct(chain.layout, x);
+  if (chain.stiffened) chain.by_state->correct(chain.layout, x);
 }
 
 /// Factors M + shift of a chain after its `move`.
@@ -211,9 +211,9 @@ inline void solve(C& chain, const V* r, V* x) {
 template <class C>
 inline typename C::Mask factor(C& chain, const Shift& shift) {
   const typename C::Mask good = factor_recursive(chain, shift);
-  chain.stiffened = chain.layout.struts > 0 && (shift.stiffness != 0.0 || shift.damping != 0.0);
+  chain.stiffened = chain.layout.by_state() && (shift.stiffness != 0.0 || shift.damping != 0.0);
   if (chain.stiffened)
-    chain.struts->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
+    chain.by_state->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
   return good;
 }
 

@@ -68,7 +68,7 @@ struct Node {
 
   // where its numbers begin: joint and body, the beam's end, its points, the tip body, the bounds of few points
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0, bounds = 0;
-  bool tied = false;          ///< a strut is tied to the end of its beam
+  bool tied = false;          ///< a force by state acts on the end of its beam
   int loads = 0;              ///< that act on it,
   const int* load = nullptr;  ///< and which
 };
@@ -81,26 +81,35 @@ struct Place {
   int node = 0;
 };
 
+/// A force and moment that follow from time, and from the pose (place and axes, by rows) and the velocity of a place.
+struct StateLaw {
+  void (*ask)(const void* law, double t, const double* state, double* wrench) = nullptr;
+  const void* law = nullptr;
+  bool world = true;  ///< the answer is in axes of the world, or else of the place
+};
+
 /// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
 /// it comes before these, and stands for all of them where the load has no moment; where there are no others, always.
+/// Or, without a place here: the first number of a load in a strut is a force, of a load by its state the time.
 struct PlacedLoad {
   Place place;
   bool world = false;                 ///< axes of the world; else those of each slice
   bool mean = false;                  ///< whether there is a mean slice
   int slices = 0;                     ///< besides it; of one arm on packs, groups of them
   std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
-  int strut = -1;                     ///< or it acts in a strut, and has no place
+  int strut = -1;
+  StateLaw by_state;
 };
 
-/// A point of a strut. Its numbers: where it is in the axes of a place (of node -1: in the world), and those of the
-/// place.
+/// A place that is tied to others by a force: a point of a strut (node -1: of the world), whose first numbers are where
+/// it is in the axes of the place, or the place of a load by state, whose first number is its height across the plane;
+/// then those of the place.
 struct TiedPoint {
   Place place;
   std::size_t numbers = 0;
 };
 struct StrutLine {
   int points = 0;
-  const TiedPoint* point = nullptr;
   bool tension_only = false;
   std::size_t numbers = 0;  ///< where its own begin (records::StrutLaw)
 };
@@ -116,9 +125,12 @@ struct Layout {
   int loads = 0;
   const PlacedLoad* load = nullptr;
   const double* load_numbers = nullptr;
-  int struts = 0, strut_points = 0;
+  int struts = 0, strut_points = 0, state_loads = 0;
   const StrutLine* strut = nullptr;
-  const double* strut_numbers = nullptr;
+  const TiedPoint* tied = nullptr;  ///< the points of all struts, and then the places of loads by state
+  const double* tied_numbers = nullptr;
+  /// Whether there are forces by state (arm/by_state.hpp).
+  bool by_state() const { return struts > 0 || state_loads > 0; }
 };
 
 /// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.

@@ -41,6 +41,7 @@ struct StrutLaw {
   using Number = T;
   T stiffness, length, damping, force;
 };
+constexpr int kStrutLaw = 4;  ///< its numbers
 
 /// Where something sits on a frame, and how it is turned there.
 template <class Sp>

@@ -55,15 +55,10 @@ void KernelArm::point() {
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
   layout_.load_numbers = load_numbers_.data();
-  const TiedPoint* tied = strut_points_.data();
-  for (StrutLine& line : struts_) {
-    line.point = tied;
-    tied += line.points;
-  }
   layout_.struts = static_cast<int>(struts_.size());
-  layout_.strut_points = static_cast<int>(strut_points_.size());
   layout_.strut = struts_.data();
-  layout_.strut_numbers = strut_numbers_.data();
+  layout_.tied = tied_.data();
+  layout_.tied_numbers = tied_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -84,9 +79,10 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   load_numbers_ = other.load_numbers_;
   heights_ = other.heights_;
   struts_ = other.struts_;
-  strut_points_ = other.strut_points_;
-  point_sizes_ = other.point_sizes_;
-  strut_numbers_ = other.strut_numbers_;
+  tied_ = other.tied_;
+  tied_sizes_ = other.tied_sizes_;
+  tied_numbers_ = other.tied_numbers_;
+  laws_ = other.laws_;
   point();
   return *this;
 }
@@ -150,7 +146,7 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
   }
   out.load_numbers_.clear();
   for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
-  out.group_struts(*this, width);
+  out.group_tied(*this, width);
   out.point();
   return out;
 }
@@ -164,26 +160,26 @@ void KernelArm::group_place(const Place& place, std::size_t size, const KernelAr
   p += size;
 }
 
-void KernelArm::group_struts(const KernelArm& alone, int width) {
-  const double* p = alone.strut_numbers_.data();
+void KernelArm::group_tied(const KernelArm& alone, int width) {
+  const double* p = alone.tied_numbers_.data();
   std::size_t at = 0;
-  strut_numbers_.clear();
+  tied_numbers_.clear();
   const auto move = [&](std::size_t count) {
-    strut_numbers_.insert(strut_numbers_.end(), p, p + count);
+    tied_numbers_.insert(tied_numbers_.end(), p, p + count);
     p += count;
   };
-  const std::size_t vector = layout_.planar ? 2 : 3;
+  const auto move_tied = [&](std::size_t own) {
+    tied_[at].numbers = tied_numbers_.size();
+    move(own);
+    if (tied_sizes_[at] > 0) group_place(tied_[at].place, tied_sizes_[at], alone, width, p, tied_numbers_);
+    ++at;
+  };
   for (StrutLine& line : struts_) {
-    line.numbers = strut_numbers_.size();
-    move(sizeof(records::StrutLaw<double>) / sizeof(double) + static_cast<std::size_t>(line.points - 1));
-    for (int i = 0; i < line.points; ++i, ++at) {
-      TiedPoint& tied = strut_points_[at];
-      tied.numbers = strut_numbers_.size();
-      move(vector);
-      if (tied.place.node >= 0)
-        group_place(tied.place, point_sizes_[at] - vector, alone, width, p, strut_numbers_);
-    }
+    line.numbers = tied_numbers_.size();
+    move(static_cast<std::size_t>(records::kStrutLaw + line.points - 1));
+    for (int i = 0; i < line.points; ++i) move_tied(layout_.planar ? 2 : 3);
   }
+  while (at < tied_.size()) move_tied(1);
 }
 
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
@@ -215,7 +211,7 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
   out.prescribe(given);
   const std::size_t w = static_cast<std::size_t>(width);
   for (Numbers KernelArm::* all :
-       {&KernelArm::numbers_, &KernelArm::load_numbers_, &KernelArm::strut_numbers_}) {
+       {&KernelArm::numbers_, &KernelArm::load_numbers_, &KernelArm::tied_numbers_}) {
     const std::size_t n = (out.*all).size();
     (out.*all).resize(n * w);
     for (std::size_t l = 0; l < w; ++l) {

@@ -68,9 +68,10 @@ class KernelArm {
   /// Numbers of a load of `alone`, for packs of points.
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void put_struts(const Arm& arm);
-  void group_struts(const KernelArm& alone, int width);
-  /// A point of a strut.
-  TiedPoint put_point(const Arm& arm, const flexarm::Strut::Point& point);
+  void put_by_state(const Arm& arm, const Load& load, PlacedLoad& out);
+  /// Behind the numbers that a tied point has of its own.
+  void put_tied(std::size_t numbers, const Spot& spot);
+  void group_tied(const KernelArm& alone, int width);
   /// How far it is across the plane that the arm moves in.
   double height(const Arm& arm, const flexarm::Strut::Point& point) const;
   /// The numbers of a place of `alone` go from p into `out`, for packs of points; p moves on.
@@ -92,9 +93,10 @@ class KernelArm {
   Numbers load_numbers_;
   std::vector<double> heights_;  ///< of each node across the plane
   std::vector<StrutLine> struts_;
-  std::vector<TiedPoint> strut_points_;  ///< of all struts, in order
-  std::vector<std::size_t> point_sizes_;  ///< how many numbers each has, with its place
-  Numbers strut_numbers_;
+  std::vector<TiedPoint> tied_;          ///< see Layout
+  std::vector<std::size_t> tied_sizes_;  ///< how many numbers the place of each has
+  Numbers tied_numbers_;
+  std::vector<std::shared_ptr<const StateForce>> laws_;  ///< of loads by state
 };
 
 /// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.

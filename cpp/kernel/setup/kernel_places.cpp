@@ -1,5 +1,6 @@
 // Places on an arm: of loads, sensors and frames, in the kernels' numbers.
 #include <algorithm>
+#include <cstdint>
 
 #include "setup/beam_points.hpp"
 #include "setup/kernel_arm.hpp"
@@ -69,53 +70,64 @@ double KernelArm::height(const Arm& arm, const flexarm::Strut::Point& point) con
   return sum;
 }
 
-TiedPoint KernelArm::put_point(const Arm& arm, const flexarm::Strut::Point& point) {
-  TiedPoint out;
-  out.numbers = strut_numbers_.size();
-  in_axes(axes_of(layout_), [&](auto to) { put_record(strut_numbers_, to.lin(point.offset)); });
-  if (point.link < 0) {
-    out.place.node = -1;
-    return out;
-  }
-  const std::size_t link = static_cast<std::size_t>(point.link);
-  const Spot spot = point.on == flexarm::Strut::Point::origin ? origin(link)
-                    : point.on == flexarm::Strut::Point::end  ? end(link)
-                                                              : slice(arm, link, arm.link(link).slice_at(point.x));
-  out.place = spot.place;
-  strut_numbers_.insert(strut_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
-  Node& node = nodes_[static_cast<std::size_t>(spot.place.node)];
-  node.tied = node.tied || spot.place.on == Place::end;
-  return out;
+void KernelArm::put_tied(std::size_t numbers, const Spot& spot) {
+  tied_.push_back({spot.place, numbers});
+  tied_sizes_.push_back(spot.numbers.size());
+  tied_numbers_.insert(tied_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
+  structure_.push_back(spot.place.on);
+  structure_.push_back(spot.place.node);
+  if (spot.place.node >= 0 && spot.place.on == Place::end) nodes_[static_cast<std::size_t>(spot.place.node)].tied = true;
 }
 
 void KernelArm::put_struts(const Arm& arm) {
+  using Point = flexarm::Strut::Point;
   for (const flexarm::Strut& strut : arm.struts()) {
-    StrutLine line;
-    line.points = static_cast<int>(strut.points.size());
-    line.tension_only = strut.tension_only;
-    line.numbers = strut_numbers_.size();
-    put_record(strut_numbers_,
-               records::StrutLaw<double>{strut.stiffness, strut.length, strut.damping, strut.force});
+    struts_.push_back({static_cast<int>(strut.points.size()), strut.tension_only, tied_numbers_.size()});
+    structure_.push_back(strut.tension_only);
+    put_record(tied_numbers_, records::StrutLaw<double>{strut.stiffness, strut.length, strut.damping, strut.force});
     for (std::size_t i = 1; i < strut.points.size(); ++i) {
       const double across = height(arm, strut.points[i]) - height(arm, strut.points[i - 1]);
-      strut_numbers_.push_back(across * across);
+      tied_numbers_.push_back(across * across);
     }
-    struts_.push_back(line);
-    structure_.push_back(line.tension_only);
-    for (const flexarm::Strut::Point& point : strut.points) {
-      strut_points_.push_back(put_point(arm, point));
-      point_sizes_.push_back(strut_numbers_.size() - strut_points_.back().numbers);
-      structure_.push_back(strut_points_.back().place.on);
-      structure_.push_back(strut_points_.back().place.node);
+    for (const Point& point : strut.points) {
+      const std::size_t numbers = tied_numbers_.size(), link = static_cast<std::size_t>(point.link);
+      in_axes(axes_of(layout_), [&](auto to) { put_record(tied_numbers_, to.lin(point.offset)); });
+      put_tied(numbers, point.link < 0             ? Spot{{Place::frame, -1}, {}}
+                        : point.on == Point::origin ? origin(link)
+                        : point.on == Point::end    ? end(link)
+                                                    : slice(arm, link, arm.link(link).slice_at(point.x)));
     }
+    layout_.strut_points += static_cast<int>(strut.points.size());
   }
 }
 
+void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) {
+  using Point = flexarm::Strut::Point;
+  const bool on_end = load.points.empty();
+  out.by_state = {[](const void* law, double t, const double* x, double* wrench) {
+                    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(x + 3);
+                    const Vec6<double> found = (*static_cast<const StateForce*>(law))(
+                        t, Eigen::Map<const Vector3d>(x), R, Eigen::Map<const Vec6<double>>(x + 12));
+                    std::copy_n(found.data(), 6, wrench);
+                  },
+                  load.by_state.get(), load.world_axes};
+  laws_.push_back(load.by_state);
+  const auto id = reinterpret_cast<std::uintptr_t>(load.by_state.get());  // lanes share one law
+  structure_.push_back(static_cast<int>(id & 0x7fffffff));
+  structure_.push_back(static_cast<int>((id >> 31) & 0x7fffffff));
+  const std::size_t numbers = tied_numbers_.size();
+  tied_numbers_.push_back(height(
+      arm, {static_cast<int>(load.link), on_end ? Point::end : Point::slice, 0.0, Eigen::Vector3d::Zero()}));
+  put_tied(numbers, on_end ? end(load.link) : slice(arm, load.link, load.points.front().slice));
+  ++layout_.state_loads;
+}
+
 PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
-  if (load.strut >= 0) {
-    PlacedLoad in_strut;
-    in_strut.strut = load.strut;
-    return in_strut;
+  if (load.strut >= 0 || load.by_state) {
+    PlacedLoad tied;
+    tied.strut = load.strut;
+    if (load.by_state) put_by_state(arm, load, tied);
+    return tied;
   }
   std::vector<Spot> spots;
   std::vector<double> weights;
@@ -158,7 +170,7 @@ KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) cons
   KernelArm out = *this;
   for (const Load& load : loads) {
     const PlacedLoad placed = out.put_load(arm, load);
-    if (placed.strut < 0)
+    if (placed.strut < 0 && !placed.by_state.ask)
       out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
     // between fewer points, slices are not as right as sums over all of them
     if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].sampled.half = 0;

@@ -50,7 +50,7 @@ class Slopes {
     move_value(q, v);
     differentiate(a);
     for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
-    for_strut_columns(by_v != nullptr,
+    for_columns_by_state(by_v != nullptr,
                       [&](const int* direction) { put(direction, columns_, -1.0, by_q, by_v, true); });
   }
 
@@ -59,17 +59,17 @@ class Slopes {
                   double* by_v, double* by_tau) {
     begin(wrenches, q, v, a);
     move_value(q, v);
-    if (layout_.struts > 0) value_->struts->act(*value_, 1.0);
+    if (layout_.by_state()) value_->by_state->act(*value_, 1.0);
     const bool good = ::forward(*value_, base_, tau, a);
     if (!good) return outcome(*value_, good);
-    if (layout_.struts > 0) value_->struts->act(*value_, -1.0);
+    if (layout_.by_state()) value_->by_state->act(*value_, -1.0);
     for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
     differentiate(a);
     for_columns([&](const int* direction) {
       solve_columns();
       put(direction, columns_, -1.0, by_q, by_v);
     });
-    for_strut_columns(true, [&](const int* direction) {
+    for_columns_by_state(true, [&](const int* direction) {
       solve_columns();
       put(direction, columns_, 1.0, by_q, by_v, true);
     });
@@ -183,7 +183,7 @@ class Slopes {
     base_ = One::read(p);
   }
 
-  /// The chain's values, and tables of its elastic bodies. Struts do not act yet: their forces go from one segment to
+  /// The chain's values, and tables of its elastic bodies. Forces by state do not act yet: they go from one segment to
   /// another, and are differentiated by themselves.
   void move_value(const double* q, const double* v) {
     turn_hinges(value_->layout, 0, layout_.nodes, q, value_->state, value_->scratch);
@@ -197,7 +197,7 @@ class Slopes {
             if (bodies_->has(i)) bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_);
           });
     }
-    if (layout_.struts > 0) value_->struts->stretch(*value_, q, v);
+    if (layout_.by_state()) value_->by_state->find(*value_, q, v);
   }
 
   /// Whether one of D directions is an elastic coordinate of a node.
@@ -420,12 +420,13 @@ class Slopes {
         visit(segment_[k].direction + first);
       }
   }
-  /// The same of the struts' generalised forces.
+  /// The same of the generalised forces by state, G f.
   template <class Visit>
-  void for_strut_columns(bool by_v, const Visit& visit) {
-    if (layout_.struts == 0) return;
+  void for_columns_by_state(bool by_v, const Visit& visit) {
+    if (!layout_.by_state()) return;
     const int all = nq_ + (by_v ? nv_ : 0);
-    LaneDual *v = q_ + nq_, *g = v + 2 * nv_;
+    ByState<C>& forces = *dual_->by_state;
+    const LaneDual* v = q_ + nq_;
     for (int first = 0; first < all; first += D) {
       int direction[D];
       for (int k = 0; k < D; ++k) direction[k] = first + k < all ? first + k : -1;
@@ -434,15 +435,12 @@ class Slopes {
       };
       seed(1.0);
       move_dual(direction);
-      dual_->struts->stretch(*dual_, q_, v);
-      for (int i = 0; i < nv_ * D; ++i) columns_[i] = 0.0;
-      for (int s = 0; s < layout_.struts; ++s) {
-        dual_->struts->gather(*dual_, s, g);
-        for (int i = 0; i < nv_; ++i) {
-          const LaneDual force = dual_->struts->strut[s].force * g[i];
-          const double* slopes = view<const double>(&force.d);
-          for (int k = 0; k < D; ++k) columns_[i * D + k] += slopes[k];
-        }
+      forces.find(*dual_, q_, v);
+      forces.gather(*dual_);
+      for (int i = 0; i < nv_; ++i) {
+        LaneDual sum{};
+        for (int k = 0; k < forces.columns(layout_); ++k) sum += forces.force[k] * forces.G[k * nv_ + i];
+        __builtin_memcpy(columns_ + i * D, sum.d, sizeof(sum.d));
       }
       seed(0.0);
       visit(direction);

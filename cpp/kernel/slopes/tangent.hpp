@@ -123,6 +123,28 @@ inline void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
   for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
 }
 
+/// The answers of laws of state: their slopes times those of pose and velocity.
+template <>
+struct StateAnswers<LaneDual> {
+  static void values(const StateLaw& law, const LaneDual* in, LaneDual* out) {
+    double x[kAsked], found[6], by[6 * kDirectionsOfState];
+    for (int i = 0; i < kAsked; ++i) x[i] = in[i].x;
+    ask(law, x, in[kAsked].x, found);
+    ask_slopes(law, x, in[kAsked].x, by);
+    const LaneDual* R = in + 3;
+    for (int i = 0; i < 6; ++i) {
+      out[i] = LaneDual{} + found[i];
+      const double* row = by + i * kDirectionsOfState;
+      for (int d = 0; d < 3; ++d) {
+        add_slopes(row[d], in[d], out[i]);
+        const int a = (d + 1) % 3, b = (d + 2) % 3;  // the turn about axis d: row b of dR times row a of R
+        for (int k = 0; k < 3; ++k) add_slopes(row[3 + d] * x[3 + 3 * a + k], R[3 * b + k], out[i]);
+      }
+      for (int d = 0; d < 6; ++d) add_slopes(row[6 + d], in[12 + d], out[i]);
+    }
+  }
+};
+
 /// Calls visit(first, count) with the slopes of x[first], x[first + 1], .. set to 1, each in a direction of its own.
 template <class Visit>
 void for_directions(LaneDual* x, int all, const Visit& visit) {

@@ -54,6 +54,8 @@ def _acting(scene: Scene) -> tuple[list[Any], Array]:
     """Places of the loads, and the largest magnitude of each component over time, (n, 6)."""
     most = []
     for load in scene.loads:
+        if load.by_state:
+            raise ValueError(f"{load}: follows from the state, so that how large it becomes is not known beforehand")
         breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
         times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
         most.append(np.abs([load(float(t)) for t in times]).max(axis=0))

@@ -2,11 +2,17 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <vector>
 
 #include "flexarm/arm.hpp"
 
 namespace flexarm {
+
+/// A force and moment [f; m] at time t, of the place p and the axes R (columns) of a slice in the world and of its
+/// velocity [v; w] there.
+using StateForce = std::function<Vec6<double>(double t, const Eigen::Vector3d& p, const Eigen::Matrix3d& R,
+                                              const Vec6<double>& velocity)>;
 
 /// Where a force and moment [f; m] (N, N m) act, and in whose axes they are given.
 struct Load {
@@ -18,6 +24,8 @@ struct Load {
   bool world_axes;            ///< or the axes of the slice, which turn with it
   std::vector<Point> points;  ///< empty: the link's end
   int strut = -1;             ///< or a strut, which pushes with the first of the six numbers besides its own force
+  std::shared_ptr<const StateForce> by_state = nullptr;  ///< or they follow from the state of one slice or the link's
+                                                         ///< end; then the first of the six numbers is the time
 
   /// At a link's end, where the next joint sits.
   static Load at_end(const Arm& arm, std::size_t link, bool world_axes);

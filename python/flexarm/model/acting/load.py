@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any
+from inspect import signature
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,10 @@ class Load(Law):
     Args:
         link: the link; -1 is the last.
         x: the slice at x metres along that link's beam; None is the link's end (the end effector).
-        force, moment: N and N m: three numbers; with `t`, samples (nt, 3), linear in between; or a callable t -> three.
+        force, moment: N and N m: three numbers; with `t`, samples (nt, 3), linear in between; a callable t -> three; or
+            one of the state, (t, pose, velocity) -> three, of that slice: `pose.p` (3,) is its place and `pose.R`
+            (3, 3) its axes (columns), `velocity` (6,) is [v; w], all in the world. Implicit steps and derivatives take
+            its slopes by central differences (1e-6 m and rad, 1e-5 m/s and rad/s): it must be smooth over these.
         t: times of the samples (s).
         along: (a, b) metres, instead of x: force (N/m) and moment (N) per length from a to b.
         axes: "world", or "section" for axes that rotate with the slice (a follower force).
@@ -57,10 +61,17 @@ class Load(Law):
             "link": link, "x": self.x, "force": _argument("force", force), "moment": _argument("moment", moment),
             "t": t, "along": along, "axes": axes,
         }  # fmt: skip
+        self.by_state = any(callable(value) and _takes_state(value) for value in (force, moment))
+        if self.by_state:
+            if t is not None or along is not None:
+                raise ValueError("force, moment: a callable of the state acts on one slice, without t and along")
+            self.law: Any = _StateWrench(force=force, moment=moment)
+            self._state_law = _core.StateForce(self.law)
+            return
         if any(callable(value) for value in (force, moment)):
             if t is not None:
                 raise ValueError("t: goes with samples, not with a callable")
-            self.law: Any = _Wrench(force=force, moment=moment)
+            self.law = _Wrench(force=force, moment=moment)
             return
         times = np.array([0.0, 1.0]) if t is None else sample_times(t)
         self.constant = t is None
@@ -73,12 +84,18 @@ class Load(Law):
         self.law = tuple(_core.PiecewisePolynomial(times, [slope[:, k], wrench[:-1, k]]) for k in range(6))
 
     def __call__(self, t: float) -> Array:
-        """[force; moment] at time t (s), (6,)."""
+        """[force; moment] at time t (s), (6,). ValueError if they follow from the state, too."""
+        if self.by_state:
+            raise ValueError(f"{self}: follows from the state; its law(t, p, R, velocity) tells it")
         if self._steady is not None:
             return self._steady.copy()
         if isinstance(self.law, tuple):
             return np.array([part(t)[0] for part in self.law])
         return np.asarray(self.law(t))
+
+    def numbers(self, t: float) -> Array:
+        """What the core takes at time t: [force; moment], or the time alone if they follow from the state."""
+        return np.array([t, *[0.0] * 5]) if self.by_state else self(t)
 
     def __repr__(self) -> str:
         where = f"along={self.along}" if self.along else f"x={self.x}"
@@ -89,6 +106,8 @@ class Load(Law):
         n, world = arm._link(self.link, "load: link"), self.axes == "world"
         if self.along is not None:
             return _along(arm._core, n, *self.along, world)
+        if self.by_state:
+            return _core.Load.by_state(arm._core, n, self.x, world, self._state_law)
         if self.x is not None:
             return _core.Load.at_slice(arm._core, n, self.x, world)
         return _core.Load.at_end(arm._core, n, world)
@@ -112,6 +131,42 @@ class _Wrench:
         return [float(value) for part in at for value in part]
 
 
+class Pose(NamedTuple):
+    """Where a slice is in the world, and how it stands there."""
+
+    p: Array
+    R: Array
+
+
+class _StateWrench:
+    """Force and moment by the state, callables of it or of time, or constant."""
+
+    def __init__(self, **parts: Any) -> None:
+        still = np.zeros(3)
+        self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
+        self.of_state = {k: callable(x) and _takes_state(x) for k, x in self.parts.items()}
+
+    def __call__(self, t: float, p: Array, R: Array, velocity: Array) -> list[float]:
+        found: list[float] = []
+        for k, x in self.parts.items():
+            if callable(x):
+                given = (t, Pose(p, R), velocity) if self.of_state[k] else (t,)
+                x = array(f"Load {k} at t = {t}", x(*given), (3,))
+            found.extend(float(value) for value in x)
+        return found
+
+
+def _takes_state(value: Callable[..., Any]) -> bool:
+    """Whether a callable takes t, pose and velocity, and not t alone."""
+    try:
+        signature(value).bind(0.0)
+    except TypeError:
+        return True
+    except ValueError:  # one without a signature, as of C
+        pass
+    return False
+
+
 def _argument(name: str, value: Any) -> Any:
     return value if value is None or callable(value) else array(name, value)
 
@@ -127,4 +182,4 @@ def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_c
         raise ValueError(f"loads = {loads!r}: must be a list of Load")
     for k, load in enumerate(loads):
         instance(f"loads[{k}]", load, Load)
-    return [load.place(arm) for load in loads], np.array([load(t) for load in loads]).reshape(-1, 6)
+    return [load.place(arm) for load in loads], np.array([load.numbers(t) for load in loads]).reshape(-1, 6)

@@ -1,0 +1,286 @@
+// Forces that follow from how several parts of an arm move: struts, and loads by their state. They act after the
+// outward pass: G f, a column of G for each strut's length, or for each direction in which the place of a load moves.
+// In the matrix of an implicit step, M + shift, they are G B G^T, B of their slopes, by Woodbury's formula.
+#pragma once
+
+#include "arm/state_loads.hpp"
+#include "arm/struts.hpp"
+#include "wide/small.hpp"
+
+namespace {
+
+using flexarm::lanes::TiedPoint;
+
+template <class C>
+struct alignas(64) ByState {
+  using Sp = typename C::Space;
+  using S = typename C::S;
+  using Lin = typename Sp::Lin;
+  static constexpr int W = Lanes<S>::width, kWays = Sp::linear + Sp::angular;
+
+  /// A force on one place, of a column.
+  struct Pull {
+    Force<Sp> on_frame;  ///< of the place, in its axes
+    S* on_beam;          ///< on the coordinates of the beam that it is a slice of (ne)
+  };
+  struct Loaded {
+    int load;
+    S asked[kAsked + 1];       ///< what its law is asked with, and the time
+    S weights[kWays * kWays];  ///< its part of B
+  };
+
+  Places<Sp> places;
+  StrutState<S>* strut;
+  StrutPoint<Sp>* point;  ///< of all struts, in order
+  Loaded* loaded;
+  Pull* pull;    ///< of each point of a strut, and of each direction of a load
+  S *force, *G;  ///< f; G, by columns of nv
+  S* weight;     ///< of each strut: its part of B
+  S* solved;     ///< (M + shift without these forces)^-1 G
+  S* matrix;     ///< 1 + B G^T solved, factored
+  typename C::Wide* turn;
+
+  static int columns(const Layout& layout) { return layout.struts + kWays * layout.state_loads; }
+  static int pulls(const Layout& layout) { return layout.strut_points + kWays * layout.state_loads; }
+
+  /// @param wide  scratch as wide as right-hand sides, two for each column
+  void lay_out(const Layout& layout, int most_elastic, typename C::Wide* wide, Arena& arena) {
+    const int n = columns(layout);
+    turn = wide;
+    places.lay_out(layout.nodes, arena);
+    arena.take(layout.struts, strut);
+    arena.take(layout.strut_points, point);
+    arena.take(layout.state_loads, loaded);
+    arena.take(pulls(layout), pull);
+    arena.take(n, force, weight);
+    arena.take(n * layout.nv, G, solved);
+    arena.take(n * n, matrix);
+    for (int k = 0; k < layout.strut_points; ++k) {
+      Lin* none;
+      arena.take(most_elastic, arena.counts() ? none : point[k].J);
+    }
+    for (int k = 0; k < pulls(layout); ++k) {
+      S* none;
+      arena.take(most_elastic, arena.counts() ? none : pull[k].on_beam);
+    }
+    if (arena.counts()) return;
+    for (int i = 0, k = 0; i < layout.loads; ++i)
+      if (layout.load[i].by_state.ask) loaded[k++].load = i;
+  }
+
+  /// visit(column, place, pull) of all.
+  template <class Visit>
+  void for_pulls(const Layout& layout, const Visit& visit) const {
+    const Pull* p = pull;
+    const TiedPoint* at = layout.tied;
+    for (int k = 0; k < layout.struts; ++k)
+      for (int i = 0; i < layout.strut[k].points; ++i, ++at, ++p)
+        if (at->place.node >= 0) visit(k, at->place, *p);
+    for (int k = layout.struts; k < columns(layout); ++k, ++p) visit(k, at[(k - layout.struts) / kWays].place, *p);
+  }
+
+  /// All forces, where the chain has moved to q and v.
+  void find(C& chain, const S* q, const S* v) {
+    const Layout& layout = chain.layout;
+    places.find(layout, chain.state, v);
+    const TiedPoint* at = layout.tied;
+    StrutPoint<Sp>* points = point;
+    Pull* p = pull;
+    for (int k = 0; k < layout.struts; ++k) {
+      stretch(chain, k, at, q, v, points, p);
+      S driven{};
+      for (int i = 0; i < layout.loads; ++i)
+        if (layout.load[i].strut == k) driven += chain.wrench[6 * i];
+      const double* numbers = layout.tied_numbers + layout.strut[k].numbers * W;
+      push_of(layout.strut[k].tension_only, read<records::StrutLaw<S>>(numbers), driven, strut[k]);
+      force[k] = strut[k].force;
+      at += layout.strut[k].points;
+      points += layout.strut[k].points;
+      p += layout.strut[k].points;
+    }
+    for (int k = 0; k < layout.state_loads; ++k, p += kWays)
+      ask(chain, loaded[k], at[k], q, v, p, force + layout.struts + k * kWays);
+  }
+
+  /// Adds `part` of them to the forces that bodies need.
+  void act(C& chain, double part) const {
+    for_pulls(chain.layout, [&](int column, const Place& place, const Pull& p) {
+      State<Sp>& s = chain.state[place.node];
+      const S taken = -part * force[column];
+      (C::on_end(chain.layout, place) ? s.tip_force : s.body_force) += taken * p.on_frame;
+      if (place.on != Place::slice) return;
+      for (int j = 0; j < chain.layout.node[place.node].ne; ++j) s.elastic.e[j] += taken * p.on_beam[j];
+    });
+  }
+
+  /// G, where the forces were found: inward.
+  void gather(const C& chain) {
+    const Layout& layout = chain.layout;
+    for (int i = 0; i < columns(layout) * layout.nv; ++i) G[i] = S{};
+    for_pulls(layout, [&](int column, const Place& place, const Pull& p) {
+      S* g = G + column * layout.nv;
+      Force<Sp> F = p.on_frame;
+      for (int i = place.node; i >= 0; i = layout.node[i].parent) {
+        const Node& node = layout.node[i];
+        if (node.ne > 0 && (i != place.node || place.on == Place::end)) {
+          const Slice<Sp>& end = chain.state[i].elastic.end;
+          F = end.frame.turn_back(F);
+          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(end.J[n], F);
+          F = end.frame.shift_back(F);
+        } else if (place.on == Place::slice && i == place.node) {
+          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
+        }
+        if (node.kind != Node::fixed) g[node.v] += node.sign * freedom(node, F);
+        F = chain.to_parent(i, F);
+      }
+    });
+  }
+
+  /// Of M + shift; solve(r, x) is without these forces.
+  template <class Solve>
+  void factor(const C& chain, const flexarm::lanes::Shift& shift, const Solve& solve) {
+    const Layout& layout = chain.layout;
+    const int n = columns(layout), nv = layout.nv;
+    gather(chain);
+    for (int k = 0; k < n; ++k) solve(G + k * nv, solved + k * nv);
+    for (int k = 0; k < layout.struts; ++k)
+      weight[k] = shift.stiffness * strut[k].by_length + shift.damping * strut[k].by_rate;
+    for (int k = 0; k < layout.state_loads; ++k) weigh(layout, shift, loaded[k]);
+    for (int j = 0; j < n; ++j) {
+      S* column = view<S>(turn);
+      times_G(nv, n, solved + j * nv, column);
+      times_B(layout, column);
+      for (int i = 0; i < n; ++i) matrix[i * n + j] = column[i] + (i == j ? 1.0 : 0.0);
+    }
+    factor_small(matrix, n);
+  }
+  /// x = (M + shift)^-1 r, of one without these forces.
+  template <class V>
+  void correct(const Layout& layout, V* x) const {
+    const int n = columns(layout), nv = layout.nv;
+    V* y = view<V>(turn);
+    times_G(nv, n, x, y);
+    times_B(layout, y);
+    solve_small(matrix, n, y);
+    for (int k = 0; k < n; ++k)
+      for (int i = 0; i < nv; ++i) x[i] -= solved[k * nv + i] * y[k];
+  }
+
+ private:
+  const Moving<Sp>& moving(const Place& place) const {
+    return (place.on == Place::end ? places.end : places.frame)[place.node];
+  }
+
+  /// Length, rate and directions of strut k.
+  void stretch(C& chain, int k, const TiedPoint* tied, const S* q, const S* v, StrutPoint<Sp>* points, Pull* pulls_) {
+    const Layout& layout = chain.layout;
+    const int count = layout.strut[k].points;
+    for (int i = 0; i < count; ++i) find_point(chain, tied[i], q, v, points[i]);
+    const double* across = layout.tied_numbers + (layout.strut[k].numbers + records::kStrutLaw) * W;
+    StrutState<S>& s = strut[k];
+    s.length = s.rate = S{};
+    for (int i = 1; i < count; ++i) {
+      StrutPoint<Sp>&a = points[i - 1], &b = points[i];
+      const Lin d = b.at - a.at;
+      const S length = Lanes<S>::root(Sp::dot(d, d) + next<S>(across));
+      const Lin along = (1.0 / length) * d;
+      s.length += length;
+      s.rate += Sp::dot(along, b.rate - a.rate);
+      a.along = a.along - along;
+      b.along += along;
+    }
+    for (int i = 0; i < count; ++i) {
+      const Place& place = tied[i].place;
+      if (place.node < 0) continue;
+      const Lin f = Sp::unrotate(moving(place).at.R, points[i].along);
+      pulls_[i].on_frame = {f, Sp::moment(points[i].in, f)};
+      if (place.on != Place::slice) continue;
+      for (int j = 0; j < layout.node[place.node].ne; ++j) pulls_[i].on_beam[j] = Sp::dot(points[i].J[j], f);
+    }
+  }
+  void find_point(C& chain, const TiedPoint& tied, const S* q, const S* v, StrutPoint<Sp>& out) {
+    const double* p = chain.layout.tied_numbers + tied.numbers * W;
+    const Lin offset = Sp::read(p);
+    out.along = Sp::zero();
+    if (tied.place.node < 0) {
+      out.at = offset;
+      out.rate = Sp::zero();
+      return;
+    }
+    const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v);
+    const Moving<Sp>& on = moving(tied.place);
+    const Lin across = Sp::rotate(slice.frame.R, offset);
+    out.in = slice.frame.r + across;
+    const Lin rate = on.u.linear + Sp::cross(on.u.angular, out.in) + slice.rate.linear +
+                     Sp::cross(slice.rate.angular, across);
+    out.at = on.at.r + Sp::rotate(on.at.R, out.in);
+    out.rate = Sp::rotate(on.at.R, rate);
+    if (tied.place.on != Place::slice) return;
+    for (int k = 0; k < chain.layout.node[tied.place.node].ne; ++k)
+      out.J[k] = slice.J[k].linear + Sp::cross(slice.J[k].angular, across);
+  }
+
+  /// The world's axis of a direction of a load: 0 to 2 along, 3 to 5 about.
+  static int world_axis(const Layout& layout, int way) {
+    return !Sp::planar ? way : way < 2 ? layout.along[way] : 3 + layout.about;
+  }
+  /// Asks a load's law. @param f  the answer, in these directions
+  void ask(C& chain, Loaded& one, const TiedPoint& tied, const S* q, const S* v, Pull* pulls_, S* f) {
+    const Layout& layout = chain.layout;
+    const double* p = layout.tied_numbers + tied.numbers * W;
+    const S height = next<S>(p);
+    const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v);
+    const Moving<Sp>& on = moving(tied.place);
+    const Frame<Sp> at = on.at * slice.frame;
+    put_world(layout, at, on.in_world(slice.frame.shift(on.u) + slice.rate), height, one.asked);
+    one.asked[kAsked] = chain.wrench[6 * one.load];
+    S wrench[6];
+    StateAnswers<S>::values(layout.load[one.load].by_state, one.asked, wrench);
+    for (int way = 0; way < kWays; ++way) {
+      f[way] = wrench[world_axis(layout, way)];
+      S unit[6]{};
+      unit[world_axis(layout, way)] = number<S>(1.0);
+      const Force<Sp> world = read_wrench(Sp{}, layout, unit);
+      const Force<Sp> F{Sp::unrotate(on.at.R, world.force), Sp::unrotate_angular(on.at.R, world.moment)};
+      pulls_[way].on_frame = slice.frame.shift_back(F);
+      if (tied.place.on != Place::slice) continue;
+      for (int j = 0; j < layout.node[tied.place.node].ne; ++j) pulls_[way].on_beam[j] = dot(slice.J[j], F);
+    }
+  }
+  /// A load's part of B.
+  void weigh(const Layout& layout, const flexarm::lanes::Shift& shift, Loaded& one) const {
+    S slopes[6 * kDirectionsOfState];
+    StateAnswers<S>::slopes(layout.load[one.load].by_state, one.asked, slopes);
+    for (int i = 0; i < kWays; ++i)
+      for (int j = 0; j < kWays; ++j) {
+        const S* row = slopes + world_axis(layout, i) * kDirectionsOfState;
+        const int by = world_axis(layout, j);
+        one.weights[i * kWays + j] = -(shift.stiffness * row[by] + shift.damping * row[6 + by]);
+      }
+  }
+
+  /// y = G^T x
+  template <class V>
+  void times_G(int nv, int n, const V* x, V* y) const {
+    for (int k = 0; k < n; ++k) {
+      y[k] = V{};
+      for (int i = 0; i < nv; ++i) y[k] += G[k * nv + i] * x[i];
+    }
+  }
+  /// y = B y
+  template <class V>
+  void times_B(const Layout& layout, V* y) const {
+    for (int k = 0; k < layout.struts; ++k) y[k] = weight[k] * y[k];
+    y += layout.struts;
+    for (int k = 0; k < layout.state_loads; ++k, y += kWays) {
+      V x[kWays];
+      for (int i = 0; i < kWays; ++i) x[i] = y[i];
+      for (int i = 0; i < kWays; ++i) {
+        y[i] = V{};
+        for (int j = 0; j < kWays; ++j) y[i] += loaded[k].weights[i * kWays + j] * x[j];
+      }
+    }
+  }
+};
+
+}  // namespace
