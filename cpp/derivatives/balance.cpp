@@ -32,7 +32,7 @@ NearArm near_of(const Problem& problem, const lanes::KernelArm& run,
       return d.motion && d.coordinate >= node.ve && d.coordinate < node.ve + node.ne;
     });
     out.own.push_back(node.ne > 0 &&  // whose forces have those of loads, or gravity, among them, too
-                      (moved || node.loads > 0 || node.body == lanes::Node::cut || !out.arm.same_body(i, run)));
+                      (moved || node.loads > 0 || node.slices > 0 || node.body == lanes::Node::cut || !out.arm.same_body(i, run)));
   }
   return out;
 }

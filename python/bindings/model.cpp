@@ -261,6 +261,12 @@ void bind_links(py::module_& m) {
       .def_property_readonly("mass", &Link::mass);
 }
 
+std::vector<Arm::Seat> seats_of(const std::vector<std::pair<int, std::optional<double>>>& seats) {
+  std::vector<Arm::Seat> out;
+  for (const auto& [link, at] : seats) out.emplace_back(link, at);
+  return out;
+}
+
 }  // namespace
 
 void bind_model(py::module_& m) {
@@ -277,8 +283,11 @@ void bind_model(py::module_& m) {
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
       .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
                   py::arg("world_axes"));
-  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&, std::vector<int>>(), py::arg("links"), py::arg("gravity"),
-          py::arg("parents"))
+  arm.def(py::init([](std::vector<Link> links, const Eigen::Vector3d& gravity,
+                      const std::vector<std::pair<int, std::optional<double>>>& seats) {
+            return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats));
+          }),
+          py::arg("links"), py::arg("gravity"), py::arg("seats"))
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

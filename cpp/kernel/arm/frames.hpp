@@ -15,7 +15,7 @@ struct Frames {
   using C = Chain<Sp, S>;
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  /// A node's frame, or that of its beam's end.
+  /// A node's frame, or that of its beam's end or another slice.
   struct Moving {
     Frame<Sp> at;  ///< in the world
     Motion<Sp> u;  ///< velocity, own axes
@@ -23,10 +23,12 @@ struct Frames {
 
   C chain;
   Moving *frame, *end;  ///< of each node; where there is no beam, they are one
+  Moving* fork;         ///< where branches sit on slices
   S *q, *v, *a;
 
   Frames(const Layout& layout, const double* numbers, Arena& arena) : chain(layout, numbers, arena) {
     arena.take(layout.nodes, frame, end);
+    arena.take(layout.forks, fork);
     S* all = nullptr;  // in one row
     arena.take_zeros(layout.nq + 2 * layout.nv, all);
     q = all;
@@ -49,17 +51,23 @@ struct Frames {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       Moving& f = frame[i];
-      if (node.branch) before = node.parent < 0 ? world : end[node.parent];
+      if (node.branch) before = node.parent < 0 ? world : seat_of(node);
       f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
       if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
       before = f;
-      if (node.ne > 0) {
-        const Slice<Sp>& e = s.elastic.end;
-        before = {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), s.end_w}};
+      const auto of = [&](const Slice<Sp>& e, const Ang& w) -> Moving {
+        return {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), w}};
+      };
+      for (int k = 0; k < node.slices; ++k) {
+        const auto& at = chain.fork[node.slice[k]];
+        fork[node.slice[k]] = of(at.slice, at.w);
       }
+      if (node.ne > 0) before = of(s.elastic.end, s.end_w);
       end[i] = before;
     }
   }
+  /// Where a node sits, not on the world.
+  const Moving& seat_of(const Node& node) const { return chain.slice_under(node) ? fork[node.seat] : end[node.parent]; }
 
   /// A place: the frame that it belongs to, and in its axes a slice.
   struct Spot {
@@ -106,6 +114,14 @@ struct Frames {
   void jacobian(const Place& place, const double* numbers, const Visit& visit) {
     const Spot at = spot(place, numbers);
     const Lin p = at.in_world().r;
+    const Slice<Sp>* slice = nullptr;  // of this node, that the way goes over, and how far it is to the place
+    Lin arm = Sp::zero();
+    if (place.on == Place::slice) {
+      slice = &at.slice;
+    } else if (place.on == Place::end) {
+      slice = &chain.state[place.node].elastic.end;
+      arm = p - end[place.node].at.r;
+    }
     for (int i = place.node; i >= 0; i = chain.layout.node[i].parent) {
       const Node& node = chain.layout.node[i];
       const Frame<Sp>& own = frame[i].at;
@@ -116,14 +132,13 @@ struct Frames {
         else
           visit(node.v, Motion<Sp>{h, Sp::zero()});
       }
-      const bool here = i == place.node;
-      if (here && place.on == Place::frame) continue;
-      const Slice<Sp>& s = here && place.on == Place::slice ? at.slice : chain.state[i].elastic.end;
-      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - end[i].at.r;
-      for (int k = 0; k < node.ne; ++k) {
-        const Ang turn = Sp::rotate(own.R, s.J[k].angular);
-        visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, s.J[k].linear) + Sp::cross(turn, arm), turn});
+      for (int k = 0; k < node.ne && slice; ++k) {
+        const Ang turn = Sp::rotate(own.R, slice->J[k].angular);
+        visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, slice->J[k].linear) + Sp::cross(turn, arm), turn});
       }
+      if (node.parent < 0) return;
+      slice = chain.seat_of(node).slice;
+      arm = p - seat_of(node).at.r;
     }
   }
 

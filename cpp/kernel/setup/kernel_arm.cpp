@@ -39,6 +39,8 @@ void KernelArm::point() {
     if (lists_[k].table) nodes_[k].sampled.table = lists_[k].table->data();
     nodes_[k].load = lists_[k].loads.data();
     nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
+    nodes_[k].slice = lists_[k].slices.data();
+    nodes_[k].slices = static_cast<int>(lists_[k].slices.size());
     if (few_[k].sampled.half == 0) {
       nodes_[k].sampled.few = nullptr;
       continue;
@@ -51,9 +53,11 @@ void KernelArm::point() {
     few_[k] = few;
     nodes_[k].sampled.few = &few_[k];
   }
+  layout_.forks = static_cast<int>(forks_.size());
+  layout_.fork = forks_.data();
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
-  layout_.load_numbers = load_numbers_.data();
+  layout_.place_numbers = place_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -70,8 +74,9 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   structure_ = other.structure_;
   numbers_ = other.numbers_;
   seats_ = other.seats_;
+  forks_ = other.forks_;
   loads_ = other.loads_;
-  load_numbers_ = other.load_numbers_;
+  place_numbers_ = other.place_numbers_;
   point();
   return *this;
 }
@@ -133,25 +138,36 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
-  out.load_numbers_.clear();
+  out.place_numbers_.clear();
+  for (PlacedFork& fork : out.forks_) out.group_fork(fork, *this, width);
   for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
   out.point();
   return out;
 }
 
+void KernelArm::group_fork(PlacedFork& fork, const KernelArm& alone, int width) {
+  const std::size_t node = static_cast<std::size_t>(fork.place.node);
+  const double* p = alone.place_numbers_.data() + fork.numbers;
+  fork.numbers = place_numbers_.size();
+  if (fork.place.on == Place::slice && nodes_[node].body == Node::sampled_beam)
+    group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, place_numbers_);
+  else
+    place_numbers_.insert(place_numbers_.end(), p, p + fork.size);
+}
+
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
   const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
   const bool sampled = nodes_[node].body == Node::sampled_beam && load.place.on == Place::slice;
-  const double* p = alone.load_numbers_.data() + load.numbers;
-  load.numbers = load_numbers_.size();
+  const double* p = alone.place_numbers_.data() + load.numbers;
+  load.numbers = place_numbers_.size();
   const auto move_one = [&] {
-    const std::size_t begin = load_numbers_.size();
-    load_numbers_.push_back(*p++);  // its weight
+    const std::size_t begin = place_numbers_.size();
+    place_numbers_.push_back(*p++);  // its weight
     if (sampled)
-      group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, load_numbers_);
+      group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, place_numbers_);
     else
-      for (std::size_t i = 1; i < size; ++i) load_numbers_.push_back(*p++);
-    load.size = load_numbers_.size() - begin;
+      for (std::size_t i = 1; i < size; ++i) place_numbers_.push_back(*p++);
+    load.size = place_numbers_.size() - begin;
   };
   if (load.mean) move_one();
   const std::size_t slices = static_cast<std::size_t>(load.slices), w = static_cast<std::size_t>(width);
@@ -162,7 +178,7 @@ void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) 
   for (std::size_t a = 0; a < slices; a += w)
     for (std::size_t i = 0; i < size; ++i)
       for (std::size_t l = a; l < a + w; ++l)  // surplus lanes repeat the last, without weight
-        load_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
+        place_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
   load.slices = (load.slices + width - 1) / width;
 }
 
@@ -171,7 +187,7 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
   KernelArm out = *arms[0];
   out.prescribe(given);
   const std::size_t w = static_cast<std::size_t>(width);
-  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::load_numbers_}) {
+  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::place_numbers_}) {
     const std::size_t n = (out.*all).size();
     (out.*all).resize(n * w);
     for (std::size_t l = 0; l < w; ++l) {
