@@ -40,7 +40,8 @@ double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact :
 Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Seat> seats)
     : links_(std::move(links)), gravity_(finite("gravity", gravity)), seats_(std::move(seats)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
-  for (int n = 0; seats.empty() && n < static_cast<int>(size()); ++n) seats_.emplace_back(n - 1);
+  if (seats_.empty())
+    for (int n = 0; n < static_cast<int>(size()); ++n) seats_.emplace_back(n - 1);
   if (seats_.size() != size())
     bad_value("parents", std::to_string(seats_.size()) + " numbers",
               "must be one for each of " + std::to_string(size()) + " links");
