@@ -190,7 +190,7 @@ def frequencies() -> list[tuple[float, float, float, float]]:
     return list(zip(limit, np.abs(fine - limit) / 10, *found, strict=True))  # type: ignore[arg-type]
 
 
-# -- a block on a slice of a boom ---------------------------------------------------------------------------------------
+# -- a block on a slice of a boom --------------------------------------------------------------------------------------
 
 BOOM = UPPER | {"length": 0.6}
 PLACE, BLOCK = 0.2, {"mass": 0.2, "com": (0.01, 0.02, 0.0), "inertia": (1e-4, 2e-4, 2e-4)}

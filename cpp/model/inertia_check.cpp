@@ -63,7 +63,8 @@ struct At {
   Matrix3d R = Matrix3d::Identity();
   Matrix6Xd J;
 
-  At(const Link& link, const SliceTable& slice) : x(link.hub().end + slice.rest.x), R(slice.rest.R), J(slice.at_rest()) {}
+  At(const Link& link, const SliceTable& slice)
+      : x(link.hub().end + slice.rest.x), R(slice.rest.R), J(slice.at_rest()) {}
   explicit At(const Link& link) : x(link.hub().end), J(Matrix6Xd::Zero(6, 0)) {
     if (link.beam()) *this = At(link, link.beam()->tip());
   }

@@ -64,11 +64,10 @@ TEST_CASE("a parent must be a link before, or the world") {
                        std::invalid_argument);
   for (double at : {0.0, -0.1, std::nan("")}) CHECK_THROWS_AS(tree({-1, {0, at}, 1}), std::invalid_argument);
   CHECK_THROWS_AS(tree({-1, 0, {-1, 0.2}}), std::invalid_argument);
-  CHECK_THROWS_AS(Arm({Link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt,
-                            std::nullopt),
-                       link},
-                      {0, 0, 0}, {-1, {0, 0.2}}),
-                  std::invalid_argument);
+  CHECK_THROWS_AS(
+      Arm({Link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt, std::nullopt), link},
+          {0, 0, 0}, {-1, {0, 0.2}}),
+      std::invalid_argument);
   CHECK_THROWS_WITH_AS(tree({-1, 0}), "parents = 2 numbers: must be one for each of 3 links", std::invalid_argument);
 }
 

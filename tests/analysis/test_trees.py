@@ -84,10 +84,11 @@ def test_frequencies_of_a_fork_of_rigid_bodies() -> None:
 
 
 def test_a_mass_on_a_slice_as_between_two_halves() -> None:
-    """Modes of a beam with a block a third of the way: more shapes come near those of two beams that meet there."""
+    """Modes of a beam with a point mass a third of the way, where the shear force jumps: with twice the shapes the
+    error is an eighth, against two beams that meet there."""
     beam = fa.Beam(0.6, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 8, "bending_z": 8}, "legendre")
     boom = fa.Link(fa.Revolute("z", stiffness=5.0), beam=beam)
-    block = fa.Link(fa.Fixed(), fa.RigidBody(0.4, (0.02, 0, 0), (1e-4, 2e-4, 2e-4)), parent=0)
+    block = fa.Link(fa.Fixed(), fa.RigidBody(0.4), parent=0)
     truth = fa.Arm([*fa.split(boom, 10, [0.2]), block]).modes().frequencies[:6]
     errors = []
     for n in (4, 8, 16):
@@ -95,7 +96,7 @@ def test_a_mass_on_a_slice_as_between_two_halves() -> None:
         found = fa.Arm([more, replace(block, at=0.2)]).modes().frequencies[:6]
         assert (found > truth * (1 - 1e-9)).all()  # fewer shapes are stiffer
         errors.append((found / truth - 1).max())
-    assert errors[0] > 10 * errors[1] > 10 * errors[2] and errors[2] < 1e-3
+    assert errors[0] > 5 * errors[1] > 25 * errors[2] and errors[2] < 1e-3
     without = fa.Arm([boom, replace(block, at=None)]).modes().frequencies[:6]
     assert np.abs(without / truth - 1).max() > 0.1  # the place matters
 
@@ -117,9 +118,9 @@ def test_modes_of_a_tree_are_drawn_branch_by_branch() -> None:
 
 def test_branches_on_slices_are_drawn_from_there() -> None:
     arm = fa.Arm(masts().links)
-    lines = [x for x in arm.modes().plot(1).axes[0].lines if len(x.get_xdata()) > 1]
+    lines = [x for x in arm.modes().plot(1).axes[0].lines if len(x.get_xdata()) > 1 and np.ptp(x.get_xdata()) > 0]
     begins = sorted(round(float(x.get_xdata()[0]), 2) for x in lines)
-    assert len(lines) == 5 and begins == [0.0, 0.4, 0.5, 0.7, 0.7]  # the boom begins 0.2 behind its joint, as its hub does
+    assert begins == [0.2, 0.4, 0.53, 0.7, 0.7]  # boom; jib; claw, from the nearest point drawn of the jib; the others
 
 
 def test_findings_of_a_beam_with_a_load_on_a_slice() -> None:

@@ -48,7 +48,7 @@ def test_pieces_take_what_sits_on_slices_along() -> None:
     assert [x for _, x in cut.seats if x] == pytest.approx([x for _, x in wanted if x])
     assert np.allclose(cut.end_places(cut.zero), arm.end_places(arm.zero))
     one, other = (x.modes(lock=x.movable).frequencies[:3] for x in (arm, cut))
-    assert np.allclose(one, other, rtol=5e-3)
+    assert np.allclose(one, other, rtol=0.03) and (other < one).all()  # pieces have more shapes
 
 
 def test_a_scene_in_pieces_runs_alike() -> None:

@@ -63,6 +63,7 @@ def test_who_sits_on_slices() -> None:
         ({"at": 0.9}, ("at = 0.9", "parent 'boom'", "0.8 m")),
         ({"at": 0.0}, ("at = 0:", "above 0")),
         ({"at": -0.1}, ("at = -0.1", "above 0")),
+        ({"at": float("nan")}, ("at = nan", "above 0")),
         ({"parent": "bucket"}, ("at = 0.5", "parent 'bucket' has no beam", "inboard placement")),
         ({"parent": "world"}, ("at = 0.5", "world has no beam", "inboard placement")),
     ],
@@ -71,18 +72,18 @@ def test_a_slice_is_on_the_beam_of_the_parent(change: dict[str, object], says: t
     arm = masts()
     with refuses("links[4]", *says):
         fa.Arm([*arm.links[:4], replace(arm.links[4], **change), arm.links[5]])
-    for wrong in ("middle", float("nan"), True, (0.1,)):
+    for wrong in ("middle", True, (0.1,)):
         with refuses("at"):
             fa.Link(fa.Fixed(), at=wrong)
 
 
-@pytest.mark.parametrize("order", [0, 1, 2, 3, "exact"])
-@pytest.mark.parametrize("bend", [None, "planar", "curved"])
-def test_the_slice_at_the_length_is_the_end(order: int | str, bend: str | None) -> None:
-    if bend == "curved" and order != "exact":
-        pytest.skip("curved beams are exact")
-    modes = {"bending_y": 2} if bend == "planar" else {"bending_y": 2, "bending_z": 1, "torsion": 1}
-    curvature = (0.2, 0.0, 1.5) if bend == "curved" else None
+@pytest.mark.parametrize(
+    ("order", "kind"),
+    [("exact", "curved"), *((n, kind) for n in (0, 1, 2, 3, "exact") for kind in ("planar", "in space"))],
+)
+def test_the_slice_at_the_length_is_the_end(order: int | str, kind: str) -> None:
+    modes = {"bending_y": 2} if kind == "planar" else {"bending_y": 2, "bending_z": 1, "torsion": 1}
+    curvature = (0.2, 0.0, 1.5) if kind == "curved" else None
     beam = fa.Beam(0.6, fa.Rectangle(0.01, 0.02), STEEL, modes, "legendre", order, curvature=curvature)
     first = fa.Link(fa.Revolute("z"), fa.RigidBody(0.2, end=(0.1, 0, 0)), beam, fa.RigidBody(0.3, (0.02, 0, 0)))
     last = fa.Link(fa.Revolute("z"), fa.RigidBody(0.5, (0.2, 0.05, 0), (2e-3, 3e-3, 4e-3)))
@@ -109,11 +110,12 @@ def test_a_slice_of_a_beam_that_does_not_bend() -> None:
     body = fa.RigidBody(0.5, (0.2, 0.05, 0), (2e-3, 3e-3, 4e-3))
     on_slice = fa.Arm([first, fa.Link(fa.Revolute("z"), body, parent=0, at=0.4)], (0, -9.81, 0))
     hub = fa.RigidBody(0.2, end=p.tolist())
-    by_hand = fa.Arm([replace(first, hub=hub, beam=None), fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=R)), body)])
-    q, v, a = np.array([0.3, -0.4]), np.array([1.0, 2.0]), np.array([3.0, -1.0])
-    assert np.allclose(on_slice.frame(q)[0], by_hand.frame(q)[0]) and np.allclose(on_slice.frame(q)[1], by_hand.frame(q)[1])
-    assert np.isclose(on_slice.mass_matrix(q)[1, 0], by_hand.mass_matrix(q)[1, 0])
-    assert np.isclose(on_slice.mass_matrix(q)[1, 1], by_hand.mass_matrix(q)[1, 1])
+    last = fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=R)), body)
+    by_hand = fa.Arm([replace(first, hub=hub, beam=None), last])
+    q = np.array([0.3, -0.4])
+    for found, wanted in zip(on_slice.frame(q), by_hand.frame(q), strict=True):
+        assert np.allclose(found, wanted)
+    assert np.allclose(on_slice.mass_matrix(q)[1], by_hand.mass_matrix(q)[1])
 
 
 def test_arms_on_the_world_do_not_feel_each_other() -> None:
@@ -159,13 +161,15 @@ def test_a_link_in_pieces_keeps_its_place_in_the_tree() -> None:
 
 
 def test_a_link_in_pieces_takes_what_sits_on_slices() -> None:
-    """Cut right at the slice, what sits there sits on the end of the first piece: the same modes."""
+    """Cut right at the slice, what sits there sits on the end of the first piece: nearly the same modes; two halves
+    have more shapes, and are softer."""
     arm = masts(n=6)
     first, second = fa.split(arm["boom"], 6, [0.5])
     moved = {"bucket": {"parent": second.name}, "hoist": {"at": None}, "stay": {"at": None}, "jib": {}}
     cut = fa.Arm([first, second, *(replace(x, **moved.get(x.name, {})) for x in arm.links[1:])], arm.gravity)
     assert cut.seats == ((-1, None), (0, None), (1, None), (0, None), (0, 0.2), (0, None), (4, 0.1))
-    assert np.allclose(cut.modes().frequencies[:12], arm.modes().frequencies[:12], rtol=1e-4)
+    found, whole = (x.modes().frequencies[:8] for x in (cut, arm))
+    assert np.allclose(found, whole, rtol=0.02) and (found < whole * (1 + 1e-9)).all()
 
 
 def test_a_model_of_another_tree_is_refused() -> None:

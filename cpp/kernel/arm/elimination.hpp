@@ -193,9 +193,8 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
         for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
         xe[k] = value;
       }
-      chain.for_slices(node, [&](auto& f) {
-        f.template motion<Vs>() = C::template to_slice<biased>(node, f.slice, xe, a);
-      });
+      chain.for_slices(node,
+                       [&](auto& f) { f.template motion<Vs>() = C::template to_slice<biased>(node, f.slice, xe, a); });
       if (i + 1 < chain.layout.nodes) a = C::template to_slice<biased>(node, e.end, xe, a);
     }
     if (node.fork >= 0) chain.fork[node.fork].template motion<Vs>() = a;

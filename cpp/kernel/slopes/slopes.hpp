@@ -464,7 +464,7 @@ class Slopes {
   int most_seats_ = 0;  ///< of a segment
   LaneDual* forces_;    ///< on the seats of the one at hand
   double* carried_;     ///< their change, D columns
-  bool* behind_;   ///< of each segment: whether the one at hand carries it
+  bool* behind_;        ///< of each segment: whether the one at hand carries it
   typename One::Lin base_{};
 };
 

@@ -99,10 +99,11 @@ class Modes:
         drawn = set[int]()
         for end in self.arm.ends:
             new = [end]
-            while self.arm.seats[new[0]][1] is None and (parent := self.arm.parents[new[0]]) >= 0 and parent not in drawn:
+            parent, x = self.arm.seats[end]
+            while parent >= 0 and x is None and parent not in drawn:
                 new.insert(0, parent)
+                parent, x = self.arm.seats[parent]
             drawn.update(new)
-            parent, x = self.arm.seats[new[0]]
             out[self.arm.names[end]] = [
                 *([_point(shapes, parent, x)] if parent >= 0 else []),
                 *(i for k in new for i in np.flatnonzero(shapes.link == k).tolist()),
