@@ -269,6 +269,30 @@ def two_arms(n: int = 2, order: int | str = 2) -> fa.Arm:
     return fa.Arm([torso, *arm("left", 1.0), *arm("right", -1.0)])
 
 
+def masts(order: int | str = 2, n: int = 2) -> fa.Arm:
+    """A boom on a turning post that carries a hoist and a stay on one slice, a jib on another, and a bucket on its end;
+    all that bends does so in space, and every joint is held by a spring."""
+
+    def bar(length: float) -> fa.Beam:
+        return fa.Beam(length, fa.Rectangle(0.008, 0.012), STEEL, {"bending_y": n, "bending_z": n, "torsion": 1},
+                       "legendre", order, kelvin_voigt=1e-3)  # fmt: skip
+
+    held = {"stiffness": 20.0, "damping": 0.05}
+    block = fa.RigidBody(0.4, (0.1, 0, 0.02), (1e-3, 6e-3, 6e-3), (0.2, 0, 0))
+    seat = fa.Placement((0.01, 0.02, 0.03), (0.3, -0.2, 0.4))
+    return fa.Arm(
+        [
+            fa.Link(fa.Revolute("z", name="slew", damping=0.2, stiffness=40.0), block, bar(0.8), block, "boom"),
+            fa.Link(fa.Revolute("y", **held), block, name="bucket"),
+            fa.Link(fa.Prismatic("z", inboard=seat, stiffness=900.0), block, name="hoist", parent="boom", at=0.5),
+            fa.Link(fa.Revolute("y", inboard=seat, **held), None, bar(0.3), name="jib", parent="boom", at=0.2),
+            fa.Link(fa.Universal(**held), block, name="stay", parent="boom", at=0.5),
+            fa.Link(fa.Revolute("x", **held), block, name="claw", parent="jib", at=0.1),
+        ],
+        (0.0, 0.0, -9.81),
+    )
+
+
 def side_by_side(*arms: fa.Arm) -> fa.Arm:
     """Arms of one gravity as one tree, each on the world: they move as if each were alone."""
     links: list[fa.Link] = []

@@ -139,23 +139,25 @@ def point_inertia(moments) -> np.ndarray:
 
 
 class Beam:
-    """Sections at Gauss points and, last, at the tip; functions of X are integrated through their polynomial there."""
+    """Sections at Gauss points, at `seats` (m) and, last, at the tip; functions of X are integrated through their
+    polynomial at the first."""
 
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
 
-    def __init__(self, beam: dict, points: int) -> None:
+    def __init__(self, beam: dict, points: int, seats: tuple[float, ...] = ()) -> None:
         assert beam["order"] != 0 and not beam.get("damping_ratio")
         section, material, length = beam["section"], beam["material"], beam["length"]
         s, w = legendre.leggauss(points)
-        self.s, self.order = np.append(s, 1.0), beam["order"]
-        self.w = np.append(0.5 * length * w, 0.0)
+        self.seats, self.order = seats, beam["order"]
+        self.s = np.array([*s, *(2 * x / length - 1 for x in seats), 1.0])
+        self.w = np.concatenate([0.5 * length * w, np.zeros(len(seats) + 1)])
         coefficients = np.linalg.inv(legendre.legvander(s, points - 1))
         integrals = legendre.legint(np.eye(points), lbnd=-1, axis=0)  # of P_0, P_1, ..., column by column
-        self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (points + 1, points)
+        self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (stations, points)
         # strains K1 K2 K3 phi12 phi13 eps at the points are B q: v2'' = K3, v3'' = -K2
         counts = [beam["modes"].get(name, 0) for name in self.strains]
         self.ne = sum(counts)
-        self.B = np.zeros((points + 1, 6, self.ne))
+        self.B = np.zeros((self.s.size, 6, self.ne))
         column = 0
         for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1), (5, 1)), counts, strict=True):
             for k in range(n):
@@ -193,7 +195,7 @@ class Beam:
 
     def integral(self, f: Jet, axes: int) -> Jet:
         """From 0 to each station, of what stands at the stations on the axis before the last `axes`."""
-        gauss = (..., slice(0, -1), *[slice(None)] * axes)
+        gauss = (..., slice(0, self.integrate.shape[1]), *[slice(None)] * axes)
         return f[gauss].linear(lambda x: np.moveaxis(np.tensordot(self.integrate, x, (1, 2)), 0, 2))
 
     def sections(self, q: Jet) -> tuple[Jet, Jet]:
@@ -253,13 +255,12 @@ def elementary(joint: dict) -> tuple[list[tuple[bool, np.ndarray]], bool]:
 class Link:
     """One table of a scene's `link`."""
 
-    def __init__(self, link: dict, points: int) -> None:
+    def __init__(self, link: dict, points: int, seats: tuple[float, ...]) -> None:
         self.joint = link["joint"]
-        self.parent = -1 if link.get("parent") == "world" else link.get("parent")  # a number
         self.motions, self.ball = elementary(self.joint)
         self.nj = len(self.motions) + 3 * self.ball
         self.hub, self.tip = link.get("hub", {}), link.get("tip", {})
-        self.beam = Beam(link["beam"], points) if "beam" in link else None
+        self.beam = Beam(link["beam"], points, seats) if "beam" in link else None
         self.nv = self.nj + (self.beam.ne if self.beam else 0)
         self.spring, self.damping, self.rest = (
             np.broadcast_to(self.joint.get(f, 0.0), self.nj) for f in ("stiffness", "damping", "rest")
@@ -287,7 +288,14 @@ class Oracle:
     """Energies of a scene's arm and what follows from them. `points`: sections along each beam."""
 
     def __init__(self, scene: dict, points: int = 16) -> None:
-        self.links = [Link(link, points) for link in scene["link"]]
+        above = [k - 1 if x.get("parent") is None else x["parent"] for k, x in enumerate(scene["link"])]
+        self.sits = [  # (link, place on its beam or None: its end) that each sits on
+            (-1 if n == "world" else n, x.get("at")) for n, x in zip(above, scene["link"], strict=True)
+        ]
+        self.links = [
+            Link(link, points, tuple(x for n, x in self.sits if n == k and x is not None))
+            for k, link in enumerate(scene["link"])
+        ]
         self.gravity = np.array(scene.get("gravity", (0.0, 0.0, 0.0)), float)
         self.nv = sum(link.nv for link in self.links)
 
@@ -312,9 +320,9 @@ class Oracle:
             return p + turn(R, Jet({0: end}))
 
         at = at_q = 0
-        ends = {-1: (p, R)}  # of each link; -1: the world
+        seats = {(-1, None): (p, R)}  # on each link
         for k, link in enumerate(self.links):
-            p, R = ends[k - 1 if link.parent is None else link.parent]
+            p, R = seats[self.sits[k]]
             joint, elastic = slice(at, at + link.nj), slice(at + link.nj, at + link.nv)
             q_link = q[at_q : at_q + link.nv + link.ball]
             p, R = link.seat(p, R, q_link, seek[..., joint], motion[..., joint])
@@ -331,9 +339,11 @@ class Oracle:
                 add(link.beam.mass, link.beam.inertia, x, turned)
                 U = U + link.beam.elastic(qe.without(RATE))
                 F = F + link.beam.retardation * link.beam.elastic(rate[..., elastic])
+                for i, seat in enumerate(link.beam.seats, -1 - len(link.beam.seats)):
+                    seats[k, seat] = x[..., i, :], turned[..., i, :, :]
                 p, R = x[..., -1, :], turned[..., -1, :, :]
             p = body(link.tip, p, R)
-            ends[k] = p, R
+            seats[k, None] = p, R
             at, at_q = at + link.nv, at_q + link.nv + link.ball
         return T, U, F
 

@@ -41,10 +41,11 @@ def arm(m: float, rich: bool, joint: Any = None, base: Any = None, section: Any 
 
 
 def fork(m: float, rich: bool) -> fa.Arm:
-    """The same, whose tip carries two more beams."""
+    """The same, whose tip and one slice carry two more beams."""
     (stem,) = arm(m, rich).links
     sides = [(fa.Fixed(inboard=fa.Placement(rotation=(0, 0, turn))), long) for turn, long in ((0.9, 0.4), (-0.7, 0.35))]
-    return fa.Arm([stem, *(fa.Link(side, beam=replace(stem.beam, length=long), parent=0) for side, long in sides)])
+    links = [fa.Link(side, beam=replace(stem.beam, length=long), parent=0) for side, long in sides]
+    return fa.Arm([stem, replace(links[0], at=0.25), links[1]])
 
 
 def joint(**more: Any) -> fa.Revolute:

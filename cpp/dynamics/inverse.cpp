@@ -55,8 +55,7 @@ Vec6<double> JointReactions::operator()(const Arm& arm, const Eigen::VectorXd& q
   const auto pose = [&](const lanes::KernelArm::Spot& at) {
     return flexarm::pose(frames, at.place, at.numbers.data(), true);
   };
-  const Pose own = pose(origin),
-             seat = arm.parent(link) >= 0 ? pose(frames.arm().end(static_cast<std::size_t>(arm.parent(link)))) : Pose{};
+  const Pose own = pose(origin), seat = arm.parent(link) >= 0 ? pose(frames.arm().seat(arm, link)) : Pose{};
   const Eigen::Matrix3d R = seat.R.transpose() * own.R;
   Vec6<double> out;  // Phi^T F
   out.head<3>() = R * F.head<3>();

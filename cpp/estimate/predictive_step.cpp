@@ -49,12 +49,12 @@ void multiply(double factor, const MatrixXd& A, const X& x, To&& to) {
 /// Of the arm with 1 kg at the end of its last link.
 Problem with_a_kilogram(Problem problem) {
   std::vector<Link> links = problem.arm->links();
-  std::vector<int> parents = problem.arm->parents();
+  std::vector<Arm::Seat> seats = problem.arm->seats();
   RigidBody point;
   point.mass = 1.0;
-  parents.push_back(static_cast<int>(links.size()) - 1);
+  seats.emplace_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity(), std::move(parents));
+  problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity(), std::move(seats));
   return problem;
 }
 

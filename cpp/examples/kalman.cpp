@@ -56,7 +56,7 @@ Arm arm_of(const std::string& scene) {
   if (scene.empty()) return Arm(strips());
 #ifdef FLEXARM_SCENES
   const Problem problem = load_problem(scene);
-  return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->parents());
+  return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->seats());
 #else
   throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif
@@ -65,12 +65,12 @@ Arm arm_of(const std::string& scene) {
 /// The same arm with a point mass at the end of its last link.
 Arm loaded(const Arm& arm, double payload) {
   std::vector<Link> links = arm.links();
-  std::vector<int> parents = arm.parents();
+  std::vector<Arm::Seat> seats = arm.seats();
   RigidBody point;
   point.mass = payload;
-  parents.push_back(static_cast<int>(links.size()) - 1);
+  seats.emplace_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  return Arm(std::move(links), arm.gravity(), std::move(parents));
+  return Arm(std::move(links), arm.gravity(), std::move(seats));
 }
 
 int failed(const char* what, int cycle) {

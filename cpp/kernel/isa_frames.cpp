@@ -8,7 +8,7 @@ namespace {
 
 using One = Frames<double>;
 
-constexpr std::size_t kHead = 128;
+constexpr std::size_t kHead = 192;
 
 One& of(void* self) { return *static_cast<One*>(self); }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <sstream>
 #include <utility>
 
@@ -38,22 +37,18 @@ double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact :
 
 }  // namespace
 
-Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<int> parents, std::vector<Strut> struts)
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Seat> seats, std::vector<Strut> struts)
     : links_(std::move(links)),
       gravity_(finite("gravity", gravity)),
-      parents_(std::move(parents)),
+      seats_(std::move(seats)),
       struts_(std::move(struts)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
-  if (parents_.empty()) {
-    parents_.resize(size());
-    std::iota(parents_.begin(), parents_.end(), kWorld);
-  }
-  if (parents_.size() != size())
-    bad_value("parents", std::to_string(parents_.size()) + " numbers",
+  if (seats_.empty())
+    for (int n = 0; n < static_cast<int>(size()); ++n) seats_.emplace_back(n - 1);
+  if (seats_.size() != size())
+    bad_value("parents", std::to_string(seats_.size()) + " numbers",
               "must be one for each of " + std::to_string(size()) + " links");
-  for (std::size_t n = 0; n < size(); ++n)
-    if (parents_[n] < kWorld || parents_[n] >= static_cast<int>(n))
-      bad_value("parents[" + std::to_string(n) + "]", parents_[n], "must be a link before this one, or -1: the world");
+  for (std::size_t n = 0; n < size(); ++n) check_seat(n);
   for (const Link& link : links_) {
     first_.push_back(nv_);
     first_q_.push_back(nq_);
@@ -98,9 +93,27 @@ void Arm::check(const Strut& strut, const std::string& name) const {
   }
 }
 
+void Arm::check_seat(std::size_t n) const {
+  const int link = parent(n);
+  const std::optional<double>& x = at(n);
+  const std::string number = "[" + std::to_string(n) + "]";
+  if (link < kWorld || link >= static_cast<int>(n))
+    bad_value("parents" + number, link, "must be a link before this one, or -1: the world");
+  if (!x) return;
+  const auto refuse = [&](const std::string& right) { bad_value("at" + number, *x, right); };
+  if (link == kWorld) refuse("the world has no beam; a joint's inboard placement tells where it sits there");
+  const std::optional<Beam>& beam = links_[static_cast<std::size_t>(link)].beam();
+  if (!beam) refuse("the parent has no beam; a joint's inboard placement tells where it sits on a rigid body");
+  if (!(*x > 0.0 && *x <= beam->length())) {
+    std::ostringstream right;
+    right << "must be on the parent's beam, above 0 and up to its length, " << beam->length() << " m";
+    refuse(right.str());
+  }
+}
+
 bool Arm::is_chain() const {
   for (std::size_t n = 0; n < size(); ++n)
-    if (parents_[n] != static_cast<int>(n) - 1) return false;
+    if (!(seats_[n] == Seat(static_cast<int>(n) - 1))) return false;
   return true;
 }
 

@@ -57,23 +57,26 @@ Matrix6Xd moved(const Vector3d& x, const Matrix6Xd& J) {
   return out;
 }
 
-/// The beam's end, or the hub's, and the effect of elastic rates on a point at `offset` from it.
-Matrix6Xd moved_end(const Link& link, const Vector3d& offset) {
-  Vector3d r = offset, x = link.hub().end;
-  Matrix6Xd J = Matrix6Xd::Zero(6, link.ne());
-  if (link.beam()) {
-    const SliceTable& tip = link.beam()->tip();
-    r = tip.rest.R * offset;
-    x += tip.rest.x;
-    J = tip.at_rest();
-    J.topRows<3>() -= (tilde(r) * J.bottomRows<3>()).eval();
-  }
-  return moved(x + r, J);
-}
+/// A slice of the beam, or the hub's end where there is none.
+struct At {
+  Vector3d x;
+  Matrix3d R = Matrix3d::Identity();
+  Matrix6Xd J;
 
-Matrix3d turned_end(const Link& link) {
-  return link.beam() ? link.beam()->tip().rest.R : Matrix3d(Matrix3d::Identity());
-}
+  At(const Link& link, const SliceTable& slice)
+      : x(link.hub().end + slice.rest.x), R(slice.rest.R), J(slice.at_rest()) {}
+  explicit At(const Link& link) : x(link.hub().end), J(Matrix6Xd::Zero(6, 0)) {
+    if (link.beam()) *this = At(link, link.beam()->tip());
+  }
+  /// A point at `offset` from it.
+  Matrix6Xd moved_at(const Vector3d& offset) const {
+    const Vector3d r = R * offset;
+    Matrix6Xd of = J;
+    of.topRows<3>() -= (tilde(r) * J.bottomRows<3>()).eval();
+    return moved(x + r, of);
+  }
+};
+
 Matrix3d turned(const Matrix3d& R, const Matrix3d& inertia) { return R * inertia * R.transpose(); }
 
 /// M_rfr (Eq. 80).
@@ -89,7 +92,8 @@ MatrixXd mass_matrix(const Link& link) {
       const SliceAtRest at = s.at_rest();
       add(s.mass, turned(at.R, s.inertia), moved(link.hub().end + at.x, at.J));
     }
-  add(link.tip().mass, turned(turned_end(link), link.tip().inertia), moved_end(link, link.tip().com));
+  const At end(link);
+  add(link.tip().mass, turned(end.R, link.tip().inertia), end.moved_at(link.tip().com));
   return M;
 }
 
@@ -109,10 +113,11 @@ void Arm::check_inertia() const {
     const Index nj = link.nj(), ne = link.ne();
     MatrixXd whole = mass_matrix(link), M = whole;
     for (std::size_t k = n + 1; k < size(); ++k) {  // through Phi_rfr of the links above (Eq. 68, 73)
-      if (parents_[k] != static_cast<int>(n)) continue;
+      if (parent(k) != static_cast<int>(n)) continue;
       const JointAt above(links_[k].joint(), q.data() + first_q_[k]);
-      Matrix6Xd phi = moved_end(link, link.tip().end + above.p);
-      const Matrix3d R = (turned_end(link) * above.R).transpose();
+      const At seat = at(k) ? At(link, link.slice_at(*at(k))) : At(link);
+      Matrix6Xd phi = seat.moved_at((at(k) ? Vector3d(Vector3d::Zero()) : link.tip().end) + above.p);
+      const Matrix3d R = (seat.R * above.R).transpose();
       phi.topRows<3>() = (R * phi.topRows<3>()).eval();
       phi.bottomRows<3>() = (R * phi.bottomRows<3>()).eval();
       whole += phi.transpose() * composite[k] * phi;

@@ -143,14 +143,25 @@ void fields(Node& a, std::optional<Arm>& x) {
   Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
   std::vector<int> parents;
+  std::vector<std::optional<double>> at;
   if (x) {
     links = x->links();
-    parents = x->parents();
+    for (const Arm::Seat& seat : x->seats()) {
+      parents.push_back(seat.link);
+      at.push_back(seat.at);
+    }
   }
   a("gravity", gravity);
   a("links", links);
   a("parents", parents);
-  a.make(x, [&] { return Arm(std::move(links), gravity, std::move(parents)); });
+  a("at", at);
+  if (at.size() != parents.size())
+    a.wrong("at", std::to_string(at.size()) + " places", "must be one for each of the parents, or null");
+  a.make(x, [&] {
+    std::vector<Arm::Seat> seats;
+    for (std::size_t n = 0; n < parents.size(); ++n) seats.emplace_back(parents[n], at[n]);
+    return Arm(std::move(links), gravity, std::move(seats));
+  });
 }
 
 void fields(Node& a, std::optional<PiecewisePolynomial>& x) {

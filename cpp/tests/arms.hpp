@@ -52,8 +52,8 @@ inline flexarm::Arm floating_arm() {
   return flexarm::Arm(std::move(links), {0, 0, -9.81});
 }
 
-/// A floating hub that carries two branches, one of which forks again; and a branch on the world. The children of a
-/// link are not all consecutive.
+/// A hub that carries two branches, one of which forks again, at its end and at slices of its beam; and a branch on the
+/// world. The children of a link are not all consecutive.
 inline flexarm::Arm tree_arm(int order = 2) {
   using flexarm::Joint;
   const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
@@ -72,9 +72,13 @@ inline flexarm::Arm tree_arm(int order = 2) {
   links.emplace_back(Joint({{true, x}}, false, {"e"}, {}, seat), body(0.3, {0.1, 0, 0}), beam({2, 0, 0, 0, 0}, order),
                      std::nullopt);
   links.emplace_back(Joint::fixed(), body(0.2, {0.1, 0, 0}), beam({0, 1, 1, 0, 0}, order), body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint({{true, y}}, false, {"h"}, {spring}), body(0.2, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint({{true, x}}, false, {"i"}, {}, seat), std::nullopt, beam({1, 0, 1, 0, 0}, order),
+                     body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint::prismatic(z), body(0.1, {0.1, 0, 0}), std::nullopt, std::nullopt);
   links.emplace_back(Joint({{true, z}}, false, {"g"}, {}, seat), std::nullopt, beam({2, 0, 0, 0, 0}, order),
                      body(0.1, {0.02, 0, 0}));
-  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 2, 1, -1});
+  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 2, 1, {1, 0.3}, {1, 0.15}, {7, 0.4}, -1});
 }
 
 /// The same in the plane: beams that bend about z, hinges about z.
@@ -86,8 +90,11 @@ inline flexarm::Arm flat_tree(int order = 2) {
   links.emplace_back(Joint::revolute(z), std::nullopt, beam({2, 0, 0, 0, 0}, order), body(0.1, {0.02, 0, 0}));
   links.emplace_back(Joint::revolute(z), body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
   links.emplace_back(Joint::prismatic(x), body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::revolute(z), body(0.2, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::revolute(z), std::nullopt, beam({1, 0, 0, 0, 0}, order), body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint::prismatic(x), body(0.1, {0.1, 0, 0}), std::nullopt, std::nullopt);
   links.emplace_back(Joint::revolute(-z), body(0.3, {0.1, 0, 0}), beam({1, 0, 0, 0, 0}, order), std::nullopt);
-  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, 0});
+  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81}, {-1, 0, 0, 1, {0, 0.2}, {1, 0.35}, {0, 0.2}, 0});
 }
 
 /// An arm with struts from the world to its ends, a rope over all its links that is taut, and one that is slack.

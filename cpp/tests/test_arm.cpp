@@ -49,14 +49,25 @@ TEST_CASE("workspaces do not remember: a second evaluation elsewhere and back gi
 }
 
 TEST_CASE("a parent must be a link before, or the world") {
-  const Link link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt, std::nullopt);
-  const auto tree = [&](std::vector<int> parents) { return Arm({link, link, link}, {0, 0, 0}, std::move(parents)); };
-  CHECK(tree({}).parents() == std::vector<int>{-1, 0, 1});
+  const Link link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}),
+                  flexarm_test::beam({1, 0, 0, 0, 0}, 2), std::nullopt);
+  const auto tree = [&](std::vector<Arm::Seat> seats) { return Arm({link, link, link}, {0, 0, 0}, std::move(seats)); };
+  CHECK(tree({}).seats() == std::vector<Arm::Seat>{-1, 0, 1});
   CHECK(tree({}).is_chain());
   CHECK(!tree({-1, 0, 0}).is_chain());
+  CHECK(!tree({-1, 0, {1, 0.2}}).is_chain());
   CHECK_THROWS_WITH_AS(tree({-1, 0, 2}), "parents[2] = 2: must be a link before this one, or -1: the world",
                        std::invalid_argument);
   CHECK_THROWS_AS(tree({-1, -2, 0}), std::invalid_argument);
+  CHECK_THROWS_WITH_AS(tree({-1, {0, 0.51}, 1}),
+                       "at[1] = 0.51: must be on the parent's beam, above 0 and up to its length, 0.5 m",
+                       std::invalid_argument);
+  for (double at : {0.0, -0.1, std::nan("")}) CHECK_THROWS_AS(tree({-1, {0, at}, 1}), std::invalid_argument);
+  CHECK_THROWS_AS(tree({-1, 0, {-1, 0.2}}), std::invalid_argument);
+  CHECK_THROWS_AS(
+      Arm({Link(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt, std::nullopt), link},
+          {0, 0, 0}, {-1, {0, 0.2}}),
+      std::invalid_argument);
   CHECK_THROWS_WITH_AS(tree({-1, 0}), "parents = 2 numbers: must be one for each of 3 links", std::invalid_argument);
 }
 

@@ -102,6 +102,8 @@ TEST_CASE("the library says what the oracle says, of every order and joint") {
     CAPTURE(order);
     const double tolerance = 1e-12, size = order == 0 ? 0.03 : 1.0;  // far out the cut kinetic energy is not positive
     check(flexarm_test::spatial_arm(order), 0.1 * size, tolerance);
+    check(flexarm_test::tree_arm(order), 0.1 * size, tolerance);
+    check(flexarm_test::flat_tree(order), 0.1 * size, tolerance);
     for (const Joint& joint : {cardan, ball}) {
       check(one({3, 0, 0, 1, 0}, order, joint), 0.3 * size, tolerance);
       check(one({0, 2, 0, 0, 1}, order, joint), 0.3 * size, tolerance);

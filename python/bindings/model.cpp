@@ -262,6 +262,12 @@ void bind_links(py::module_& m) {
       .def_property_readonly("mass", &Link::mass);
 }
 
+std::vector<Arm::Seat> seats_of(const std::vector<std::pair<int, std::optional<double>>>& seats) {
+  std::vector<Arm::Seat> out;
+  for (const auto& [link, at] : seats) out.emplace_back(link, at);
+  return out;
+}
+
 }  // namespace
 
 void bind_model(py::module_& m) {
@@ -308,8 +314,13 @@ void bind_model(py::module_& m) {
            }),
            py::arg("points"), py::arg("stiffness"), py::arg("damping"), py::arg("length"), py::arg("force"),
            py::arg("tension_only"));
-  arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&, std::vector<int>, std::vector<Strut>>(), py::arg("links"),
-          py::arg("gravity"), py::arg("parents"), py::arg("struts") = std::vector<Strut>{})
+  arm.def(py::init([](std::vector<Link> links, const Eigen::Vector3d& gravity,
+                      const std::vector<std::pair<int, std::optional<double>>>& seats,
+                      std::vector<Strut> struts) {
+            return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats), std::move(struts));
+          }),
+          py::arg("links"), py::arg("gravity"), py::arg("seats"),
+           py::arg("struts") = std::vector<Strut>{})
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

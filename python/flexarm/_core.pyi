@@ -235,7 +235,9 @@ class ArmAlone:
     def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # raises TypeError; the base of what follows
 
 class Arm(ArmAlone):
-    def __init__(self, links: Sequence[Link], gravity: ArrayLike, parents: Sequence[int]) -> None: ...
+    def __init__(
+        self, links: Sequence[Link], gravity: ArrayLike, seats: Sequence[tuple[int, float | None]]
+    ) -> None: ...
     @property
     def nq(self) -> int: ...
     @property

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import STEEL, paper_link, satellite, side_by_side, two_arms
+from arms import STEEL, masts, paper_link, satellite, side_by_side, two_arms
 from messages import warns
 from scipy.linalg import eigh
 
@@ -65,6 +66,8 @@ def test_the_table_tells_who_sits_on_whom() -> None:
     on = {row[0].strip(): [x.strip() for x in row if x.strip()][1] for row in rows[2:7]}
     assert on == {"0 bus": "world", "1 left panel": "bus", "2 right panel": "bus", "3 upper": "bus", "4 fore": "upper"}
     assert text.count("end at zero") == 3 and "1.7 m from the base, that of fore" in text
+    table = str(masts())
+    assert "boom at 0.5 m" in table and "jib at 0.1 m" in table and table.count("end at zero") == 5
     assert "  on  " not in str(paper_link()) and str(paper_link()).startswith("link  joint")
 
 
@@ -80,6 +83,24 @@ def test_frequencies_of_a_fork_of_rigid_bodies() -> None:
     assert np.allclose(arm.modes().frequencies, np.sqrt(eigh(np.diag([k0, k1, k2]), M)[0]), rtol=1e-12)
 
 
+def test_a_mass_on_a_slice_as_between_two_halves() -> None:
+    """Modes of a beam with a point mass a third of the way, where the shear force jumps: with twice the shapes the
+    error is an eighth, against two beams that meet there."""
+    beam = fa.Beam(0.6, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 8, "bending_z": 8}, "legendre")
+    boom = fa.Link(fa.Revolute("z", stiffness=5.0), beam=beam)
+    block = fa.Link(fa.Fixed(), fa.RigidBody(0.4), parent=0)
+    truth = fa.Arm([*fa.split(boom, 10, [0.2]), block]).modes().frequencies[:6]
+    errors = []
+    for n in (4, 8, 16):
+        more = replace(boom, beam=replace(beam, modes={"bending_y": n, "bending_z": n}))
+        found = fa.Arm([more, replace(block, at=0.2)]).modes().frequencies[:6]
+        assert (found > truth * (1 - 1e-9)).all()  # fewer shapes are stiffer
+        errors.append((found / truth - 1).max())
+    assert errors[0] > 5 * errors[1] > 25 * errors[2] and errors[2] < 1e-3
+    without = fa.Arm([boom, replace(block, at=None)]).modes().frequencies[:6]
+    assert np.abs(without / truth - 1).max() > 0.1  # the place matters
+
+
 def test_modes_of_a_tree_are_drawn_branch_by_branch() -> None:
     arm = satellite(free=False)
     modes = arm.modes()
@@ -93,6 +114,30 @@ def test_modes_of_a_tree_are_drawn_branch_by_branch() -> None:
     on_world = side_by_side(paper_link(), paper_link())
     drawn = [x for x in on_world.modes().plot(1).axes[-1].lines if len(x.get_xdata()) > 2]
     assert [np.ptp(x.get_xdata()) for x in drawn] == pytest.approx([0.5, 0.5])
+
+
+def test_branches_on_slices_are_drawn_from_there() -> None:
+    arm = fa.Arm(masts().links)
+    lines = [x for x in arm.modes().plot(1).axes[0].lines if len(x.get_xdata()) > 1 and np.ptp(x.get_xdata()) > 0]
+    begins = sorted(round(float(x.get_xdata()[0]), 2) for x in lines)
+    assert begins == [0.2, 0.4, 0.53, 0.7, 0.7]  # boom; jib; claw, from the nearest point drawn of the jib; the others
+
+
+def test_findings_of_a_beam_with_a_load_on_a_slice() -> None:
+    """A load on the end is told of; on a slice near the clamp it is not one of the end."""
+    one = loaded(tip=0.0)
+    block = fa.Link(fa.Fixed(), fa.RigidBody(0.3))
+    assert len(fa.check(fa.Arm([*one.links, block]))) == 1
+    assert not fa.check(fa.Arm([*one.links, replace(block, at=0.05)]))
+
+
+def test_equilibrium_under_a_load_on_a_slice() -> None:
+    """A weight on a slice bends a beam as a force there does."""
+    beam = fa.Beam(0.6, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 3}, "legendre", 3)
+    boom, block = fa.Link(fa.Fixed(), beam=beam), fa.Link(fa.Fixed(), fa.RigidBody(2.0), at=0.25)
+    found = fa.Arm([boom, block], (0, -9.81, 0)).equilibrium()
+    wanted = fa.Arm([boom], (0, -9.81, 0)).equilibrium(loads=[fa.Load(0, force=(0, -2.0 * 9.81, 0), x=0.25)])
+    assert np.allclose(found, wanted, rtol=1e-8) and np.abs(found).max() > 1e-4
 
 
 def test_equilibrium_of_each_branch() -> None:

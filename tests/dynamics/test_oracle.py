@@ -89,8 +89,8 @@ SCENES |= {
 }
 
 
-def on(parent: int | str, link: dict) -> dict:
-    return link | {"parent": parent}
+def on(parent: int | str, link: dict, at: float | None = None) -> dict:
+    return link | {"parent": parent} | ({} if at is None else {"at": at})
 
 
 _RIGID, _BENT = {"mass": 0.4, "com": [0.1, 0.02, 0], "inertia": [2e-3, 3e-3, 4e-3]}, {"bending_y": 1, "torsion": 1}
@@ -131,6 +131,27 @@ SCENES |= {  # trees
         on(1, link("revolute", HUB, axis="x", **SIDES)),
         on(4, link("prismatic", TIP, axis="z", **SPRING)),
     ],
+} | {
+    f"on slices of a beam, order {n}": [  # two on one slice, one on another, one on the end, one on a slice of a child
+        link("revolute", HUB, beam(SPATIAL | {"extension": 1}, n), TIP, axis="z", **SPRING),
+        on(0, link("revolute", {}, beam(_BENT, n), TIP, axis="y", damping=0.2, **SIDES), 0.25),
+        on(0, link("spherical", TIP), 0.45),
+        on(0, link("universal", HUB, beam(_BENT, n), **SIDES)),
+        on(0, link("fixed", {}, beam(_BENT, n), TIP, **SIDES), 0.25),
+        on(1, link("revolute", _RIGID, axis="x", **SIDES), 0.3),
+        on(4, link("prismatic", TIP, axis="z", **SPRING)),
+    ]
+    for n in ORDERS
+} | {
+    f"on slices in the plane, order {n}": [  # none on the end of the last beam, and one on its whole length
+        link("prismatic", _RIGID, axis="x"),
+        link("revolute", {}, beam(PLANE | {"shear_y": 1, "extension": 1}, n), TIP, axis="z"),
+        on(1, link("revolute", {}, beam(PLANE, n), axis="z", **SPRING), 0.2),
+        on(1, link("revolute", _RIGID, axis="z"), 0.35),
+        on(2, link("prismatic", _RIGID, axis="y", **SPRING), 0.6),
+        on(1, link("revolute", {}, beam(PLANE, 3), axis="z")),
+    ]
+    for n in ORDERS
 }
 
 

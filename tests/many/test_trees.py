@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import flexarm as fa
 import numpy as np
-from arms import two_arms
+import pytest
+from arms import masts, two_arms
 
 MASS = "link.left fore.hub.mass"
 
@@ -27,6 +28,22 @@ def test_a_batch_runs_as_each_alone() -> None:
         links[1] = replace(links[1], beam=replace(links[1].beam, length=0.4))
         links[2] = replace(links[2], hub=replace(links[2].hub, mass=mass))
         one = replace(s, arm=fa.Arm(links)).run()
+        assert np.allclose(found.q[k], one.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3, "exact"])
+def test_a_batch_with_links_on_slices_runs_as_each_alone(order: int | str) -> None:
+    arm, masses, at = masts(order, 1), np.array([0.3, 0.4, 0.5, 0.9, 0.2]), np.linspace(0.1, 0.7, 5)
+    given = {"drive": {"slew": fa.Torque(0.2)}, "integrator": "implicit", "step": 2e-3}
+    t = np.linspace(0.0, 0.1, 3)
+    batch = {"link.bucket.hub.mass": masses, "link.jib.at": at}
+    found = fa.simulate_batch(arm, t, **given, parameters=batch)
+    assert found.stats["lanes"] > 1
+    for k in range(5):
+        links = list(arm.links)
+        links[1] = replace(links[1], hub=replace(links[1].hub, mass=masses[k]))
+        links[3] = replace(links[3], at=at[k])
+        one = fa.simulate(fa.Arm(links, arm.gravity), t, **given)
         assert np.allclose(found.q[k], one.q, atol=1e-9)
 
 

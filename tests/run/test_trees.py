@@ -9,7 +9,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import satellite, side_by_side, two_arms
+from arms import masts, satellite, side_by_side, two_arms
 from messages import refuses
 
 T = np.linspace(0.0, 0.5, 26)
@@ -59,6 +59,18 @@ def test_a_scene_file_of_a_tree(tmp_path: Path) -> None:
         (tmp_path / "bad.toml").write_text(TREE.replace("parent = 1", f"parent = {wrong}"))
         with refuses("parent"):
             fa.load(tmp_path / "bad.toml")
+
+
+def test_a_scene_file_with_links_on_slices(tmp_path: Path) -> None:
+    made = fa.Scene(masts(), t=T[:3], options={"integrator": "implicit", "step": 2e-3})
+    made.save(tmp_path / "masts.toml")
+    assert "at = 0.5" in (tmp_path / "masts.toml").read_text()
+    again = fa.load(tmp_path / "masts.toml")
+    assert again.arm == made.arm and again.arm.seats == made.arm.seats
+    assert np.array_equal(again.run().q, made.run().q)
+    (tmp_path / "masts.toml").write_text((tmp_path / "masts.toml").read_text().replace("at = 0.5", "at = 5.0"))
+    with refuses("at = 5", "0.8 m"):
+        fa.load(tmp_path / "masts.toml")
 
 
 def test_a_compiled_scene_has_the_parents(tmp_path: Path) -> None:
@@ -117,6 +129,34 @@ def test_arms_side_by_side_run_as_alone(options: dict[str, object]) -> None:
     for kind in sensors:
         ours, theirs = (kind(link=k).read(r).y for k, r in ((3, found), (1, alone)))
         assert np.allclose(ours, theirs, atol=50 * tolerance * max(1.0, float(np.abs(theirs).max())))
+
+
+@pytest.mark.parametrize("order", [2, 3, "exact"])
+def test_links_on_slices_run_alike_in_all_ways(order: int | str) -> None:
+    """Against Gauss collocation at a short step: a falling boom with all that it carries."""
+    arm, t = masts(order, 1), np.linspace(0.0, 0.1, 6)
+    load = fa.Load("boom", force=(0, 3.0, 0), x=0.4)
+    given = {"q0": {"slew": 0.3}, "drive": {"jib": fa.Torque(0.5)}, "loads": [load]}
+    truth = fa.simulate(arm, t, **given, integrator="gauss", step=5e-4).q
+    span = np.abs(truth - truth[0]).max(axis=0)
+    ways = [({}, 1e-3), ({"integrator": "ida", "rtol": 1e-8}, 1e-4), ({"integrator": "implicit", "step": 2e-4}, 2e-3)]
+    for options, tolerance in (*ways, ({"integrator": "rk4", "step": 5e-6}, 1e-5)):
+        found = fa.simulate(arm, t, **given, **options).q
+        assert (np.abs(found - truth).max(axis=0) < tolerance * np.maximum(span, 0.05 * span.max())).all(), options
+
+
+def test_sensitivities_by_the_place_on_a_beam() -> None:
+    """Of a hoist, by where it sits: central differences of runs."""
+
+    def run(at: float) -> fa.Result:
+        arm = masts(n=1)
+        links = [replace(x, at=at) if x.name == "hoist" else x for x in arm.links]
+        return fa.simulate(fa.Arm(links, arm.gravity), np.linspace(0.0, 0.1, 6), integrator="implicit", step=2e-3)
+
+    found = run(0.45).sensitivities(["link.hoist.at"])
+    h = 1e-4
+    numeric = (run(0.45 + h).q - run(0.45 - h).q) / (2 * h)
+    assert np.allclose(found.q[0], numeric, atol=1e-5 * np.abs(numeric).max())
 
 
 def test_sensitivities_of_a_branch() -> None:

@@ -17,7 +17,7 @@ from flexarm.view import body, stage, still, track
 from messages import refuses
 from scipy.spatial.transform import Rotation
 
-from tests.arms import STEEL, paper_link, random_arm, satellite
+from tests.arms import STEEL, masts, paper_link, random_arm, satellite
 
 SIZE = (4.0, 3.0)
 
@@ -75,6 +75,10 @@ def test_branches_begin_where_their_parents_end() -> None:
         label = names[name]
         assert made.body.places[label["node"]] == (0, None) and np.allclose(label["at"], place)
     assert body.length(arm) == pytest.approx(2.4)
+    on_slices = track.make_track(masts(), np.zeros(1), masts().zero[None])
+    label = {x["text"]: x for x in on_slices.body.labels}["hoist prismatic"]
+    assert on_slices.body.places[label["node"]] == (0, 0.5) and np.allclose(label["at"], (0.01, 0.02, 0.03))
+    assert len(on_slices.body.tips) == 5
     pytest.importorskip("jupyter_threejs_sage")
     view = fa.simulate(arm, np.linspace(0, 0.1, 3)).animate()
     assert len(unpacked(view.html())["tracks"][0]["body"]["tips"]) == 3

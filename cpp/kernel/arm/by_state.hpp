@@ -47,7 +47,7 @@ struct alignas(64) ByState {
   void lay_out(const Layout& layout, int most_elastic, typename C::Wide* wide, Arena& arena) {
     const int n = columns(layout);
     turn = wide;
-    places.lay_out(layout.nodes, arena);
+    places.lay_out(layout, arena);
     arena.take(layout.struts, strut);
     arena.take(layout.strut_points, point);
     arena.take(layout.state_loads, loaded);
@@ -82,7 +82,7 @@ struct alignas(64) ByState {
   /// All forces, where the chain has moved to q and v.
   void find(C& chain, const S* q, const S* v) {
     const Layout& layout = chain.layout;
-    places.find(layout, chain.state, v);
+    places.find(chain, v);
     const TiedPoint* at = layout.tied;
     StrutPoint<Sp>* points = point;
     Pull* p = pull;
@@ -120,18 +120,23 @@ struct alignas(64) ByState {
     for_pulls(layout, [&](int column, const Place& place, const Pull& p) {
       S* g = G + column * layout.nv;
       Force<Sp> F = p.on_frame;
-      for (int i = place.node; i >= 0; i = layout.node[i].parent) {
+      const Slice<Sp>* on = C::on_end(layout, place) ? &chain.state[place.node].elastic.end : nullptr;
+      if (place.on == Place::slice) {
+        const Node& node = layout.node[place.node];
+        for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
+      }
+      for (int i = place.node;;) {
         const Node& node = layout.node[i];
-        if (node.ne > 0 && (i != place.node || place.on == Place::end)) {
-          const Slice<Sp>& end = chain.state[i].elastic.end;
-          F = end.frame.turn_back(F);
-          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(end.J[n], F);
-          F = end.frame.shift_back(F);
-        } else if (place.on == Place::slice && i == place.node) {
-          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
+        if (on) {
+          F = on->frame.turn_back(F);
+          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(on->J[n], F);
+          F = on->frame.shift_back(F);
         }
         if (node.kind != Node::fixed) g[node.v] += node.sign * freedom(node, F);
+        if (node.parent < 0) break;
         F = chain.to_parent(i, F);
+        on = chain.seat_of(node).slice;
+        i = node.parent;
       }
     });
   }

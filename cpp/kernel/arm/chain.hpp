@@ -39,6 +39,10 @@ struct Chain {
     arena.take(layout.forks, fork);
     P* wide;
     arena.take(2 * ByState<Chain>::columns(layout), wide);
+    for (int k = 0; k < layout.forks; ++k) {
+      Slice<Sp> counted;
+      arena.take(layout.node[layout.fork[k].place.node].ne, (arena.counts() ? counted : fork[k].slice).J);
+    }
     arena.take(layout.nodes, state);
     for (int i = 0; i < layout.nodes; ++i) {
       Elastic<Sp> counted;
@@ -110,10 +114,33 @@ struct Chain {
     w = Sp::zero_angular();
     attitude = Sp::turn(0, S{}, number<S>(1.0));
     if (parent < 0) return;
-    const State<Sp>& s = state[parent];
-    const bool bent = layout.node[parent].ne > 0;
-    w = bent ? s.end_w : s.w;
-    if (layout.attitudes) attitude = bent ? Sp::times(s.attitude, s.elastic.end.frame.R) : s.attitude;
+    const Seat seat = seat_of(layout.node[i]);
+    w = seat.w;
+    if (!layout.attitudes) return;
+    const typename Sp::Rot& link = state[parent].attitude;
+    attitude = seat.slice ? Sp::times(link, seat.slice->frame.R) : link;
+  }
+  /// What a node sits on that does not sit on the world: a slice of its parent's beam, or none; how that turns and
+  /// accelerates.
+  struct Seat {
+    const Slice<Sp>* slice;
+    const Ang& w;
+    const Motion<Sp>& a;
+  };
+  Seat seat_of(const Node& node) const {
+    const State<Sp>& s = state[node.parent];
+    if (const Fork<Sp, P>* f = slice_under(node)) return {&f->slice, f->w, f->a};
+    if (layout.node[node.parent].ne > 0) return {&s.elastic.end, s.end_w, s.end_a};
+    return {nullptr, s.w, s.a};
+  }
+  /// The fork on a slice that a node sits on, or null: it sits on an end, or on the world.
+  const Fork<Sp, P>* slice_under(const Node& node) const {
+    return node.seat >= 0 && layout.fork[node.seat].place.on == Place::slice ? fork + node.seat : nullptr;
+  }
+  /// visit(fork) of those on slices of a node's beam.
+  template <class Visit>
+  void for_slices(const Node& node, const Visit& visit) const {
+    for (int k = 0; k < node.slices; ++k) visit(fork[node.slice[k]]);
   }
 
   /// One node, after its hinge was turned. w and attitude are those of the frame before it, and then of its end.
@@ -154,10 +181,8 @@ struct Chain {
     if (node.ne > 0) {
       Elastic<Sp>& e = s.elastic;
       bend(node, p, gravity_in(attitude));
-      // the next node moves with the end slice (Eq. 45, 46)
-      s.end_w = Sp::unrotate_angular(e.end.frame.R, s.w + e.end.rate.angular);
-      e.end.bias = convective(e.end, s.w) + e.end.bias;
-      w = s.end_w;
+      move_slices(node, q + node.qe, rates ? v + node.ve : none(), s.w);
+      w = s.end_w = carry(e.end, s.w);
       if (layout.attitudes) attitude = Sp::times(attitude, e.end.frame.R);
       s.tip_force = Force<Sp>::zero();
       if (forces && node.tip) {
@@ -211,6 +236,20 @@ struct Chain {
     bool all = true;
     for (int k = 0; k < Sp::angular; ++k) all = all && Lanes<S>::all(x[k] == y[k]);
     return all;
+  }
+  /// Those of a node's beam that branches sit on, after the beam was bent.
+  void move_slices(const Node& node, const S* q, const S* dq, const Ang& w) {
+    for (int k = 0; k < node.slices; ++k) {
+      Fork<Sp, P>& f = fork[node.slice[k]];
+      const double* p = layout.place_numbers + layout.fork[node.slice[k]].numbers * Lanes<S>::width;
+      slice_at(node, p, numbers + node.points, q, dq, scratch, f.slice);
+      f.w = carry(f.slice, w);
+    }
+  }
+  /// A node moves with the slice that it sits on (Eq. 45, 46), in a link that turns by w. @return how that turns
+  static Ang carry(Slice<Sp>& at, const Ang& w) {
+    at.bias = convective(at, w) + at.bias;
+    return Sp::unrotate_angular(at.frame.R, w + at.rate.angular);
   }
   /// Rates of elastic coordinates that rest.
   static const S* none() {
@@ -331,7 +370,7 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       const State<Sp>& s = state[i];
-      if (node.branch) u = node.parent < 0 ? Motion<Sp>::zero() : fork_of(node.parent).template motion<Sp>();
+      if (node.branch) u = node.seat < 0 ? Motion<Sp>::zero() : fork[node.seat].template motion<Sp>();
       if (!node.coincident) u.linear = Sp::unrotate(s.frame.R, s.frame.shift(u).linear);
       u.angular = s.w;
       if (node.kind == Node::prismatic) Sp::component(u.linear, node.axis) += node.sign * v[node.v];
@@ -345,7 +384,11 @@ struct Chain {
           for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
           sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
         }
-        u = {Sp::unrotate(e.end.frame.R, e.end.frame.shift(u).linear + e.end.rate.linear), s.end_w};
+        const auto of = [&](const Slice<Sp>& at, const Ang& w) -> Motion<Sp> {
+          return {Sp::unrotate(at.frame.R, at.frame.shift(u).linear + at.rate.linear), w};
+        };
+        for_slices(node, [&](Fork<Sp, P>& f) { f.template motion<Sp>() = of(f.slice, f.w); });
+        u = of(e.end, s.end_w);
         if (node.tip) sum += dot(u, s.tip * u);
       }
       if (node.fork >= 0) fork[node.fork].template motion<Sp>() = u;
@@ -353,13 +396,13 @@ struct Chain {
     return sum;
   }
 
-  /// From a node's frame to the end of its beam, whose coordinates accelerate by xe (Eq. 45, 46).
+  /// From a node's frame to a slice of its beam, whose coordinates accelerate by xe (Eq. 45, 46).
   template <bool biased, class V>
-  static auto to_end(const Node& node, const Elastic<Sp>& e, const V* xe, Motion<typename SpaceOf<Sp, V>::type> a) {
-    const auto frame = wide<V>(e.end.frame);
+  static auto to_slice(const Node& node, const Slice<Sp>& at, const V* xe, Motion<typename SpaceOf<Sp, V>::type> a) {
+    const auto frame = wide<V>(at.frame);
     a = frame.shift(a);
-    if constexpr (biased) a += e.end.bias;
-    for (int k = 0; k < node.ne; ++k) a += xe[k] * wide<V>(e.end.J[k]);
+    if constexpr (biased) a += at.bias;
+    for (int k = 0; k < node.ne; ++k) a += xe[k] * wide<V>(at.J[k]);
     return frame.turn(a);
   }
 
@@ -367,14 +410,14 @@ struct Chain {
   void accelerate(const Lin& base, const S* x) {
     Motion<Sp> a{base, Sp::zero_angular()};
     for (int i = 0; i < layout.nodes; ++i) {
-      if (layout.node[i].branch) a = end_acceleration(layout.node[i].parent, base);
+      if (layout.node[i].branch) a = seat_acceleration(i, base);
       accelerate_node(i, x, a);
     }
   }
-  /// Of the place where children of a node sit, or of the world.
-  Motion<Sp> end_acceleration(int i, const Lin& base) const {
-    if (i < 0) return {base, Sp::zero_angular()};
-    return layout.node[i].ne > 0 ? state[i].end_a : state[i].a;
+  /// Of the place where node i sits.
+  Motion<Sp> seat_acceleration(int i, const Lin& base) const {
+    if (layout.node[i].parent < 0) return {base, Sp::zero_angular()};
+    return seat_of(layout.node[i]).a;
   }
   /// a is that of the frame before, at its end, and then of this node's end.
   void accelerate_node(int i, const S* x, Motion<Sp>& a) {
@@ -384,7 +427,8 @@ struct Chain {
     if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
     s.a = a;
     if (node.ne == 0) return;
-    s.end_a = a = to_end<true>(node, s.elastic, x + node.ve, a);
+    for_slices(node, [&](Fork<Sp, P>& f) { f.a = to_slice<true>(node, f.slice, x + node.ve, a); });
+    s.end_a = a = to_slice<true>(node, s.elastic.end, x + node.ve, a);
   }
 
   /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
@@ -400,21 +444,19 @@ struct Chain {
       if (node.branch) leave_at_fork(node, F);
     }
   }
-  /// Where branches of a node wait.
-  Fork<Sp, P>& fork_of(int i) const { return fork[layout.node[i].fork]; }
   /// Before an inward recursion.
   void clear_forks() {
     for (int k = 0; k < layout.forks; ++k) fork[k].clear();
   }
-  /// The force of a branch, in the axes of its parent's end, waits there until the recursion comes by.
+  /// The force of a branch, in the axes of what it sits on, waits there until the recursion comes by.
   template <class Sv>
   void leave_at_fork(const Node& node, Force<Sv>& F) {
-    if (node.parent >= 0) fork_of(node.parent).template force<Sv>() += F;
+    if (node.seat >= 0) fork[node.seat].template force<Sv>() += F;
     F = Force<Sv>::zero();
   }
   /// Its articulated inertia likewise.
   void leave_at_fork(const Node& node, typename Sp::Inertia& M) {
-    if (node.parent >= 0) Fork<Sp, P>::add(fork_of(node.parent).M, M);
+    if (node.seat >= 0) Fork<Sp, P>::add(fork[node.seat].M, M);
     M = Sp::no_inertia();
   }
   /// F is carried by the node's end, and then goes through its joint, in its axes.
@@ -433,6 +475,11 @@ struct Chain {
         tau[node.ve + k] = sum;
       }
       F = e.end.frame.shift_back(F);
+      for_slices(node, [&](Fork<Sp, P>& f) {
+        const Force<Sp> on = f.slice.frame.turn_back(f.template force<Sp>());
+        for (int k = 0; k < node.ne; ++k) tau[node.ve + k] += dot(f.slice.J[k], on);
+        F += f.slice.frame.shift_back(on);
+      });
       for (int k = 0; k < node.ne; ++k) F += xe[k] * e.M_er[k];
     }
     if (node.body) F += s.body_force + s.body * s.a;

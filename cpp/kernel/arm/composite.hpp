@@ -19,12 +19,23 @@ struct Composite {
   /// base is far away.
   Frame<Sp>* place;
   int *first, *rates;  ///< of each node: the first node of its branch; how many rates there are up to it
-  S* H;  ///< kRows of nv: by rate, the motion at the origin of the bodies that it moves, base axes (Eq. 91)
+  int* column;         ///< of each fork on a slice: the first of H that is its own
+  int columns;
+  /// kRows of columns: by rate, the motion at the origin of the bodies that it moves, base axes (Eq. 91); and then of
+  /// those on slices, by the coordinates that move these.
+  S* H;
 
   Composite(const Layout& layout, Arena& arena) : nv(layout.nv) {
     arena.take(layout.nodes, place);
     arena.take(layout.nodes, first, rates);
-    arena.take(kRows * nv, H);
+    arena.take(layout.forks, column);
+    columns = nv;
+    for (int k = 0; k < layout.forks; ++k) {
+      const Place& at = layout.fork[k].place;
+      if (!arena.counts()) column[k] = columns;
+      if (at.on == Place::slice) columns += layout.node[at.node].ne;
+    }
+    arena.take(kRows * columns, H);
   }
   Composite(const Layout& layout, Arena&& arena) : Composite(layout, arena) {}
 
@@ -43,7 +54,7 @@ struct Composite {
  private:
   void put(int rate, const Motion<Sp>& m) {
     const S* x = view<const S>(&m);
-    for (int r = 0; r < kRows; ++r) H[r * nv + rate] = x[r];
+    for (int r = 0; r < kRows; ++r) H[r * columns + rate] = x[r];
   }
 
   /// The motion at the origin by each rate.
@@ -70,11 +81,18 @@ struct Composite {
         put(node.v, {number<S>(node.sign) * Sp::axis(at.R, node.axis), Sp::zero_angular()});
       }
       if (node.ne == 0) continue;
-      const Slice<Sp>& end = s.elastic.end;
-      at.r += Sp::rotate(at.R, end.frame.r);
-      for (int k = 0; k < node.ne; ++k) put(node.ve + k, at.to_parent(end.J[k]));
-      at.R = Sp::times(at.R, end.frame.R);
+      for (int k = 0; k < node.slices; ++k) {
+        Frame<Sp> of = at;
+        bend(node, chain.fork[node.slice[k]].slice, column[node.slice[k]], of);
+      }
+      bend(node, s.elastic.end, node.ve, at);
     }
+  }
+  /// From a node's frame to a slice of its beam, with the motion by its coordinates.
+  void bend(const Node& node, const Slice<Sp>& to, int to_column, Frame<Sp>& at) {
+    at.r += Sp::rotate(at.R, to.frame.r);
+    for (int k = 0; k < node.ne; ++k) put(to_column + k, at.to_parent(to.J[k]));
+    at.R = Sp::times(at.R, to.frame.R);
   }
 
   /// Where the branch that begins with node i sits, and whether any node before it turns.
@@ -86,7 +104,8 @@ struct Composite {
     if (parent < 0) return;
     for (int k = parent; k >= 0; k = chain.layout.node[k].parent)
       turned = turned || chain.layout.node[k].kind == Node::revolute || chain.layout.node[k].ne > 0;
-    at = chain.layout.node[parent].ne > 0 ? place[parent] * chain.state[parent].elastic.end.frame : place[parent];
+    const Slice<Sp>* slice = chain.seat_of(chain.layout.node[i]).slice;
+    at = slice ? place[parent] * slice->frame : place[parent];
   }
 
   /// The entries of row `rate` before it: a force on node i, by the rates that move that node. The rates of a branch
@@ -97,21 +116,27 @@ struct Composite {
     S* row = M + static_cast<long>(rate) * nv;
     for (int end = before;;) {
       const int begin = first[i] == 0 ? 0 : rates[first[i] - 1];
-      fill(begin, end, F, row);
-      i = chain.layout.node[first[i]].parent;
+      fill(begin, end, F, H + begin, row);
+      const Node& seated = chain.layout.node[first[i]];
+      i = seated.parent;
       if (i < 0) break;
       end = rates[i];
+      if (!chain.slice_under(seated)) continue;
+      end -= chain.layout.node[i].ne;
+      fill(end, rates[i], F, H + column[seated.seat], row);
     }
   }
-  void fill(int begin, int end, const Force<Sp>& F, S* row) const {
+  /// @param h  of the column by rate `begin`
+  void fill(int begin, int end, const Force<Sp>& F, const S* h, S* row) const {
     const S *x = view<const S>(&F), *y = x + Sp::linear;
-    const S* h = H;
+    const int n = columns;
+    row += begin;
     if constexpr (Sp::planar)
-      for (int i = begin; i < end; ++i) row[i] = x[0] * h[i] + x[1] * h[nv + i] + y[0] * h[2 * nv + i];
+      for (int i = 0; i < end - begin; ++i) row[i] = x[0] * h[i] + x[1] * h[n + i] + y[0] * h[2 * n + i];
     else
-      for (int i = begin; i < end; ++i)
-        row[i] = (x[0] * h[i] + x[1] * h[nv + i] + x[2] * h[2 * nv + i]) +
-                 (y[0] * h[3 * nv + i] + y[1] * h[4 * nv + i] + y[2] * h[5 * nv + i]);
+      for (int i = 0; i < end - begin; ++i)
+        row[i] = (x[0] * h[i] + x[1] * h[n + i] + x[2] * h[2 * n + i]) +
+                 (y[0] * h[3 * n + i] + y[1] * h[4 * n + i] + y[2] * h[5 * n + i]);
   }
 
   template <class C>
@@ -136,25 +161,34 @@ struct Composite {
       }
       if (node.parent >= 0 && !node.coincident) B = C::to_parent(node, s, B);
       if (!node.branch) continue;
-      if (node.parent >= 0) Sp::add(chain.fork_of(node.parent).body, B);
+      if (node.seat >= 0) Sp::add(chain.fork[node.seat].body, B);
       B = Sp::no_body();
     }
   }
 
-  /// The rows of a beam's coordinates, with B on its end, which then is about the link's origin.
+  /// The rows of a beam's coordinates, with B on its end, which then is about the link's origin, and with those on its
+  /// slices.
   template <class C>
   void bend(const C& chain, int i, Rigid& B, S* M) const {
     const Node& node = chain.layout.node[i];
     const Elastic<Sp>& e = chain.state[i].elastic;
     const Slice<Sp>& end = e.end;
     B = Sp::rotate(end.frame.R, B);
+    chain.for_slices(node, [&](auto& f) { f.body = Sp::rotate(f.slice.frame.R, f.body); });
     for (int k = 0; k < node.ne; ++k) {
       const Force<Sp> F = B * end.J[k];
       S* row = M + static_cast<long>(node.ve + k) * nv + node.ve;
       for (int j = 0; j <= k; ++j) row[j] = e.M[packed(k, j)] + dot(end.J[j], F);
-      fill(chain, i, node.ve + k, node.ve, e.M_er[k] + end.frame.shift_back(F), M);
+      Force<Sp> whole = e.M_er[k] + end.frame.shift_back(F);
+      chain.for_slices(node, [&](auto& f) {
+        const Force<Sp> on = f.body * f.slice.J[k];
+        for (int j = 0; j <= k; ++j) row[j] += dot(f.slice.J[j], on);
+        whole += f.slice.frame.shift_back(on);
+      });
+      fill(chain, i, node.ve + k, node.ve, whole, M);
     }
     B = Sp::shift(B, end.frame.r);
+    chain.for_slices(node, [&](auto& f) { Sp::add(B, Sp::shift(f.body, f.slice.frame.r)); });
   }
 };
 

@@ -23,8 +23,20 @@ inline void accept(C& chain, const typename C::S& d, const typename C::S& least,
 
 // --- Factors: articulated inertias. ---
 
+/// Adds the inertia M on a slice of a beam, in link axes, to M_ee and M_er; the sums go into e.L and e.W.
+template <class Sp>
+inline void add_carried(const Node& node, const Slice<Sp>& at, const typename Sp::Inertia& M,
+                        const typename Sp::Scalar* M_ee, const Force<Sp>* M_er, Elastic<Sp>& e) {
+  for (int k = 0; k < node.ne; ++k) {
+    const Force<Sp> F = M * at.J[k];
+    for (int j = 0; j <= k; ++j) e.L[packed(k, j)] = M_ee[packed(k, j)] + dot(at.J[j], F);
+    e.W[k] = M_er[k] + at.frame.shift_back(F);
+  }
+}
+
 /// Eliminates the elastic coordinates of a node: the inertia M on its end, in link axes, becomes that of the whole link
 /// without these coordinates. M_ee = L D L^T goes into e.L (below the diagonal L, on it 1/D), W = L^-1 M_er into e.W.
+/// Inertias at its slices are turned into link axes.
 template <class C>
 inline void factor_beam(C& chain, const Node& node, State<typename C::Space>& s, typename C::Space::Inertia& M,
                         const Shift& shift, typename C::Mask& good) {
@@ -32,12 +44,13 @@ inline void factor_beam(C& chain, const Node& node, State<typename C::Space>& s,
   using S = typename C::S;
   Elastic<Sp>& e = s.elastic;
   const int ne = node.ne;
-  for (int k = 0; k < ne; ++k) {
-    const Force<Sp> F = M * e.end.J[k];
-    for (int j = 0; j <= k; ++j) e.L[packed(k, j)] = e.M[packed(k, j)] + dot(e.end.J[j], F);
-    e.W[k] = e.M_er[k] + e.end.frame.shift_back(F);
-  }
+  add_carried(node, e.end, M, e.M, e.M_er, e);
   M = Sp::shift(M, e.end.frame.r);
+  chain.for_slices(node, [&](auto& f) {
+    f.M = Sp::rotate(f.slice.frame.R, f.M);
+    add_carried(node, f.slice, f.M, e.L, e.W, e);
+    f.add(M, Sp::shift(f.M, f.slice.frame.r));
+  });
   Sp::add(M, s.body);
   if (shift.stiffness != 0.0 || shift.damping != 0.0) {
     const double* K = e.constants;
@@ -114,20 +127,29 @@ inline typename C::Mask factor_recursive(C& chain, const Shift& shift) {
 // --- Forces and accelerations by these factors. V are scalars of the chain or, of one arm, packs of right-hand sides.
 // `biased`: with the forces and accelerations of the motion. ---
 
-/// Takes a force F on a node's end, in link axes, to the link's origin without the elastic coordinates, which keep in y
-/// the values that `outward` needs.
-template <bool biased, class Sp, class V>
-inline void apply_beam(const Node& node, const State<Sp>& s, Force<typename SpaceOf<Sp, V>::type>& F, const V* tau,
-                       V* y) {
-  const Elastic<Sp>& e = s.elastic;
+/// Takes a force F on a node's end, in link axes, and those at its slices to the link's origin without the elastic
+/// coordinates, which keep in y the values that `outward` needs.
+template <bool biased, class C, class V>
+inline void apply_beam(const C& chain, const Node& node, const State<typename C::Space>& s,
+                       Force<typename SpaceOf<typename C::Space, V>::type>& F, const V* tau, V* y) {
+  using Vs = typename SpaceOf<typename C::Space, V>::type;
+  const auto& e = s.elastic;
   const int ne = node.ne;
+  for (int k = 0; k < ne; ++k) y[k] = tau[k] - dot(wide<V>(e.end.J[k]), F);
+  F = wide<V>(e.end.frame).shift_back(F);
+  chain.for_slices(node, [&](auto& f) {
+    const auto frame = wide<V>(f.slice.frame);
+    Force<Vs> on = frame.turn_back(f.template force<Vs>());
+    if constexpr (biased) on += f.M * f.slice.bias;
+    for (int k = 0; k < ne; ++k) y[k] -= dot(wide<V>(f.slice.J[k]), on);
+    F += frame.shift_back(on);
+  });
   for (int k = 0; k < ne; ++k) {
-    V left = tau[k] - dot(wide<V>(e.end.J[k]), F);
+    V left = y[k];
     if constexpr (biased) left -= e.e[k];
     for (int j = 0; j < k; ++j) left -= e.L[packed(k, j)] * y[j];
     y[k] = left;
   }
-  F = wide<V>(e.end.frame).shift_back(F);
   if constexpr (biased) F += s.body_force;
   for (int k = 0; k < ne; ++k) {
     y[k] *= e.L[packed(k, k)];
@@ -157,7 +179,7 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
   for (int i = 0; i < chain.layout.nodes; ++i) {
     const Node& node = chain.layout.node[i];
     const auto& s = chain.state[i];
-    if (node.branch) a = node.parent < 0 ? base : chain.fork_of(node.parent).template motion<Vs>();
+    if (node.branch) a = node.seat < 0 ? base : chain.fork[node.seat].template motion<Vs>();
     if (!node.coincident) a = wide<V>(s.frame).to_child(a);
     if constexpr (biased) a += s.bias;
     if (is_free(node)) x[node.v] = node.sign * (x[node.v] - s.over_d * dot(a, wide<V>(s.U)));
@@ -170,7 +192,9 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
         for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
         xe[k] = value;
       }
-      if (i + 1 < chain.layout.nodes) a = C::template to_end<biased>(node, e, xe, a);
+      chain.for_slices(node,
+                       [&](auto& f) { f.template motion<Vs>() = C::template to_slice<biased>(node, f.slice, xe, a); });
+      if (i + 1 < chain.layout.nodes) a = C::template to_slice<biased>(node, e.end, xe, a);
     }
     if (node.fork >= 0) chain.fork[node.fork].template motion<Vs>() = a;
   }
@@ -189,7 +213,7 @@ inline void solve_recursive(C& chain, const V* r, V* x) {
     if (node.fork >= 0) F += chain.fork[node.fork].template force<Vs>();
     if (node.ne > 0) {
       F = wide<V>(s.elastic.end.frame).turn_back(F);
-      apply_beam<false>(node, s, F, r + node.ve, x + node.ve);
+      apply_beam<false>(chain, node, s, F, r + node.ve, x + node.ve);
     }
     if (node.given) x[node.v] = V{};
     if (is_free(node)) x[node.v] = apply_joint<false>(node, s, F, r[node.v]);
@@ -246,7 +270,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
       M = Sp::rotate(end.frame.R, M);
       F = end.frame.turn_back(F) + M * end.bias;
       factor_beam(chain, node, s, M, Shift{}, good);
-      apply_beam<true>(node, s, F, tau + node.ve, x + node.ve);
+      apply_beam<true>(chain, node, s, F, tau + node.ve, x + node.ve);
     } else if (node.body) {
       Sp::add(M, s.body);
       F += s.body_force;

@@ -1,5 +1,5 @@
-// Nodes with a child that does not stand right behind them in the list: here the branches' forces and inertias are
-// summed up inward, and the motion of the node's end is kept outward.
+// Where branches sit: on the end of a node that is not the one before them in the list, or on a slice of its beam. Here
+// the branches' forces and inertias are summed up inward, and the motion of that end or slice is kept outward.
 #pragma once
 
 #include "arm/state.hpp"
@@ -11,6 +11,9 @@ template <class Sp, class P>
 struct Fork {
   using S = typename Sp::Scalar;
   static constexpr int kNumbers = (Sp::linear + Sp::angular) * static_cast<int>(sizeof(P) / sizeof(S));
+  Slice<Sp> slice;          ///< of a beam, where it is on one,
+  typename Sp::Ang w;       ///< its angular velocity, own axes,
+  Motion<Sp> a;             ///< and its acceleration
   typename Sp::Inertia M;   ///< articulated inertia
   typename Sp::Rigid body;  ///< composite inertia
   alignas(P) S force_numbers[kNumbers];

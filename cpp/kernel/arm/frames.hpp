@@ -20,7 +20,7 @@ struct Frames {
   S *q, *v, *a;
 
   Frames(const Layout& layout, const double* numbers, Arena& arena) : chain(layout, numbers, arena) {
-    places.lay_out(layout.nodes, arena);
+    places.lay_out(layout, arena);
     S* all = nullptr;  // in one row
     arena.take_zeros(layout.nq + 2 * layout.nv, all);
     q = all;
@@ -37,9 +37,8 @@ struct Frames {
   template <bool forces = false>
   void place() {
     chain.template move<true, forces>(q, v);
-    places.find(chain.layout, chain.state, v);
+    places.find(chain, v);
   }
-
   /// A place: the frame that it belongs to, and in its axes a slice.
   struct Spot {
     const Node& node;
@@ -75,6 +74,14 @@ struct Frames {
   void jacobian(const Place& place, const double* numbers, const Visit& visit) {
     const Spot at = spot(place, numbers);
     const Lin p = at.in_world().r;
+    const Slice<Sp>* slice = nullptr;  // of this node, that the way goes over, and how far it is to the place
+    Lin arm = Sp::zero();
+    if (place.on == Place::slice) {
+      slice = &at.slice;
+    } else if (place.on == Place::end) {
+      slice = &chain.state[place.node].elastic.end;
+      arm = p - places.end[place.node].at.r;
+    }
     for (int i = place.node; i >= 0; i = chain.layout.node[i].parent) {
       const Node& node = chain.layout.node[i];
       const Frame<Sp>& own = places.frame[i].at;
@@ -85,14 +92,13 @@ struct Frames {
         else
           visit(node.v, Motion<Sp>{h, Sp::zero()});
       }
-      const bool here = i == place.node;
-      if (here && place.on == Place::frame) continue;
-      const Slice<Sp>& s = here && place.on == Place::slice ? at.slice : chain.state[i].elastic.end;
-      const Lin arm = here && place.on == Place::slice ? Sp::zero() : p - places.end[i].at.r;
-      for (int k = 0; k < node.ne; ++k) {
-        const Ang turn = Sp::rotate(own.R, s.J[k].angular);
-        visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, s.J[k].linear) + Sp::cross(turn, arm), turn});
+      for (int k = 0; k < node.ne && slice; ++k) {
+        const Ang turn = Sp::rotate(own.R, slice->J[k].angular);
+        visit(node.ve + k, Motion<Sp>{Sp::rotate(own.R, slice->J[k].linear) + Sp::cross(turn, arm), turn});
       }
+      if (node.parent < 0) return;
+      slice = chain.seat_of(node).slice;
+      arm = p - places.seat_of(chain, node).at.r;
     }
   }
 

@@ -1,12 +1,12 @@
 // Where the frames of an arm are in the world, and how they move: after the outward pass, for what asks for it.
 #pragma once
 
-#include "arm/state.hpp"
+#include "arm/forks.hpp"
 #include "wide/arena.hpp"
 
 namespace {
 
-/// A node's frame, or that of its beam's end.
+/// A node's frame, or that of its beam's end or another slice.
 template <class Sp>
 struct Moving {
   Frame<Sp> at;  ///< in the world
@@ -25,25 +25,39 @@ template <class Sp>
 struct Places {
   using S = typename Sp::Scalar;
   Moving<Sp>*frame, *end;  ///< of each node; where there is no beam, they are one
+  Moving<Sp>* fork;        ///< where branches sit on slices
 
-  void lay_out(int nodes, Arena& arena) { arena.take(nodes, frame, end); }
-  /// All frames (Eq. 82, 85), of nodes that have moved at rates v.
-  void find(const flexarm::lanes::Layout& layout, const State<Sp>* state, const S* v) {
+  void lay_out(const flexarm::lanes::Layout& layout, Arena& arena) {
+    arena.take(layout.nodes, frame, end);
+    arena.take(layout.forks, fork);
+  }
+  /// All frames (Eq. 82, 85), of a chain that has moved at rates v.
+  template <class C>
+  void find(const C& chain, const S* v) {
     Moving<Sp> before = Moving<Sp>::world();
-    for (int i = 0; i < layout.nodes; ++i) {
-      const Node& node = layout.node[i];
-      const State<Sp>& s = state[i];
+    for (int i = 0; i < chain.layout.nodes; ++i) {
+      const Node& node = chain.layout.node[i];
+      const State<Sp>& s = chain.state[i];
       Moving<Sp>& f = frame[i];
-      if (node.branch) before = node.parent < 0 ? Moving<Sp>::world() : end[node.parent];
+      if (node.branch) before = node.parent < 0 ? Moving<Sp>::world() : seat_of(chain, node);
       f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
       if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
       before = f;
-      if (node.ne > 0) {
-        const Slice<Sp>& e = s.elastic.end;
-        before = {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), s.end_w}};
+      const auto of = [&](const Slice<Sp>& e, const typename Sp::Ang& w) -> Moving<Sp> {
+        return {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), w}};
+      };
+      for (int k = 0; k < node.slices; ++k) {
+        const auto& at = chain.fork[node.slice[k]];
+        fork[node.slice[k]] = of(at.slice, at.w);
       }
+      if (node.ne > 0) before = of(s.elastic.end, s.end_w);
       end[i] = before;
     }
+  }
+  /// Where a node sits, not on the world.
+  template <class C>
+  const Moving<Sp>& seat_of(const C& chain, const Node& node) const {
+    return chain.slice_under(node) ? fork[node.seat] : end[node.parent];
   }
 };
 

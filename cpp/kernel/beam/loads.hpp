@@ -164,7 +164,7 @@ void subtract_loads(const Layout& layout, const Node& node, const S* wrenches, c
       const typename Sp::Rot& attitude = on_end ? end_attitude : s.attitude;
       wrench = {Sp::unrotate(attitude, wrench.force), Sp::unrotate_angular(attitude, wrench.moment)};
     }
-    const double* p = layout.load_numbers + load.numbers * Lanes<S>::width;
+    const double* p = layout.place_numbers + load.numbers * Lanes<S>::width;
     const auto act = [&](const Force<Sp>& force) {  // on the slice whose numbers are next
       const double* of_slice = p;
       p += load.size * Lanes<S>::width;

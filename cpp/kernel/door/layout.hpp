@@ -17,9 +17,12 @@ struct Block {
 
 struct Node {
   // its place in the tree
-  int parent = -1;      ///< the node that it sits on, at the end of its beam if it has one; -1: the world
-  bool branch = false;  ///< the parent is not the node before it in the list
-  int fork = -1;        ///< number of the node among those that have a branch as a child; -1: it has none
+  int parent = -1;             ///< the node that it sits on; -1: the world
+  bool branch = false;         ///< it does not sit on the end of the node before it in the list,
+  int seat = -1;               ///< but on this fork; -1: the world
+  int fork = -1;               ///< the fork on its end, on that of its beam if it has one; -1: none
+  int slices = 0;              ///< forks on slices of its beam: how many,
+  const int* slice = nullptr;  ///< and which
 
   // the joint
   enum Kind { fixed, revolute, prismatic };
@@ -88,6 +91,12 @@ struct StateLaw {
   bool world = true;  ///< the answer is in axes of the world, or else of the place
 };
 
+/// Where branches sit on a node: on its end, or on a slice of its beam, of which it has the numbers.
+struct PlacedFork {
+  Place place;
+  std::size_t numbers = 0, size = 0;  ///< where they begin; how many
+};
+
 /// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
 /// it comes before these, and stands for all of them where the load has no moment; where there are no others, always.
 /// Or, without a place here: the first number of a load in a strut is a force, of a load by its state the time.
@@ -117,14 +126,16 @@ struct StrutLine {
 struct Layout {
   bool planar = false;
   bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
-  int nodes = 0, forks = 0, nq = 0, nv = 0;
+  int nodes = 0, nq = 0, nv = 0;
   bool branched = false;  ///< whether any node is a branch
   const Node* node = nullptr;
   int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,
   double turning = 1.0;              ///< and the sign of a turn about the third
+  int forks = 0;
+  const PlacedFork* fork = nullptr;
   int loads = 0;
   const PlacedLoad* load = nullptr;
-  const double* load_numbers = nullptr;
+  const double* place_numbers = nullptr;  ///< of forks and loads
   int struts = 0, strut_points = 0, state_loads = 0;
   const StrutLine* strut = nullptr;
   const TiedPoint* tied = nullptr;  ///< the points of all struts, and then the places of loads by state

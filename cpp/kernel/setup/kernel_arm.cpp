@@ -40,6 +40,8 @@ void KernelArm::point() {
     if (lists_[k].table) nodes_[k].sampled.table = lists_[k].table->data();
     nodes_[k].load = lists_[k].loads.data();
     nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
+    nodes_[k].slice = lists_[k].slices.data();
+    nodes_[k].slices = static_cast<int>(lists_[k].slices.size());
     if (few_[k].sampled.half == 0) {
       nodes_[k].sampled.few = nullptr;
       continue;
@@ -52,9 +54,11 @@ void KernelArm::point() {
     few_[k] = few;
     nodes_[k].sampled.few = &few_[k];
   }
+  layout_.forks = static_cast<int>(forks_.size());
+  layout_.fork = forks_.data();
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
-  layout_.load_numbers = load_numbers_.data();
+  layout_.place_numbers = place_numbers_.data();
   layout_.struts = static_cast<int>(struts_.size());
   layout_.strut = struts_.data();
   layout_.tied = tied_.data();
@@ -75,8 +79,9 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   structure_ = other.structure_;
   numbers_ = other.numbers_;
   seats_ = other.seats_;
+  forks_ = other.forks_;
   loads_ = other.loads_;
-  load_numbers_ = other.load_numbers_;
+  place_numbers_ = other.place_numbers_;
   heights_ = other.heights_;
   struts_ = other.struts_;
   tied_ = other.tied_;
@@ -144,7 +149,8 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
-  out.load_numbers_.clear();
+  out.place_numbers_.clear();
+  for (PlacedFork& fork : out.forks_) out.group_fork(fork, *this, width);
   for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
   out.group_tied(*this, width);
   out.point();
@@ -182,15 +188,21 @@ void KernelArm::group_tied(const KernelArm& alone, int width) {
   while (at < tied_.size()) move_tied(1);
 }
 
+void KernelArm::group_fork(PlacedFork& fork, const KernelArm& alone, int width) {
+  const double* p = alone.place_numbers_.data() + fork.numbers;
+  fork.numbers = place_numbers_.size();
+  group_place(fork.place, fork.size, alone, width, p, place_numbers_);
+}
+
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
   const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
-  const double* p = alone.load_numbers_.data() + load.numbers;
-  load.numbers = load_numbers_.size();
+  const double* p = alone.place_numbers_.data() + load.numbers;
+  load.numbers = place_numbers_.size();
   const auto move_one = [&] {
-    const std::size_t begin = load_numbers_.size();
-    load_numbers_.push_back(*p++);  // its weight
-    group_place(load.place, size - 1, alone, width, p, load_numbers_);
-    load.size = load_numbers_.size() - begin;
+    const std::size_t begin = place_numbers_.size();
+    place_numbers_.push_back(*p++);  // its weight
+    group_place(load.place, size - 1, alone, width, p, place_numbers_);
+    load.size = place_numbers_.size() - begin;
   };
   if (load.mean) move_one();
   const std::size_t slices = static_cast<std::size_t>(load.slices), w = static_cast<std::size_t>(width);
@@ -201,7 +213,7 @@ void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) 
   for (std::size_t a = 0; a < slices; a += w)
     for (std::size_t i = 0; i < size; ++i)
       for (std::size_t l = a; l < a + w; ++l)  // surplus lanes repeat the last, without weight
-        load_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
+        place_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
   load.slices = (load.slices + width - 1) / width;
 }
 
@@ -210,8 +222,7 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
   KernelArm out = *arms[0];
   out.prescribe(given);
   const std::size_t w = static_cast<std::size_t>(width);
-  for (Numbers KernelArm::* all :
-       {&KernelArm::numbers_, &KernelArm::load_numbers_, &KernelArm::tied_numbers_}) {
+  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::place_numbers_, &KernelArm::tied_numbers_}) {
     const std::size_t n = (out.*all).size();
     (out.*all).resize(n * w);
     for (std::size_t l = 0; l < w; ++l) {

@@ -43,12 +43,13 @@ class KernelArm {
   const Spot& origin(std::size_t link) const { return seats_[link].origin_spot; }  ///< of the link's own frame
   const Spot& end(std::size_t link) const { return seats_[link].end_spot; }        ///< where the next joint sits
   Spot slice(const Arm& arm, std::size_t link, const SliceTable& table) const;
+  Spot seat(const Arm& arm, std::size_t link) const;  ///< on its parent, where the link's joint sits
 
  private:
   friend struct ArmBuilder;
   /// Lists of a node.
   struct Lists {
-    std::vector<int> which, direction, about, loads;
+    std::vector<int> which, direction, about, loads, slices;
     std::vector<Block> blocks;
     int points = 0, few_points = 0;                       ///< of a sampled body, and fewer of them,
     std::shared_ptr<const Numbers> table, few_table;      ///< and integrals over them
@@ -64,8 +65,11 @@ class KernelArm {
   KernelArm() = default;
   static KernelArm build(const Arm& arm, bool in_space);
   Spot fixed(int node, Place::On on, const Placement& at) const;
+  /// A slice of a link's beam that does not bend, from the link's last node.
+  Placement at_rest(const Link& link, const Seat& seat, const SliceTable& table) const;
   PlacedLoad put_load(const Arm& arm, const Load& load);
-  /// Numbers of a load of `alone`, for packs of points.
+  /// Numbers of a fork or a load of `alone`, for packs of points.
+  void group_fork(PlacedFork& fork, const KernelArm& alone, int width);
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void put_struts(const Arm& arm);
   void put_by_state(const Arm& arm, const Load& load, PlacedLoad& out);
@@ -78,7 +82,9 @@ class KernelArm {
   void group_place(const Place& place, std::size_t size, const KernelArm& alone, int width, const double*& p,
                    Numbers& out) const;
   void point();
-  /// Which nodes are branches, and which carry them; of nodes with their parents.
+  /// The fork on a place: that which is there, or a new one.
+  int fork_on(const Spot& spot);
+  /// Which nodes are branches; of nodes with their parents, and with their seats where these are slices.
   void find_branches();
   void prescribe(const std::vector<bool>& given);
 
@@ -89,8 +95,9 @@ class KernelArm {
   std::vector<int> structure_;  ///< equal in arms that lie side by side: of every node, from the builder
   Numbers numbers_;
   std::vector<Seat> seats_;  ///< one for each link
+  std::vector<PlacedFork> forks_;
   std::vector<PlacedLoad> loads_;
-  Numbers load_numbers_;
+  Numbers place_numbers_;  ///< of forks and loads
   std::vector<double> heights_;  ///< of each node across the plane
   std::vector<StrutLine> struts_;
   std::vector<TiedPoint> tied_;          ///< see Layout

@@ -48,6 +48,11 @@ Axes find_plane(const Arm& arm) {
         fits =
             fits && link.beam()->tip().plane == (axes.z == 2 ? flexarm::Plane::xy : flexarm::Plane::xz) && axes.x == 0;
     }
+    for (std::size_t n = 0; n < arm.size() && fits; ++n) {
+      if (!arm.at(n)) continue;
+      const Link& on = arm.link(static_cast<std::size_t>(arm.parent(n)));
+      if (on.ne() == 0) fits = turns_about(on.slice_at(*arm.at(n)).rest.R, axes.z);
+    }
     if (fits) return axes;
   }
   return {};
@@ -66,6 +71,7 @@ ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Ax
 Node& ArmBuilder::begin_node(const Matrix3d& R) {
   Node node;
   set(node.parent, parent);
+  set(node.seat, seat);
   set(node.numbers, out.numbers_.size());
   set(node.turned, !is_identity(R));
   out.heights_.push_back(height + offset[axes.z]);
@@ -90,6 +96,7 @@ Node& ArmBuilder::append(const Node& node) {
   out.lists_.emplace_back();
   out.few_.emplace_back();
   parent = static_cast<int>(out.nodes_.size()) - 1;
+  seat = -1;
   return out.nodes_.back();
 }
 
@@ -153,22 +160,33 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
   turn.setIdentity();
 }
 
-void ArmBuilder::sit_on(int link) {
-  const Placement at = link < 0 ? Placement{} : out.seats_[static_cast<std::size_t>(link)].end;
-  parent = link < 0 ? -1 : out.seats_[static_cast<std::size_t>(link)].node;
+void ArmBuilder::take_seat(std::size_t n) {
+  Placement at;
+  parent = -1;
+  height = 0.0;
+  if (arm.parent(n) >= 0) {
+    const auto on = static_cast<std::size_t>(arm.parent(n));
+    const KernelArm::Seat& of = out.seats_[on];
+    parent = of.node;
+    height = out.heights_[static_cast<std::size_t>(parent)];
+    if (out.nodes_[static_cast<std::size_t>(parent)].ne > 0) height += arm.link(on).hub().end[axes.z];
+    if (!arm.at(n)) {
+      at = of.end;
+    } else if (const SliceTable slice = arm.link(on).slice_at(*arm.at(n)); arm.link(on).ne() == 0) {
+      at = out.at_rest(arm.link(on), of, slice);
+    } else {
+      out.point();
+      seat = out.fork_on(out.slice(arm, on, slice));
+    }
+  }
   offset = at.position;
   turn = at.rotation;
-  height = 0.0;
-  if (link < 0) return;
-  height = out.heights_[static_cast<std::size_t>(parent)];
-  if (out.nodes_[static_cast<std::size_t>(parent)].ne > 0)
-    height += arm.link(static_cast<std::size_t>(link)).hub().end[axes.z];
 }
 
 void ArmBuilder::add_link(std::size_t n) {
   const Link& link = arm.link(n);
   const Joint& joint = link.joint();
-  sit_on(arm.parent(n));
+  take_seat(n);
   offset += turn * joint.inboard().position;
   turn = turn * joint.inboard().rotation;
   for (std::size_t i = 0; i < joint.motions().size(); ++i) add_motion(link, n, i);
@@ -180,17 +198,17 @@ void ArmBuilder::add_link(std::size_t n) {
     begin_node(turn);
     turn.setIdentity();
   }
-  KernelArm::Seat seat;
-  seat.node = static_cast<int>(out.nodes_.size()) - 1;
-  seat.origin = {offset, turn};
-  seat.origin_spot = out.fixed(seat.node, Place::frame, seat.origin);
+  KernelArm::Seat own;
+  own.node = static_cast<int>(out.nodes_.size()) - 1;
+  own.origin = {offset, turn};
+  own.origin_spot = out.fixed(own.node, Place::frame, own.origin);
   if (elastic)
     add_beam(link, n);
   else
     add_rigid(link);
-  seat.end = {offset, turn};
-  seat.end_spot = out.fixed(seat.node, Place::end, seat.end);
-  out.seats_.push_back(seat);
+  own.end = {offset, turn};
+  own.end_spot = out.fixed(own.node, Place::end, own.end);
+  out.seats_.push_back(own);
 }
 
 void ArmBuilder::add_rigid(const Link& link) {
@@ -252,12 +270,9 @@ void ArmBuilder::put_tip(const Link& link) {
 void KernelArm::find_branches() {
   for (std::size_t k = 1; k < nodes_.size(); ++k) {
     Node& node = nodes_[k];
-    node.branch = node.parent != static_cast<int>(k) - 1;
-    if (!node.branch) continue;
-    layout_.branched = true;
-    if (node.parent < 0) continue;
-    Node& fork = nodes_[static_cast<std::size_t>(node.parent)];
-    if (fork.fork < 0) fork.fork = layout_.forks++;
+    node.branch = node.seat >= 0 || node.parent != static_cast<int>(k) - 1;
+    layout_.branched = layout_.branched || node.branch;
+    if (node.branch && node.seat < 0 && node.parent >= 0) node.seat = fork_on({{Place::end, node.parent}, {}});
   }
 }
 

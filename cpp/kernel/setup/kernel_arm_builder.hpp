@@ -41,6 +41,7 @@ struct ArmBuilder {
   KernelArm out;
   // the place of the next node: from the frame of its parent, or the end of its beam
   int parent = -1;
+  int seat = -1;  ///< the fork on a slice of that beam, where it sits on one
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
   double height = 0.0;          ///< of that frame across the plane that the arm moves in
@@ -91,8 +92,8 @@ struct ArmBuilder {
   Node& begin_coincident();
   Node& append(const Node& node);
   void add_link(std::size_t n);
-  /// The next node sits on the end of a link, or on the world.
-  void sit_on(int link);
+  /// The next node sits where link n does.
+  void take_seat(std::size_t n);
   void add_motion(const Link& link, std::size_t n, std::size_t i);
   void add_ball(const Link& link, std::size_t n);
   /// The node's body, one of these.

@@ -36,13 +36,16 @@ KernelArm::Spot KernelArm::fixed(int node, Place::On on, const Placement& at) co
   return spot;
 }
 
+Placement KernelArm::at_rest(const Link& link, const Seat& seat, const SliceTable& table) const {
+  const Placement& origin = seat.origin;
+  return {origin.position + origin.rotation * (link.hub().end + table.rest.x), origin.rotation * table.rest.R};
+}
+
 KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTable& table) const {
   const Seat& seat = seats_[link];
   const Node& node = nodes_[static_cast<std::size_t>(seat.node)];
   const Vector3d rest = arm.link(link).hub().end + table.rest.x;
-  const Placement& origin = seat.origin;
-  if (node.ne == 0)
-    return fixed(seat.node, Place::frame, {origin.position + origin.rotation * rest, origin.rotation * table.rest.R});
+  if (node.ne == 0) return fixed(seat.node, Place::frame, at_rest(arm.link(link), seat, table));
   Spot spot{{Place::slice, seat.node}, {}};
   if (node.body == Node::sampled_beam) {
     const Lists& lists = lists_[static_cast<std::size_t>(seat.node)];
@@ -122,6 +125,33 @@ void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) 
   ++layout_.state_loads;
 }
 
+KernelArm::Spot KernelArm::seat(const Arm& arm, std::size_t link) const {
+  const auto on = static_cast<std::size_t>(arm.parent(link));
+  const std::optional<double>& at = arm.at(link);
+  return at ? slice(arm, on, arm.link(on).slice_at(*at)) : end(on);
+}
+
+int KernelArm::fork_on(const Spot& spot) {
+  for (std::size_t k = 0; k < forks_.size(); ++k) {
+    const PlacedFork& f = forks_[k];
+    const double* p = place_numbers_.data() + f.numbers;
+    if (f.place.on == spot.place.on && f.place.node == spot.place.node &&
+        std::equal(spot.numbers.begin(), spot.numbers.end(), p, p + f.size))
+      return static_cast<int>(k);
+  }
+  const auto n = static_cast<int>(forks_.size());
+  const auto node = static_cast<std::size_t>(spot.place.node);
+  forks_.push_back({spot.place, place_numbers_.size(), spot.numbers.size()});
+  place_numbers_.insert(place_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
+  if (spot.place.on == Place::slice) {
+    lists_[node].slices.push_back(n);
+    few_[node].sampled.half = 0;  // as in `loaded`
+  } else {
+    nodes_[node].fork = n;
+  }
+  return n;
+}
+
 PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
   if (load.strut >= 0 || load.by_state) {
     PlacedLoad tied;
@@ -142,7 +172,7 @@ PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
   PlacedLoad out;
   out.place = spots[0].place;
   out.world = load.world_axes;
-  out.numbers = load_numbers_.size();
+  out.numbers = place_numbers_.size();
   out.size = 1 + spots[0].numbers.size();
   // A force that is the same on all slices depends on their positions alone, which are linear in the numbers: one mean
   // slice stands for all. The same is true of a moment where the turns add (about one axis), or where nothing bends.
@@ -150,8 +180,8 @@ PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
   out.mean = stiff || load.world_axes || spots.size() == 1;
   out.slices = out.mean && (stiff || layout_.planar || spots.size() == 1) ? 0 : static_cast<int>(spots.size());
   const auto put_one = [&](double weight, const Numbers& numbers) {
-    load_numbers_.push_back(weight);
-    for (double x : numbers) load_numbers_.push_back(x);
+    place_numbers_.push_back(weight);
+    for (double x : numbers) place_numbers_.push_back(x);
   };
   if (out.mean) {
     double weight = 0.0;

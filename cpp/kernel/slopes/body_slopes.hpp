@@ -106,7 +106,7 @@ class BodySlopes {
     return t;
   }
   bool tabulated(const Node& node) const {
-    if (node.ne == 0) return false;
+    if (node.ne == 0 || node.slices > 0) return false;  // the table has no slice but the end
     if (node.body == Node::quadratic_beam) return true;
     if (node.body != Node::sampled_beam || !(Sp::planar || node.sampled.exact)) return false;
     for (int k = 0; k < node.loads; ++k)  // whose slices are moved where the body was sampled

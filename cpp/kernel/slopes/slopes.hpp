@@ -1,6 +1,7 @@
 // The Jacobians of inverse dynamics, by dual numbers through the recursions of a tree, a segment of a few nodes at a
-// time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by the force F
-// on its end. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
+// time: its rows by its own coordinates and rates, by the motion X of the frame that it sits on, and by the forces F
+// where others sit on it: on its end, or on slices of its last beam. Between segments the chain rule remains: dX goes
+// outward, dF inward, both by small matrices.
 #pragma once
 
 #include "arm/elimination.hpp"
@@ -21,18 +22,21 @@ class Slopes {
   static constexpr int kMostMotion = 3 * Sp::angular + Sp::linear;
   static constexpr int kEnough = 2 * D;  ///< own columns of a segment
 
-  /// Nodes in a row. Its matrix has rows of the motion of its end, of the force where it begins, and of its rates;
-  /// columns of its own coordinates and rates, of the motion where it begins, and of the force on its end.
+  /// Nodes in a row. Its matrix has rows of the motion of its seats, of the force where it begins, and of its rates;
+  /// columns of its own coordinates and rates, of the motion where it begins, and of the forces on its seats.
   struct Segment {
     int first, end;          ///< nodes
     int parent;              ///< the segment that it sits on, or -1: the world
-    bool leaf;               ///< whether none sits on it
+    int seat;                ///< and which of its seats
+    bool on_end;             ///< whether any sits on its end: the first of its seats; then come those on slices
+    int seats;               ///< how many
     int child, sibling;      ///< one that sits on it, and the next one on its own parent; -1: none
     int rates, own, inputs;  ///< rows of rates; columns, filled up to multiples of D
     int* rate;               ///< of each row
     int* direction;          ///< of each own column: a coordinate, or nq and a rate; -1: none
     double* matrix;
     double* response;  ///< by the motion where it begins, with all that it carries: rows of force and of rates
+    double* moved;     ///< the motion of its seats, D columns
     int stride() const { return own + inputs; }
   };
 
@@ -106,7 +110,8 @@ class Slopes {
       while (end < layout_.nodes) {
         const int more = columns_of(layout_.node[end], by_v);
         if (end > first && !layout_.node[end].coincident && columns + more > kEnough) break;
-        if (end > first && (layout_.node[end].branch || layout_.node[end - 1].fork >= 0)) break;
+        const Node& last = layout_.node[end > first ? end - 1 : end];
+        if (end > first && (layout_.node[end].branch || last.fork >= 0 || last.slices > 0)) break;
         columns += more;
         ++end;
       }
@@ -114,7 +119,8 @@ class Slopes {
       first = end;
     }
     columns_ = arena.take_lines<double>(static_cast<std::size_t>(D * nv_));
-    moved_ = arena.take_lines<double>(static_cast<std::size_t>(segments_ * kMostMotion * D));
+    forces_ = arena.take_lines<LaneDual>(static_cast<std::size_t>(most_seats_ * kForce));
+    carried_ = arena.take_lines<double>(static_cast<std::size_t>(most_seats_ * kForce * D));
     behind_ = arena.take_lines<bool>(static_cast<std::size_t>(segments_));
     solved_ = arena.take_lines<Pack>(static_cast<std::size_t>(2 * nv_));
   }
@@ -139,19 +145,26 @@ class Slopes {
   }
 
   void lay_out(int first, int end, int columns, bool by_v, Arena& arena) {
-    Segment s{first, end, -1, true, -1, -1, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr};
-    for (int i = end; i < layout_.nodes; ++i) s.leaf = s.leaf && layout_.node[i].parent != end - 1;
+    Segment s{first, end, -1, 0, false, 0, -1, -1, 0, filled(columns), 0, nullptr, nullptr, nullptr, nullptr, nullptr};
+    const Node& last = layout_.node[end - 1];
+    s.on_end = last.fork >= 0 || (end < layout_.nodes && !layout_.node[end].branch);
+    s.seats = s.on_end + last.slices;
+    if (s.seats > most_seats_) most_seats_ = s.seats;
     for (int i = first; i < end; ++i) s.rates += layout_.node[i].ne + (layout_.node[i].kind != Node::fixed);
     const int sits_on = layout_.node[first].parent;
-    s.inputs = filled((sits_on >= 0 ? motion_ : 0) + (s.leaf ? 0 : kForce));
+    s.inputs = filled((sits_on >= 0 ? motion_ : 0) + s.seats * kForce);
     s.rate = arena.take_lines<int>(static_cast<std::size_t>(s.rates));
     s.direction = arena.take_lines<int>(static_cast<std::size_t>(s.own));
-    s.matrix = arena.take_lines<double>(static_cast<std::size_t>((motion_ + kForce + s.rates) * s.stride()));
+    s.matrix = arena.take_lines<double>(static_cast<std::size_t>((s.seats * motion_ + kForce + s.rates) * s.stride()));
     s.response = arena.take_lines<double>(static_cast<std::size_t>((kForce + s.rates) * s.inputs));
+    s.moved = arena.take_lines<double>(static_cast<std::size_t>(s.seats * motion_ * D));
     if (!s.rate) return;  // counting
     for (int k = 0; k < segments_; ++k)
       if (segment_[k].end - 1 == sits_on) s.parent = k;
     if (s.parent >= 0) {
+      const Node& under = layout_.node[sits_on];
+      for (int k = 0; k < under.slices; ++k)
+        if (under.slice[k] == layout_.node[first].seat) s.seat = segment_[s.parent].on_end + k;
       s.sibling = segment_[s.parent].child;
       segment_[s.parent].child = segments_;
     }
@@ -209,12 +222,11 @@ class Slopes {
 
   // --- The ends of a segment. ---
 
-  /// Numbers that move independently: the motion where a segment begins, and the force on its end.
+  /// Numbers that move independently: the motion where a segment begins, and in `forces_` the forces on its seats.
   struct Ends {
     Ang w;
     Motion<Sp> a;
     Ang turn;  ///< of the frame, from where it stands
-    Force<Sp> force;
   };
   Ends ends_of(const Segment& s) const {
     Ends e;
@@ -224,18 +236,19 @@ class Slopes {
       for (std::size_t k = 0; k < sizeof(x) / sizeof(double); ++k) *at++ = LaneDual{} + p[k];
     };
     typename One::Ang w = One::zero_angular();
-    Force<One> force = Force<One>::zero();
     typename One::Rot attitude;
     value_->start_branch(s.first, w, attitude);
-    const Motion<One> a = value_->end_acceleration(layout_.node[s.first].parent, base_);
-    for (int k = s.child; k >= 0; k = segment_[k].sibling) {
-      const int i = segment_[k].first;
-      force += value_->to_parent(i, value_->state[i].force);
-    }
     put(w);
-    put(a);
+    put(value_->seat_acceleration(s.first, base_));
     put(One::zero_angular());
-    put(force);
+    at = forces_;
+    for (int seat = 0; seat < s.seats; ++seat) {
+      Force<One> force = Force<One>::zero();
+      for (int k = s.child; k >= 0; k = segment_[k].sibling)
+        if (const int i = segment_[k].first; segment_[k].seat == seat)
+          force += value_->to_parent(i, value_->state[i].force);
+      put(force);
+    }
     return e;
   }
   /// How the frame stands where a segment begins.
@@ -278,9 +291,9 @@ class Slopes {
   void differentiate(const Segment& s) {
     Ends ends = ends_of(s);
     LaneDual* const inputs = view<LaneDual>(&ends);
-    const int from = s.parent >= 0 ? 0 : motion_, to = motion_ + (s.leaf ? 0 : kForce);
+    const int from = s.parent >= 0 ? 0 : motion_, to = motion_ + s.seats * kForce;
     const auto input = [&](int k) {  // without attitudes no turn is asked for
-      return inputs + (k < motion_ ? k : k - motion_ + kMostMotion);
+      return k < motion_ ? inputs + k : forces_ + (k - motion_);
     };
     const auto number_of = [&](int column) -> LaneDual* {
       if (column < s.own) return s.direction[column] < 0 ? nullptr : q_ + s.direction[column];
@@ -314,7 +327,10 @@ class Slopes {
     turn_hinges(layout_, s.first, s.end, q, dual_->state, dual_->scratch);
     Ang w = ends.w;
     Motion<Sp> a = ends.a;
-    Force<Sp> F = ends.force;
+    const Force<Sp>* force = view<Force<Sp>>(forces_);
+    Force<Sp> F = s.on_end ? *force++ : Force<Sp>::zero();
+    const Node& last = layout_.node[s.end - 1];
+    for (int k = 0; k < last.slices; ++k) dual_->fork[last.slice[k]].template force<Sp>() = *force++;
     typename Sp::Rot attitude{};
     if (layout_.attitudes) attitude = attitude_of(s, ends.turn);
     for (int i = s.first; i < s.end; ++i)
@@ -323,9 +339,16 @@ class Slopes {
             bend(i, first < s.own && bends(node, s.direction + first), node, constants, gravity, q, v);
           });
     for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a);
-    put_all(w);
-    put_all(a);
-    if (layout_.attitudes) put_all(turn_of(attitude));
+    const auto put_motion = [&](const Ang& turning, const Motion<Sp>& acceleration, const typename Sp::Rot& stands) {
+      put_all(turning);
+      put_all(acceleration);
+      if (layout_.attitudes) put_all(turn_of(stands));
+    };
+    if (s.on_end) put_motion(w, a, attitude);
+    dual_->for_slices(last, [&](const auto& f) {
+      if (layout_.attitudes) attitude = Sp::times(dual_->state[s.end - 1].attitude, f.slice.frame.R);
+      put_motion(f.w, f.a, attitude);
+    });
     for (int i = s.end; i-- > s.first;) {
       dual_->force_node(i, x, F, tau);
       if (layout_.node[i].parent >= 0) F = dual_->to_parent(i, F);
@@ -336,8 +359,8 @@ class Slopes {
 
   // --- The chain rule. ---
 
-  const double* force_rows(const Segment& s) const { return s.matrix + motion_ * s.stride(); }
-  /// Columns by the force on its end.
+  const double* force_rows(const Segment& s) const { return s.matrix + s.seats * motion_ * s.stride(); }
+  /// Columns by the forces on its seats.
   static int by_force(const Segment& s, int motion) { return s.own + (s.parent >= 0 ? motion : 0); }
 
   /// Of segment k and all that it carries, by the motion where it begins.
@@ -346,24 +369,23 @@ class Slopes {
     const double* rows = force_rows(s);
     for (int column = 0; column < s.inputs; column += D) {
       double* out = s.response + column;
-      if (s.leaf) {
+      if (s.seats == 0) {
         add_product(rows + s.own + column, s.stride(), rows, 0, rows, 0, kForce + s.rates, 0, out, s.inputs);
         continue;
       }
-      alignas(64) double force[kForce * D];
-      carry(k, s.matrix + s.own + column, s.stride(), force);
-      add_product(rows + s.own + column, s.stride(), rows + by_force(s, motion_), s.stride(), force, D,
-                  kForce + s.rates, kForce, out, s.inputs);
+      carry(k, s.matrix + s.own + column, s.stride(), carried_);
+      add_product(rows + s.own + column, s.stride(), rows + by_force(s, motion_), s.stride(), carried_, D,
+                  kForce + s.rates, s.seats * kForce, out, s.inputs);
     }
   }
 
-  /// The force on the end of segment k, by the motion x there: of all that sits on it.
-  void carry(int k, const double* x, int stride, double* force) const {
-    const double* sum = nullptr;
+  /// The forces on the seats of segment k, by the motion x there: of all that sits on it.
+  void carry(int k, const double* x, int stride, double* forces) const {
+    for (int i = 0; i < segment_[k].seats * kForce * D; ++i) forces[i] = 0.0;
     for (int i = segment_[k].child; i >= 0; i = segment_[i].sibling) {
       const Segment& s = segment_[i];
-      add_product(sum, D, s.response, s.inputs, x, stride, kForce, motion_, force, D);
-      sum = force;
+      double* force = forces + s.seat * kForce * D;
+      add_product(force, D, s.response, s.inputs, x + s.seat * motion_ * stride, stride, kForce, motion_, force, D);
     }
   }
 
@@ -376,29 +398,24 @@ class Slopes {
       const Segment& s = segment_[i];
       behind_[i] = s.parent == k || (s.parent > k && behind_[s.parent]);
       if (!behind_[i]) continue;
-      const double* x = s.parent == k ? own.matrix + first : moved_ + s.parent * kMostMotion * D;
       const int stride = s.parent == k ? own.stride() : D;
+      const double* x = (s.parent == k ? own.matrix + first : segment_[s.parent].moved) + s.seat * motion_ * stride;
       put_rates(s, nullptr, 0, s.response + kForce * s.inputs, s.inputs, x, stride, motion_, out);
-      if (!s.leaf)
-        add_product(nullptr, 0, s.matrix + s.own, s.stride(), x, stride, motion_, motion_, moved_ + i * kMostMotion * D,
-                    D);
+      add_product(nullptr, 0, s.matrix + s.own, s.stride(), x, stride, s.seats * motion_, motion_, s.moved, D);
     }
-    const double* carried = nullptr;  // the change of the force on its end
-    if (!own.leaf) {
-      carry(k, own.matrix + first, own.stride(), F[1]);
-      carried = F[1];
-    }
+    carry(k, own.matrix + first, own.stride(), carried_);  // the change of the forces on its seats
     const double* rows = force_rows(own);
     const int force = by_force(own, motion_);
-    const int n = carried ? kForce : 0;
+    const int n = own.seats * kForce;
     put_rates(own, rows + kForce * own.stride() + first, own.stride(), rows + kForce * own.stride() + force,
-              own.stride(), carried, D, n, out);
-    add_product(rows + first, own.stride(), rows + force, own.stride(), carried, D, kForce, n, F[0], D);
-    for (int i = own.parent, turn = 0; i >= 0; i = segment_[i].parent, turn = 1 - turn) {
+              own.stride(), carried_, D, n, out);
+    add_product(rows + first, own.stride(), rows + force, own.stride(), carried_, D, kForce, n, F[0], D);
+    for (int i = own.parent, seat = own.seat, turn = 0; i >= 0; seat = segment_[i].seat, i = segment_[i].parent) {
       const Segment& s = segment_[i];
-      const double* G = force_rows(s) + by_force(s, motion_);
+      const double* G = force_rows(s) + by_force(s, motion_) + seat * kForce;
       put_rates(s, nullptr, 0, G + kForce * s.stride(), s.stride(), F[turn], D, kForce, out);
       add_product(nullptr, 0, G, s.stride(), F[turn], D, kForce, kForce, F[1 - turn], D);
+      turn = 1 - turn;
     }
   }
   /// The rows of a segment's rates, which are consecutive within each node.
@@ -499,8 +516,10 @@ class Slopes {
   int segments_ = 0;
   double* columns_;  ///< D columns of all rates
   Pack* solved_;
-  double* moved_;  ///< of each segment that carries others: the motion of its end, D columns
-  bool* behind_;   ///< of each segment: whether the one at hand carries it
+  int most_seats_ = 0;  ///< of a segment
+  LaneDual* forces_;    ///< on the seats of the one at hand
+  double* carried_;     ///< their change, D columns
+  bool* behind_;        ///< of each segment: whether the one at hand carries it
   typename One::Lin base_{};
 };
 

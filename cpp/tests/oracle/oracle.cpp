@@ -56,7 +56,9 @@ std::vector<Oracle::Moved> Oracle::move(const VectorXd& q, const VectorXd& v) co
     } else {
       const auto parent = static_cast<std::size_t>(arm_->parent(n));
       const Moved& below = out[parent];
-      const Section seat = below.link.end().at(motion.p);
+      const std::optional<double>& at = arm_->at(n);
+      const Section end = at ? below.link.at(arm_->link(parent).slice_at(*at)) : below.link.end();
+      const Section seat = end.at(motion.p);
       const Matrix3d R = seat.R * motion.R;
       m.pose = {below.pose.p + below.pose.R * seat.x, below.pose.R * R};
       // the seat in link axes, then its Jacobian by all rates: Phi J + Phi_e of the elastic rates below

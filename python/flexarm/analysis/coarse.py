@@ -72,9 +72,10 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
 
 
 def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
-    """Inertia (6, 6), in the axes of a beam's end, of all that sits on it when it stands straight and stiff; joints
+    """Inertia (6, 6), in the axes of a beam's end, of all that sits there when it stands straight and stiff; joints
     that nothing holds give way."""
-    at = {j: n for n, j in enumerate([k, *arm.carried(k)])}
+    on_end = {j for i in _on_end(arm, k) for j in (i, *arm.carried(i))}
+    at = {j: n for n, j in enumerate([k, *sorted(on_end)])}
     mass = sum(arm.links[j].mass for j in at)
     own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
@@ -95,6 +96,11 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     if free:
         A -= M[:6, free] @ np.linalg.pinv(M[np.ix_(free, free)]) @ M[free, :6]
     return A
+
+
+def _on_end(arm: Chain, k: int) -> list[int]:
+    """The links that sit on the end of link k."""
+    return [j for j in arm.children(k) if arm.seats[j][1] is None]
 
 
 def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float]]:
@@ -188,7 +194,7 @@ def _all_stiffened(arm: Chain, held: frozenset[int], pulls: dict[int, tuple[floa
     """Of an arm's beams, but for those with patches and those that are curved."""
     for k, beam, _, at in arm.beams():
         tip = arm.links[k].tip
-        carries = k in arm.parents or bool(tip is not None and tip.mass)
+        carries = bool(_on_end(arm, k)) or bool(tip is not None and tip.mass)
         if beam.mass and not (beam.patches or beam.curvature) and (carries or k in pulls):
             A = _carried(arm, k, beam, held) if carries else np.zeros((6, 6))
             yield from _stiffened(k, beam, at, A, pulls.get(k, (0.0, 0.0)))

@@ -81,7 +81,10 @@ def describe(arm: Chain) -> str:
     """See Arm.describe."""
     rows: list[Sequence[str]] = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
     if not arm.is_chain:
-        sits = ["on", *("world" if k < 0 else arm.names[k].removeprefix("link ") for k in arm.parents)]
+        sits = ["on"]
+        for k, x in arm.seats:
+            on = "world" if k < 0 else arm.names[k].removeprefix("link ")
+            sits.append(on if x is None else f"{on} at {x:g} m")
         rows = [(row[0], on, *row[1:]) for row, on in zip(rows, sits, strict=True)]
     mass = sum(link.mass for link in arm.links)
     gravity = ", ".join(f"{g:.4g}" for g in arm.gravity)

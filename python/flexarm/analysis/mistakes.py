@@ -82,9 +82,9 @@ def _wholes(arm: Chain) -> list[float]:
     where two go on from one, of the longer one."""
     own = [link.beam.length if link.beam is not None else 0.0 for link in arm.links]
     goes_on = []
-    for link, parent in zip(arm.links, arm.parents, strict=True):
+    for link, (parent, x) in zip(arm.links, arm.seats, strict=True):
         below = arm.links[parent] if parent >= 0 else link
-        joined = parent >= 0 and link.joint == Fixed() and not (below.tip or link.hub)
+        joined = parent >= 0 and x is None and link.joint == Fixed() and not (below.tip or link.hub)
         goes_on.append(joined and bool(link.beam and below.beam))
     back, on = list(own), list(own)
     for k, parent in enumerate(arm.parents):

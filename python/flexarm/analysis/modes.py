@@ -67,16 +67,18 @@ class Modes:
         at_least("count", count, 1)
         shapes = sample(self.arm, self, 41)
         first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
-        path = np.insert(shapes.position, first, self._joints(), axis=0)  # each joint ahead of its link
+        seats, joints = self._seats()
+        path = np.insert(shapes.position, first, joints, axis=0)  # each joint ahead of its link
         at = first + np.arange(len(first))
         steps = np.diff(path, axis=0, prepend=np.zeros((1, 3)))
-        last = np.append(at[1:], len(path)) - 1  # each link's end
-        for k, parent in enumerate(self.arm.parents):
-            steps[at[k]] = path[at[k]] - (path[last[parent]] if parent >= 0 else 0.0)
+        steps[at] = path[at] - seats
         s = np.linalg.norm(steps, axis=1).cumsum()
-        for k, parent in enumerate(self.arm.parents):
-            if parent != k - 1:  # a branch begins where its parent ends
-                s[at[k] :] += (s[last[parent]] if parent >= 0 else 0.0) - s[at[k] - 1]
+        for k, (parent, x) in enumerate(self.arm.seats):
+            if (parent, x) != (k - 1, None):  # a branch begins where it sits
+                near = _point(shapes, parent, x) if parent >= 0 else -1
+                s[at[k] :] -= s[at[k] - 1]
+                if parent >= 0:
+                    s[at[k] :] += s[near + parent + 1] + (0.0 if x is None else x - shapes.x[near])
         turned = np.abs(shapes.displacement).max(axis=(0, 1), initial=0.0)
         noise = 1e-9 * max(length(self.arm), float(turned.max(initial=0.0)))
         shown = np.flatnonzero((self.frequencies > 0) & (turned > noise))[:count]
@@ -87,34 +89,36 @@ class Modes:
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
-        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in self.arm.movable]
-        return plot_modes(np.delete(s, at), moved, labels, joints, self._branches(shapes.link))
+        names = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in self.arm.movable]
+        return plot_modes(np.delete(s, at), moved, labels, names, self._branches(shapes))
 
-    def _branches(self, link: NDArray[np.int_]) -> dict[str, list[int]]:
-        """The points along each line that is drawn, from the point where it leaves another one; `link`: of the points.
-        By the name of the link at its end."""
+    def _branches(self, shapes: ModeShapes) -> dict[str, list[int]]:
+        """The points along each line that is drawn, from the point where it leaves another one. By the name of the link
+        at its end."""
         out: dict[str, list[int]] = {}
         drawn = set[int]()
         for end in self.arm.ends:
-            path = self.arm.path(end)
-            new = [k for k in path if k not in drawn]
+            new = [end]
+            parent, x = self.arm.seats[end]
+            while parent >= 0 and x is None and parent not in drawn:
+                new.insert(0, parent)
+                parent, x = self.arm.seats[parent]
             drawn.update(new)
-            parent = self.arm.parents[new[0]]
             out[self.arm.names[end]] = [
-                *([int(np.flatnonzero(link == parent)[-1])] if parent >= 0 else []),
-                *(i for k in new for i in np.flatnonzero(link == k).tolist()),
+                *([_point(shapes, parent, x)] if parent >= 0 else []),
+                *(i for k in new for i in np.flatnonzero(shapes.link == k).tolist()),
             ]
         return out
 
-    def _joints(self) -> Array:
-        """Where the joints sit on their parents, (number of links, 3)."""
-        out, ends = [], list[tuple[Array, Array]]()
-        for k, (link, parent) in enumerate(zip(self.arm.links, self.arm.parents, strict=True)):
-            p, R = (np.zeros(3), np.eye(3)) if parent < 0 else ends[parent]
+    def _seats(self) -> tuple[Array, Array]:
+        """Where links sit on their parents, and where their joints are, (number of links, 3)."""
+        seats, joints = [], []
+        for link, (parent, x) in zip(self.arm.links, self.arm.seats, strict=True):
+            p, R = (np.zeros(3), np.eye(3)) if parent < 0 else self.arm.frame(self.q, parent, x)
             place = link.joint.inboard
-            out.append(p if place is None else p + R @ place._core[0])
-            ends.append(self.arm.frame(self.q, k))
-        return np.array(out)
+            seats.append(p)
+            joints.append(p if place is None else p + R @ place._core[0])
+        return np.array(seats), np.array(joints)
 
     def animate(self, mode: int = 0, amplitude: float | None = None) -> View:
         """A mode in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;
@@ -164,6 +168,12 @@ def _places(arm: Chain, points: int) -> list[tuple[int, float | None]]:
     """Links and places along their beams, evenly spaced (m), with the end of each link, None."""
     along = [np.linspace(0.0, x.beam.length, points).tolist() if x.beam else [] for x in arm.links]
     return [(k, x) for k, places in enumerate(along) for x in (*places, None)]
+
+
+def _point(shapes: ModeShapes, link: int, x: float | None) -> int:
+    """The sampled point of a link that is nearest to a place on its beam; None: its end."""
+    own = np.flatnonzero(shapes.link == link)
+    return int(own[-1] if x is None else own[np.nanargmin(np.abs(shapes.x[own] - x))])
 
 
 def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:

@@ -65,6 +65,11 @@ def _corners(taper: Taper) -> list[float]:
     return [x for x, cut in zip(taper.x[1:-1], sharp, strict=True) if cut]
 
 
+def _piece_at(starts: Sequence[float], x: float) -> int:
+    """The number of the piece that has a place on a beam, of pieces that begin there."""
+    return max(0, int(np.searchsorted(starts, x)) - 1)
+
+
 @dataclass(eq=False)
 class Pieces:
     """The links of an arm cut into pieces, with the map from each link to its pieces.
@@ -85,12 +90,16 @@ class Pieces:
         """The arm with its beams cut at these places (m), by link. Each piece has a few more shape functions than its
         beam has over that length."""
         links: list[Link] = []
-        first, starts, last = [], [], {-1: -1}  # last: piece of each link
+        first, starts, last = list[int](), list[list[float]](), {-1: -1}  # last: piece of each link
         for k, link in enumerate(whole.links):
             first.append(len(links))
             starts.append([0.0, *places.get(k, ())])
-            if link.parent is not None and whole.parents[k] >= 0:
-                link = replace(link, parent=last[whole.parents[k]])
+            parent, x = whole.seats[k]
+            if x is not None:
+                n = _piece_at(starts[parent], x)
+                link = replace(link, parent=first[parent] + n, at=x - starts[parent][n])
+            elif link.parent is not None and parent >= 0:
+                link = replace(link, parent=last[parent])
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
             last[k] = len(links) - 1
         return cls(whole, Arm(links, whole.gravity), first, starts)
@@ -111,7 +120,7 @@ class Pieces:
         k = self.whole._link(link)
         if x is None:
             return self._pieces(k)[-1], None
-        n = max(0, int(np.searchsorted(self.starts[k], x)) - 1)
+        n = _piece_at(self.starts[k], x)
         return self.first[k] + n, x - self.starts[k][n]
 
     def patches(self, link: Any, patch: int) -> list[tuple[str, int, int]]:

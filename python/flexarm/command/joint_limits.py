@@ -26,7 +26,7 @@ def freedoms(arm: Arm) -> dict[Any, int]:
 
 def same_joints(x: Arm, y: Arm) -> bool:
     """Whether links sit on the same ones, by joints of the same freedoms."""
-    kinds = [[(n, link.joint.labels) for n, link in zip(arm.parents, arm.links, strict=True)] for arm in (x, y)]
+    kinds = [[(n, link.joint.labels) for n, link in zip(arm.seats, arm.links, strict=True)] for arm in (x, y)]
     return kinds[0] == kinds[1]
 
 

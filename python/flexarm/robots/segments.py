@@ -11,7 +11,7 @@ from .._check import Array, whole
 from ..analysis.modes import modes, small_motions
 from ..model.parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..model.parts.chain import Chain
-from ..model.parts.joints import Axes, Fixed
+from ..model.parts.joints import Axes, Fixed, Placement
 from ..model.parts.link import Link
 from ..model.parts.split import piece
 from .chain import seated
@@ -31,6 +31,7 @@ class Segmented:
         arm: its links; the links of a beam's segments follow the link itself.
         of: for each of its links, the link of the first arm that it belongs to.
         frequencies, wanted: the lowest (rad/s) of this arm and of the first, all joints locked, without gravity.
+        ends: its links that carry no other on their end, where a beam's last segment is.
         left_out: features of the first arm that this one does not have.
     """
 
@@ -38,6 +39,7 @@ class Segmented:
     of: tuple[int, ...]
     frequencies: Array
     wanted: Array
+    ends: tuple[int, ...]
     left_out: tuple[str, ...] = ()
 
     @property
@@ -49,8 +51,8 @@ class Segmented:
     @property
     def tips(self) -> dict[int, str]:
         """A name for the end of each of its links that carries no other: "tip", or, of several, "NAME tip"."""
-        ends = self.arm.ends
-        return {i: f"{self.names[self.of.index(self.of[i])]} tip" if len(ends) > 1 else "tip" for i in ends}
+        several = len(self.ends) > 1
+        return {i: f"{self.names[self.of.index(self.of[i])]} tip" if several else "tip" for i in self.ends}
 
     @property
     def hinges(self) -> frozenset[int]:
@@ -95,7 +97,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     if fit and len(wanted):
         links = _fitted(arm._alike(links), of, wanted)
     near = arm._alike(links, arm.gravity)
-    return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
+    ends = tuple(len(of) - 1 - of[::-1].index(k) for k in arm.ends)
+    return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, ends, tuple(left_out))
 
 
 def _left_out(name: str, beam: Beam) -> list[str]:
@@ -166,22 +169,44 @@ def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...], list[str]]:
     links: list[Link] = []
     of: list[int] = []
     parents: list[int] = []
-    last = {-1: -1}  # of each link, its last piece
+    first, last = list[int](), {-1: -1}  # pieces of each link
     raised: list[str] = []
     for k, link in enumerate(arm.links):
         corrected: list[bool] = []
+        parent, x = arm.seats[k]
+        sits = last[parent]
+        if x is not None:
+            along, off = _segment_at(arm.links[parent], last[parent] - first[parent], x)
+            sits, link = first[parent] + along, _moved(link, off)
         if link.beam is not None:
             parts = _cut(arm.names[k], link, link.beam, n, corrected)
         else:
             end = _end(link.hub)
             body = _rigid([mass_of(link.hub), mass_of(link.tip).placed(Pose(end))], end + _end(link.tip), corrected)
             parts = [replace(link, hub=body, tip=None) if link.tip or any(corrected) else link]
-        parents += [last[arm.parents[k]], *range(len(links), len(links) + len(parts) - 1)]
+        parents += [sits, *range(len(links), len(links) + len(parts) - 1)]
+        first.append(len(links))
         links += parts
         last[k] = len(links) - 1
         of += [k] * len(parts)
         raised += [arm.names[k]] if any(corrected) else []
     return seated(links, parents), tuple(of), raised
+
+
+def _segment_at(link: Link, n: int, x: float) -> tuple[int, Array]:
+    """The segment that has the place x on a beam of n hinges, and where that is from the segment's end, in its axes."""
+    assert link.beam is not None
+    step = link.beam.length / max(n, 1)
+    k = min(int(x / step + 0.5), n) if n else 0
+    end = link.beam.length if k == n else (k + 0.5) * step
+    return k, np.array([x - end, 0.0, 0.0]) - (_end(link.tip) if k == n else 0.0)
+
+
+def _moved(link: Link, off: Array) -> Link:
+    """The link with its joint moved on what it sits on, whose end that is."""
+    inboard = link.joint.inboard or Placement()
+    place = replace(inboard, position=(np.array(inboard.position) + off).tolist())
+    return replace(link, joint=replace(link.joint, inboard=place), at=None)
 
 
 def mass_of(body: RigidBody | None) -> Mass:

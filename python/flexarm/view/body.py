@@ -241,7 +241,8 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             reach = float(np.linalg.norm(outline(link.beam.section.at(0.0)), axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
         axes, solids = len(body.axes), len(body.solids)
-        base = ends[arm.parents[k]]
+        parent, x = arm.seats[k]
+        base = ends[parent] if x is None else (body.node(parent, x), zero)
         _joint(body, arm.joint_names[k], link.joint, base, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:

@@ -1,6 +1,7 @@
 // An arm: an immutable tree of links, which is a chain unless parents are given.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,20 +39,30 @@ class Arm {
   static constexpr int kWorld = -1;
 
   /// @param gravity world axes (m/s^2); a joint on the world sits at its origin, in its axes
-  /// @param parents of each link, the link at whose end its joint sits: one before it, or kWorld. Empty: a chain
-  /// @param struts struts and tendons between points of the links and of the world
+  /// What a joint sits on: a link, at its end or on the slice at so many metres along its beam; or the world.
+  struct Seat {
+    int link;
+    std::optional<double> at;
+    Seat(int number = kWorld, std::optional<double> x = {}) : link(number), at(x) {}
+    bool operator==(const Seat& other) const { return link == other.link && at == other.at; }
+  };
+
+  /// @param seats  of each link, that of its joint: on a link before it, or kWorld. Empty: a chain
+  /// @param struts  struts and tendons between points of the links and of the world
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
   explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
-               std::vector<int> parents = {}, std::vector<Strut> struts = {});
+               std::vector<Seat> seats = {}, std::vector<Strut> struts = {});
 
   const std::vector<Link>& links() const { return links_; }
   std::size_t size() const { return links_.size(); }
   const Link& link(std::size_t n) const { return links_[n]; }
-  /// The link on whose end link n sits, or kWorld.
-  int parent(std::size_t n) const { return parents_[n]; }
-  const std::vector<int>& parents() const { return parents_; }
+  /// The link on which link n sits, or kWorld.
+  int parent(std::size_t n) const { return seats_[n].link; }
+  /// Where along the beam there (m); none: on the end.
+  const std::optional<double>& at(std::size_t n) const { return seats_[n].at; }
+  const std::vector<Seat>& seats() const { return seats_; }
   const std::vector<Strut>& struts() const { return struts_; }
-  /// Whether every link sits on the one before it.
+  /// Whether every link sits on the end of the one before it.
   bool is_chain() const;
   const Eigen::Vector3d& gravity() const { return gravity_; }
   int nq() const { return nq_; }  ///< nv, and one more for each ball
@@ -82,13 +93,15 @@ class Arm {
 
  private:
   void check(const Strut& strut, const std::string& name) const;
+  void check_seat(std::size_t n) const;
   /// Every coordinate must move some inertia, or no force law gives its acceleration.
   void check_inertia() const;  // inertia_check.cpp
 
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
-  std::vector<int> parents_, first_, first_q_, coordinate_of_;
+  std::vector<Seat> seats_;
   std::vector<Strut> struts_;
+  std::vector<int> first_, first_q_, coordinate_of_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;

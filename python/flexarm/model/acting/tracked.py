@@ -88,10 +88,11 @@ def projection(arm: Chain, model: Chain) -> tuple[Array, Array]:
     squares."""
     if arm.links == model.links:
         return np.eye(arm.nq), np.eye(arm.nv)
-    for k, (sits, known_on) in enumerate(zip(arm.parents, model.parents, strict=False)):
+    for k, (sits, known_on) in enumerate(zip(arm.seats, model.seats, strict=False)):
         if sits != known_on:
-            names = ["the world" if n < 0 else f"link {n}" for n in (known_on, sits)]
-            raise ValueError(f"model: link {k} sits on {names[0]}, that of the arm on {names[1]}")
+            on = [f"link {n}" if x is None else f"link {n} at {x:g} m" for n, x in (known_on, sits)]
+            on = ["the world" if name == "link -1" else name for name in on]
+            raise ValueError(f"model: link {k} sits on {on[0]}, that of the arm on {on[1]}")
     out, place = np.zeros((model.nv, arm.nv)), np.zeros((model.nq, arm.nq))
     for k in range(max(len(arm.links), len(model.links))):
         plant, known = (c.links[k] if k < len(c.links) else None for c in (arm, model))

@@ -42,8 +42,8 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
 def _alike(x: Link, y: Link) -> bool:
     """Whether links have the same names and coordinates."""
     counts = [link.beam.counts if link.beam is not None else {} for link in (x, y)]
-    return (x.name, x.joint.name, x.joint.type, x.joint.labels, x.parent, counts[0]) == (
-        y.name, y.joint.name, y.joint.type, y.joint.labels, y.parent, counts[1]
+    return (x.name, x.joint.name, x.joint.type, x.joint.labels, x.parent, x.at, counts[0]) == (
+        y.name, y.joint.name, y.joint.type, y.joint.labels, y.parent, y.at, counts[1]
     )  # fmt: skip
 
 
@@ -73,7 +73,7 @@ class Chain:
 
     def _name(self) -> None:
         self._numbers = _numbers(self.links)
-        #: number of the link on whose end each link sits; -1: the world
+        #: number of the link on which each link sits; -1: the world
         self.parents: tuple[int, ...] = tuple(self._parent(k, link.parent) for k, link in enumerate(self.links))
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
                for k, link in enumerate(self.links)]  # fmt: skip
@@ -86,10 +86,14 @@ class Chain:
             joint or f"{self.names[k]} {self.links[k].joint.type}" for k, joint in enumerate(own)
         )
         self.coordinates: tuple[str, ...] = self._labels()
+        #: number of the link on which each link sits, -1: the world; and where along its beam (m), None: on its end
+        self.seats: tuple[tuple[int, float | None], ...] = tuple(
+            (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
+        )
 
     def _make(self) -> None:
         with self.naming():
-            self._core = _core.Arm([link._core for link in self.links], self.gravity, self.parents)
+            self._core = _core.Arm([link._core for link in self.links], self.gravity, self.seats)
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
@@ -117,6 +121,7 @@ class Chain:
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
         out.coordinates, out.parents = of.coordinates, of.parents
+        out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
         out._make()
         return out
 
@@ -206,20 +211,33 @@ class Chain:
             raise ValueError(f"{field} = {parent!r}: must be {right}")
         return n
 
+    def _at(self, k: int, parent: int, at: float | None) -> float | None:
+        """The place along its parent's beam of link k, which sits on link `parent`."""
+        if at is None:
+            return None
+        field, beam = f"links[{k}]: at = {at:g}", self.links[parent].beam if parent >= 0 else None
+        if beam is None:
+            on = f"parent '{self.names[parent]}' has no beam" if parent >= 0 else "world has no beam"
+            raise ValueError(f"{field}: its {on}; the inboard placement of its joint tells where it sits there")
+        if not 0 < at <= beam.length:
+            right = f"above 0 and up to its length, {beam.length:g} m"
+            raise ValueError(f"{field}: must be on the beam of its parent '{self.names[parent]}', {right}")
+        return at
+
     @property
     def is_chain(self) -> bool:
-        """Whether every link sits on the one before it."""
-        return self.parents == tuple(range(-1, len(self.links) - 1))
+        """Whether every link sits on the end of the one before it."""
+        return self.seats == tuple((k, None) for k in range(-1, len(self.links) - 1))
 
     def children(self, link: int | str = -1) -> list[int]:
-        """The links that sit on a link's end."""
+        """The links that sit on a link: on its end, or on slices of its beam."""
         n = self._link(link)
         return [k for k, parent in enumerate(self.parents) if parent == n]
 
     @property
     def ends(self) -> list[int]:
-        """The links that carry no other one: the last one of a chain."""
-        return [k for k in range(len(self.links)) if k not in self.parents]
+        """The links that carry no other one on their end: the last one of a chain."""
+        return [k for k in range(len(self.links)) if (k, None) not in self.seats]
 
     def path(self, link: int | str = -1) -> list[int]:
         """The links from the world to this one."""
@@ -229,7 +247,7 @@ class Chain:
         return out[::-1]
 
     def carried(self, link: int | str = -1) -> list[int]:
-        """The links that sit on a link's end, those on them, and so on, in the order of the list."""
+        """The links that sit on a link, those on them, and so on, in the order of the list."""
         out, n = [], self._link(link)
         seen = {n}
         for k in range(n + 1, len(self.links)):

@@ -19,8 +19,8 @@ from .part import Part, read_name
 class Link(Part):
     """A joint and up to three bodies: a rigid hub, an elastic beam, a rigid tip. (Sec. 4.2)
 
-    The joint sits at the end of its parent, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
-    last section (or at `hub.end`), in its axes; what it carries sits at `tip.end`.
+    The joint sits at the end of its parent, or on a slice of its beam, in its axes. The beam starts at `hub.end`; the
+    tip sits on the beam's last section (or at `hub.end`), in its axes; what it carries sits at `tip.end`.
 
     Args:
         joint: connects the link to its parent.
@@ -33,6 +33,8 @@ class Link(Part):
             drawn as the box of the same inertia.
         parent: the link on whose end the joint sits: the name or the number of one before it in the list, or "world";
             None: the link before it, or the world for the first one. A link that several others name carries branches.
+        at: where along the parent's beam the joint sits (m from the beam's start, above 0 and up to its length): on the
+            slice there, with which it moves and turns. None: on the parent's end, which is that of its tip.
     """
 
     joint: Joint
@@ -42,6 +44,7 @@ class Link(Part):
     name: str | None = None
     looks: Sequence[Look] = ()
     parent: str | int | None = None
+    at: float | None = None
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def _made(self) -> Any:
