@@ -67,9 +67,18 @@ Scene whole() {
   links.emplace_back(Joint::revolute(y), body(0.1, {0, 0, 0}),
                      Beam(0.3, Section::rectangle(0.004, 0.01), flexarm_test::steel(), loaded, {patch}), std::nullopt);
   const Strut spring{{{-1, Strut::Point::end, 0.0, {0.2, 0.1, 0.5}}, {1, Strut::Point::end, 0.0, {0.0, 0.01, 0.0}}},
-                     5.0, 0.2, 0.4, 0.1, false};
-  const Strut rope{{{0, Strut::Point::slice, 0.07}, {0, Strut::Point::end}, {2, Strut::Point::origin, 0.0, {0, 0, 0.1}}},
-                   3.0, 0.1, 0.2, -0.3, true};
+                     5.0,
+                     0.2,
+                     0.4,
+                     0.1,
+                     false};
+  const Strut rope{
+      {{0, Strut::Point::slice, 0.07}, {0, Strut::Point::end}, {2, Strut::Point::origin, 0.0, {0, 0, 0.1}}},
+      3.0,
+      0.1,
+      0.2,
+      -0.3,
+      true};
   const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, 0}, {spring, rope});
   Scene out{Problem(arm)};
   Problem& p = out.problem;

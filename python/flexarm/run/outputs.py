@@ -15,7 +15,8 @@ from ..data.compare import Comparison, compared
 from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
-from ..model.acting.load import Load
+from ..model.acting.drive import Torque
+from ..model.acting.load import Load, Push
 from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
@@ -61,6 +62,15 @@ class Rows:
     driven: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
+
+    @property
+    def forces(self) -> tuple[Load, ...]:
+        """The loads, and as loads the driven forces of struts, linear between the rows."""
+        if self.driven is None or not len(self.t):
+            return self.loads or ()
+        t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
+        laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
+        return (*(self.loads or ()), *(Push(self.arm, *x) for x in zip(self.arm.strut_names, laws, strict=True)))
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""

@@ -19,8 +19,6 @@ from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..data.store.files import readable
-from ..model.acting.drive import Torque
-from ..model.acting.load import Load, Push
 from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
@@ -68,16 +66,10 @@ class Result(outputs.Rows):
             raise ValueError(
                 "loads = None: the file does not keep the loads of this result, so its reactions are not known"
             )
-        arm, driven = self.arm, np.zeros((len(self.t), 0)) if self.driven is None else self.driven
-        if not self.loads and not driven.any():
-            return arm.joint_reaction(self.q, self.v, self.a, link, side)
-        rows = zip(self.q, self.v, self.a, self.t, driven, strict=True)
-        names = arm.strut_names
-
-        def acting(forces: Array) -> list[Load]:
-            return [*(self.loads or ()), *(Push(arm, names[k], Torque(forces[k])) for k in np.flatnonzero(forces))]
-
-        return np.array([arm.joint_reaction(q, v, a, link, side, loads=acting(f), t=t) for q, v, a, t, f in rows])
+        if not self.forces:
+            return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+        rows = zip(self.q, self.v, self.a, self.t, strict=True)
+        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.forces, t=t) for q, v, a, t in rows])
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""

@@ -16,6 +16,7 @@ from .._check import Array, array, choice
 from .._threads import cores
 from ..arm.variation import Setup
 from ..model.acting.drive import Torque, Voltage, split_drives
+from ..model.acting.load import driven_forces
 from ..model.acting.motor import torque_limits
 from ..model.acting.sampled import PythonLaw
 from .integrators import Implicit, Integrator
@@ -108,6 +109,7 @@ class Sensitivities:
                     state[name] = [x + near.offset * by[k] for x, by in pairs]
                 status = self.result.status
                 changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
+                changed.driven = driven_forces(changed.arm, near.setup.drive, changed.t)
                 total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
             found.append(total)
         return np.array(found)

@@ -14,7 +14,6 @@ from ..._check import Array, named
 from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...data.store.files import Refused, readable, sealed, write_whole
-from ...model.acting.drive import split_drives
 from ...model.acting.load import driven_forces
 from ...run.result import Result
 from ...run.simulation import source
@@ -33,7 +32,7 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
         k: np.full((n, size), np.nan) if held.get(k) is None else np.array(held[k][i, :n]) for k, size in sizes.items()
     }
     arm, loads = setup.arm, setup.loads if keeps_loads else None
-    driven = driven_forces(arm, split_drives(arm, setup.drive)[2], t[:n])
+    driven = driven_forces(arm, setup.drive, t[:n])
     if arm.struts and not keeps_loads:
         driven = np.full((n, len(arm.struts)), np.nan)
     result = Result(arm, t[:n], **arrays, loads=loads, driven=driven)

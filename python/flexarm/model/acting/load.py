@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -135,13 +135,14 @@ def pushes(arm: Chain, drive: Any) -> list[Push]:
     return [Push(arm, name, law) for name, law in split_drives(arm, drive)[2].items()]
 
 
-def driven_forces(arm: Chain, drives: Mapping[str, Any], t: ArrayLike) -> Array | None:
-    """What drives of struts, by name, add to the force of a Strut or the tension of a Tendon (N) at times t (nt,):
-    (nt, n); None without any."""
-    if not drives:
+def driven_forces(arm: Chain, drive: Any, t: Array) -> Array | None:
+    """What the drives of a run add to the force of each Strut and the tension of each Tendon (N) at times t (nt,):
+    (nt, n); None where none is driven."""
+    struts = split_drives(arm, drive)[2]
+    if not struts:
         return None
-    out = np.zeros((np.size(t), len(arm.struts)))
-    for name, law in drives.items():
+    out = np.zeros((len(t), len(arm.struts)))
+    for name, law in struts.items():
         out[:, arm._strut(name)] = law(t)
     return out
 

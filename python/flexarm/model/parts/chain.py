@@ -21,6 +21,7 @@ from .part import as_table
 from .strut import WORLD, Point, Strut, Tendon
 
 _Kind = TypeVar("_Kind", bound="Chain")
+_LEAST = 1e-9  # m: a strut that is shorter has no direction
 _Fastened = tuple[int, str, float, Array]  # link, "origin", "end" or "slice", its place (m), offset (m)
 
 
@@ -119,9 +120,9 @@ class Chain:
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
         if any(s.length is None for s in self.struts):
-            at_zero = self._core.strut_motion(self._core.zero, np.zeros(self._core.nv))[:, 0].tolist()
+            at_zero = self._core.strut_motion(self._core.zero, np.zeros(self._core.nv))[0][:, 0].tolist()
             for k, s in enumerate(self.struts):
-                if s.length is None and not at_zero[k] > 0.0:
+                if s.length is None and not at_zero[k] > _LEAST:
                     raise ValueError(f"struts[{k}]: length = None: is zero at q = zero; give the spring's length (m)")
             lengths = zip(self.struts, at_zero, strict=True)
             self.rest_lengths = tuple(x if s.length is None else s.length for s, x in lengths)
@@ -658,14 +659,14 @@ class Chain:
         `struts`. The force is that with which it pushes its points apart, spring, damper and constant part: of a
         tendon, its tension is the negative. v is zero if None."""
         q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
-        found = finite("strut motion", self._core.strut_motion(q, v))
+        found = finite("strut motion", self._core.strut_motion(q, v)[0])
         return found[..., 0], found[..., 1], found[..., 2]
 
     def strut_jacobian(self, q: ArrayLike) -> Array:
         """Jacobian (..., n, nv) of the lengths of struts and tendons: dl/dt = J v. A force f with which they push has
         the generalised forces J^T f."""
         (q,) = self._batch(q=q)
-        return finite("strut Jacobian", self._core.strut_jacobian(q))
+        return finite("strut Jacobian", self._core.strut_motion(q, np.zeros((*q.shape[:-1], self.nv)))[1])
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 
