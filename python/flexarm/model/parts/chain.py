@@ -136,8 +136,8 @@ class Chain:
         ]  #: (link, patch) of each column of patch_matrix
 
     def _core_arm(self) -> _core.Arm:
-        struts = [_core.Strut(points, s.stiffness, s.damping, length, s.force, s.tension_only)
-                  for s, points, length in zip(self.struts, self._fastened, self.rest_lengths, strict=True)]  # fmt: skip
+        made = zip(self.struts, self._fastened, self.rest_lengths, strict=True)
+        struts = [_core.Strut(points, s.stiffness, s.damping, x, s.force, s.tension_only) for s, points, x in made]
         with self.naming():
             return _core.Arm([link._core for link in self.links], self.gravity, self.parents, struts)
 

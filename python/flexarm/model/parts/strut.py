@@ -65,7 +65,7 @@ class Point(Part):
 
 @dataclass(frozen=True)
 class Strut(Part):
-    """A straight line between two points with a force along it, without mass: a cylinder, a spring, a strut.
+    """A massless line between two points with a force along it: a cylinder, a spring, a strut.
 
     It pushes its points apart with force - stiffness (l - length) - damping dl/dt, where l is their distance (m).
 
@@ -107,7 +107,7 @@ class Strut(Part):
 
 @dataclass(frozen=True)
 class Tendon(Part):
-    """A line that runs straight from point to point and pulls, without mass: a rope, a cable, a muscle.
+    """A massless line that runs straight from point to point and pulls: a rope, a cable, a muscle.
 
     It slides through its inner points without friction. Its length l is the sum of its pieces, and its tension is
     tension + stiffness (l - length) + damping dl/dt.
