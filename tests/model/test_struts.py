@@ -149,6 +149,29 @@ def test_forces_act_on_the_arm_by_the_jacobian() -> None:
     np.testing.assert_allclose(stored, 0.5 * stretch**2 @ [4e3, 2e3], rtol=1e-9)
 
 
+def test_a_base_bears_what_struts_do_not() -> None:
+    """In balance: what the hinge passes on, the struts' forces from the world, and the weight."""
+    arm = crane(LIFT, ROPE)
+    q, zero = arm.equilibrium(), np.zeros(arm.nv)
+    pushes = []
+    for place, x, force in zip(([0.3, -0.4, 0], [0, 0.5, 0]), (0.6, None), arm.strut_motion(q)[2], strict=True):
+        way = arm.frame(q, "boom", x)[0] - place
+        pushes.append(force * way / np.linalg.norm(way))
+    weight = sum(link.mass for link in arm.links) * np.array(arm.gravity)
+    hinge = arm.joint_reaction(q, zero, zero, "boom", "inboard")[:3]
+    np.testing.assert_allclose(hinge + sum(pushes) + weight, 0.0, atol=1e-9)
+
+
+def test_a_tendon_led_along_a_beam_bends_it_as_a_moment_does() -> None:
+    rod = fa.Beam(0.5, fa.Circle(0.004), STEEL, {"bending_y": 4}, "legendre", "exact")
+    eyes = [fa.Point(0, x, (0, 0.02, 0)) for x in np.linspace(0.025, 0.5, 20)]
+    rope = fa.Tendon([fa.Point(0, "origin", (0, 0.02, 0)), *eyes], stiffness=0.0, tension=500.0)
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=rod)], struts=[rope])
+    R = arm.frame(arm.equilibrium())[1]
+    turn = 500.0 * 0.02 * 0.5 / (209e9 * np.pi * 0.004**4 / 4)
+    assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(turn, rel=1e-3)
+
+
 def test_a_length_that_is_left_out_follows_the_arm() -> None:
     """It is that at zero, of each scenario's own numbers."""
     arm = crane(LIFT)

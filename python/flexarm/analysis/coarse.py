@@ -60,7 +60,7 @@ _MOVES = {
 
 
 def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int]:
-    """The rates of joints that something drives or holds. Others pass no force on."""
+    """The rates of joints that something drives or holds, struts too. Others pass no force on."""
     if control:
         return frozenset(range(arm.nv))
     held = set(arm.by_rate("drive", split_drives(arm, drive)[0]))
@@ -68,6 +68,8 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
     for k in arm.movable:
         if np.any(arm.links[k].joint.stiffness) or np.any(arm.links[k].joint.coulomb):
             held |= set(arm.joint_rates(k))
+    if arm.struts:
+        held |= set(np.flatnonzero(arm.strut_jacobian(arm.zero).any(axis=0)).tolist())
     return frozenset(held)
 
 
