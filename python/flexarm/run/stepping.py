@@ -118,7 +118,8 @@ class Simulation:
 
     def _row(self) -> Result:
         rows = {name: getattr(self, name)[None] for name in ("q", "v", "a", "tau", "friction")}
-        return Result(self.arm, np.array([self.t]), **rows)
+        unknown = np.full((1, len(self.arm.struts)), np.nan) if self._problem.strut_drives else None
+        return Result(self.arm, np.array([self.t]), **rows, driven=unknown)  # they may have been set since
 
     def set_tau(self, tau: ArrayLike) -> None:
         """Constant generalised forces (N, N m), (nv,), from now on, to which those of drives are added."""

@@ -74,8 +74,8 @@ class Strut(Part):
         stiffness: N/m. damping: N s/m.
         length: at which the spring has no force (m); None: its length where all coordinates of the arm are zero.
         force: constant, with which it pushes (N); negative: it pulls. `simulate(drive={name: Torque(...)})` adds to it.
-        name: such as "lift"; it may be used instead of the strut's number. No dots, no number; different from the names
-            of the arm's links and joints.
+        name: such as "lift", in place of "strut 0" and so on, by its number in the arm. No dots, no number; different
+            from the names of the arm's links and joints.
     """
 
     a: Point | str | int | Sequence[Any]
@@ -120,8 +120,8 @@ class Tendon(Part):
         tension: constant (N). `simulate(drive={name: Torque(...)})` adds to it.
         tension_only: a rope: spring and damper have no force where it is shorter than `length`, and the whole tension
             is never below zero. The damper sets in over the first millimetre beyond. False: it pushes as well.
-        name: such as "cable"; it may be used instead of the tendon's number. No dots, no number; different from the
-            names of the arm's links and joints.
+        name: such as "cable", in place of "strut 0" and so on, by its number in the arm. No dots, no number; different
+            from the names of the arm's links and joints.
     """
 
     points: Sequence[Point | str | int | Sequence[Any]]
