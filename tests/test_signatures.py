@@ -36,7 +36,7 @@ def test_the_last_link_is_the_default() -> None:
     first = {"joint_rate", "joint_rates", "patch_column"}  # which must be told
     found = [(name, p.default) for name, p in PARAMETERS if p.name == "link" and name.split(".")[-1] not in first]
     assert len(found) > 20
-    given = {"split"}
+    given = {"split", "Point"}
     results = {"ModeShapes"}  # arrays, not arguments
     assert [name for name, default in found if default != -1 and name not in given | results] == []
     whole = {"lqr", "lqg"}  # of all joints

@@ -18,8 +18,9 @@ namespace flexarm {
 namespace {
 
 constexpr const char* kFormat = "flexarm scene";
-constexpr int kVersion = 3;
+constexpr int kVersion = 4;
 constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
+constexpr const char* kPlaces[] = {"origin", "end", "slice"};             // in the order of Strut::Point::On
 
 }  // namespace
 
@@ -139,13 +140,35 @@ void fields(Node& a, std::optional<Link>& x) {
   a.make(x, [&] { return Link(*joint, hub, beam, tip); });
 }
 
+void fields(Node& a, Strut::Point& x) {
+  std::string on = kPlaces[x.on];
+  a("link", x.link);
+  a("on", on);
+  a("x", x.x);
+  a("offset", x.offset);
+  const auto* found = std::find(std::begin(kPlaces), std::end(kPlaces), on);
+  if (found == std::end(kPlaces)) a.wrong("on", on, "must be \"origin\", \"end\" or \"slice\"");
+  x.on = static_cast<Strut::Point::On>(found - std::begin(kPlaces));
+}
+
+void fields(Node& a, Strut& x) {
+  a("points", x.points);
+  a("stiffness", x.stiffness);
+  a("damping", x.damping);
+  a("length", x.length);
+  a("force", x.force);
+  a("tension_only", x.tension_only);
+}
+
 void fields(Node& a, std::optional<Arm>& x) {
   Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
   std::vector<int> parents;
   std::vector<std::optional<double>> at;
+  std::vector<Strut> struts;
   if (x) {
     links = x->links();
+    struts = x->struts();
     for (const Arm::Seat& seat : x->seats()) {
       parents.push_back(seat.link);
       at.push_back(seat.at);
@@ -157,10 +180,11 @@ void fields(Node& a, std::optional<Arm>& x) {
   a("at", at);
   if (at.size() != parents.size())
     a.wrong("at", std::to_string(at.size()) + " places", "must be one for each of the parents, or null");
+  a("struts", struts);
   a.make(x, [&] {
     std::vector<Arm::Seat> seats;
     for (std::size_t n = 0; n < parents.size(); ++n) seats.emplace_back(parents[n], at[n]);
-    return Arm(std::move(links), gravity, std::move(seats));
+    return Arm(std::move(links), gravity, std::move(seats), std::move(struts));
   });
 }
 
@@ -217,6 +241,7 @@ void fields(Node& a, LoadDrive& x) {
   a("link", link);
   a("world_axes", x.load.world_axes);
   a("points", x.load.points);
+  a("strut", x.load.strut);
   law_of_time<PolynomialWrench>(a, "wrench", x.wrench);
   a("breaks", x.breaks);
   x.load.link = static_cast<std::size_t>(link);
@@ -357,6 +382,8 @@ void complete(Node& a, Scene& scene) {
   };
   each("loads", p.loads, [&](LoadDrive& x) {
     if (x.load.link >= arm.size()) throw std::invalid_argument("link: there is no such link");
+    if (x.load.strut < -1 || x.load.strut >= static_cast<int>(arm.struts().size()))
+      throw std::invalid_argument("strut: there is no such strut; -1 is none");
     if (!x.wrench) throw std::invalid_argument("wrench = null: must be a list of six polynomials");
     check_size("wrench", static_cast<Eigen::Index>(x.wrench.target<PolynomialWrench>()->of.size()), 6);
     for (Load::Point& point : x.load.points) point.slice = arm.link(x.load.link).slice_at(point.slice.X);

@@ -115,7 +115,7 @@ inline flexarm::Arm tied(const flexarm::Arm& arm) {
   loose.points = {slice(last, 0.2, {0, 0, 0}), {-1, P::end, 0.0, {0.1, 0.2, 0.1}}};
   loose.length = 50.0;
   loose.force = 0.0;
-  return flexarm::Arm(arm.links(), arm.gravity(), arm.parents(), {jack, spring, rope, loose});
+  return flexarm::Arm(arm.links(), arm.gravity(), arm.seats(), {jack, spring, rope, loose});
 }
 
 /// Small reproducible numbers.

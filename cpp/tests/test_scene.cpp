@@ -66,7 +66,20 @@ Scene whole() {
                      Beam(0.3, Section::circle(0.01), flexarm_test::steel(), curved), body(0.2, {0, 0, 0.01}));
   links.emplace_back(Joint::revolute(y), body(0.1, {0, 0, 0}),
                      Beam(0.3, Section::rectangle(0.004, 0.01), flexarm_test::steel(), loaded, {patch}), std::nullopt);
-  const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, 0});
+  const Strut spring{{{-1, Strut::Point::end, 0.0, {0.2, 0.1, 0.5}}, {1, Strut::Point::end, 0.0, {0.0, 0.01, 0.0}}},
+                     5.0,
+                     0.2,
+                     0.4,
+                     0.1,
+                     false};
+  const Strut rope{
+      {{0, Strut::Point::slice, 0.07}, {0, Strut::Point::end}, {2, Strut::Point::origin, 0.0, {0, 0, 0.1}}},
+      3.0,
+      0.1,
+      0.2,
+      -0.3,
+      true};
+  const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, 0}, {spring, rope});
   Scene out{Problem(arm)};
   Problem& p = out.problem;
   const int second = arm.first(1), third = arm.first(2);
@@ -82,6 +95,7 @@ Scene whole() {
   p.loads.push_back({Load::along(arm, 0, 0.1, 0.3, true), wrench, pieces(1.0).breaks()});
   p.loads.push_back({Load::at_slice(arm, 2, 0.123, false), wrench, pieces(1.0).breaks()});
   p.loads.push_back({Load::at_end(arm, 1, true), wrench, pieces(1.0).breaks()});
+  p.loads.push_back({Load::on_strut(arm, 1), wrench, pieces(1.0).breaks()});
   p.feedback = {pd(arm, 0, 2.0, 0.1, PolynomialValue{pieces(1.0)}, 0.7), pd(arm, third, 1.0, 0.05)};
   PidGains gains{0.4, 0.9, 0.01};
   gains.tracking_time = 0.1;
@@ -180,11 +194,11 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":3", "\"version\":2", "version = 2: this flexarm reads 3; compile the scene again");
+  names("\"version\":4", "\"version\":3", "version = 3: this flexarm reads 4; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
-  names("\"version\":3", "\"version\":3,\"version\":3", "the key 'version' is there twice");
+  names("\"version\":4", "\"version\":4,\"version\":4", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");
-  names("\"version\":3", "\"version\":3,\"wings\":2",
+  names("\"version\":4", "\"version\":4,\"wings\":2",
         "the file: unknown key \"wings\"; known are format, version, arm");
   names("\"length\":", "\"lenght\":", "arm.links[0].beam: missing key 'length'");
   names("\"length\":0.3", "\"length\":\"0.3\"", "arm.links[1].beam.length = \"0.3\": must be a number");
@@ -206,6 +220,9 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
   names("\"rate\":0", "\"rate\":77", "drive of coordinate = 77");
   names("\"weight\":", "\"wait\":", "loads[0].points[0]: missing key 'weight'");
   names("\"x\":0.123", "\"x\":1.23", "loads[1]: x = 1.23: must be on the beam");
+  names("\"on\":\"slice\"", "\"on\":\"side\"", "arm.struts[1].points[0].on = side: must be \"origin\", \"end\" or");
+  names("\"tension_only\":false", "\"tension_only\":0", "arm.struts[0].tension_only = 0: must be true or false");
+  names("\"strut\":1", "\"strut\":2", "loads[3]: strut: there is no such strut");
   names("\"column\":[1.0,", "\"column\":[", "feedback[0]: column has ");
   names("\"period\":0.003", "\"period\":-0.003", "period = -0.003");
   names("\"u0\":[0.0]", "\"u0\":[0.0,1]", "samplers[0].linear.u0 = 2 numbers: must be 1 numbers");

@@ -103,7 +103,7 @@ TEST_CASE("arms with struts in a pack move as they do alone") {
 TEST_CASE("bad struts") {
   using P = Strut::Point;
   const Arm base = flexarm_test::flat_tree(2);
-  const auto make = [&](const Strut& strut) { return Arm(base.links(), base.gravity(), base.parents(), {strut}); };
+  const auto make = [&](const Strut& strut) { return Arm(base.links(), base.gravity(), base.seats(), {strut}); };
   const P a{-1, P::end, 0.0, {1, 0, 0}}, b{0, P::end, 0.0, {0, 0, 0}};
   CHECK_THROWS_WITH_AS(make({{a}}), "struts[0].points = 1 points: must be two or more", std::invalid_argument);
   CHECK_THROWS_WITH_AS(make({{a, b}, -1.0}), "struts[0].stiffness = -1: must not be negative, and finite",

@@ -29,6 +29,7 @@ from .model.parts.sections import Rectangle as Rectangle, Circle as Circle, Tube
 from .model.parts.patch import Patch as Patch, Piezo as Piezo
 from .model.parts.split import split as split
 from .model.parts.look import Look as Look
+from .model.parts.strut import Point as Point, Strut as Strut, Tendon as Tendon
 from .robots.chain import Flexible as Flexible
 from .model.acting.drive import Motion as Motion, Torque as Torque
 from .model.acting.drive import Voltage as Voltage

@@ -236,7 +236,11 @@ class ArmAlone:
 
 class Arm(ArmAlone):
     def __init__(
-        self, links: Sequence[Link], gravity: ArrayLike, seats: Sequence[tuple[int, float | None]]
+        self,
+        links: Sequence[Link],
+        gravity: ArrayLike,
+        seats: Sequence[tuple[int, float | None]],
+        struts: Sequence[Strut] = ...,
     ) -> None: ...
     @property
     def nq(self) -> int: ...
@@ -313,6 +317,18 @@ class Arm(ArmAlone):
     def momentum(self, q: ArrayLike, v: ArrayLike) -> tuple[_Array, _Array]: ...
     def deflection(self, q: ArrayLike, link: int, x: float) -> _Array: ...
     def strain(self, q: ArrayLike, link: int, x: float) -> _Array: ...
+    def strut_motion(self, q: ArrayLike, v: ArrayLike) -> tuple[_Array, _Array]: ...
+
+class Strut:
+    def __init__(
+        self,
+        points: Sequence[tuple[int, str, float, ArrayLike]],
+        stiffness: float,
+        damping: float,
+        length: float,
+        force: float,
+        tension_only: bool,
+    ) -> None: ...
 
 class Load:
     def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # raises TypeError; made by what follows
@@ -320,6 +336,8 @@ class Load:
     def at_end(arm: Arm, link: int, world_axes: bool) -> Load: ...
     @staticmethod
     def at_slice(arm: Arm, link: int, x: float, world_axes: bool) -> Load: ...
+    @staticmethod
+    def on_strut(arm: Arm, strut: int) -> Load: ...
     @staticmethod
     def along(arm: Arm, link: int, a: float, b: float, world_axes: bool) -> Load: ...
 

@@ -158,14 +158,17 @@ def posed(arm: fa.Arm, seed: int, **options: Any) -> fa.Scene:
 
 
 def everything() -> fa.Scene:
-    """Motion, torques, voltage, loads, controllers of each kind, friction, a stop and motors' limits."""
+    """Motion, torques, voltage, loads, struts, controllers of each kind, friction, a stop and motors' limits."""
     t = np.linspace(0, 0.3, 7)
     piezo = fa.Patch(0.02, 0.1, width=0.008, thickness=3e-4, material=fa.Piezo(6e10, 0.3, 7800, d31=-1.8e-10))
     rough = fa.Revolute("z", coulomb=0.02, stiction=0.03, damping=0.01, upper=0.05, limit_stiffness=50, torque_limit=2)
     hub = fa.RigidBody(0.4, (0, 0.01, 0), np.diag([1e-3, 2e-3, 2e-3]), (0.05, 0, 0))
     beam = fa.Beam(**ROD, modes={"bending_y": 2, "bending_z": 1}, patches=[piezo], damping_ratio=0.01)
     link = fa.Link(rough, hub, beam)
-    arm = fa.Arm([link, link, fa.Link(fa.Revolute("y"), hub, beam), fa.Link(fa.Revolute("z"), hub)], (0, 0.3, -9.81))
+    spring = fa.Strut((0.2, 0.1, 0.2), (1, 0.2), stiffness=30, damping=0.5, name="spring")
+    rope = fa.Tendon([(0, 0, 0.3), 0, fa.Point(2, "origin", (0, 0.1, 0))], stiffness=20, damping=0.3, tension=0.5)
+    links = [link, link, fa.Link(fa.Revolute("y"), hub, beam), fa.Link(fa.Revolute("z"), hub)]
+    arm = fa.Arm(links, (0, 0.3, -9.81), [spring, rope])
     held = fa.LinearController(
         [[0.9]],
         [[0.1]],
@@ -181,7 +184,10 @@ def everything() -> fa.Scene:
     continuous = fa.LinearController([[-3.0]], [[1.0]], [[0.5]], [[0.2]], measure=[("joint", 0)], actuate=[0])
     return fa.Scene(
         arm,
-        drive={3: fa.Motion(t, 0.1 * t**3), 1: fa.Torque(t, 0.3 * np.cos(20 * t)), ("patch", 0, 0): fa.Voltage(90)},
+        drive={
+            3: fa.Motion(t, 0.1 * t**3), 1: fa.Torque(t, 0.3 * np.cos(20 * t)), ("patch", 0, 0): fa.Voltage(90),
+            "spring": fa.Torque(t, 2 * np.sin(20 * t)), "strut 1": fa.Torque(0.4),
+        },
         loads=(
             fa.Load(force=(0, 1, 0.2)),
             fa.Load(0, along=(0.1, 0.3), t=t, force=np.outer(t, (1, 2, 3))),
@@ -268,7 +274,7 @@ def test_the_compiled_scene_among_the_examples_is_up_to_date(runner: Path) -> No
 def test_bad_files_are_refused_in_one_line(runner: Path, tmp_path: Path) -> None:
     text = SHIPPED.read_text()
     for file, content, named in [
-        ("version.json", text.replace('"version":3', '"version":7'), "version = 7: this flexarm reads 3"),
+        ("version.json", text.replace('"version":4', '"version":7'), "version = 7: this flexarm reads 4"),
         ("key.json", text.replace('"coulomb"', '"columb"'), "arm.links[0].joint.forces[0]: missing key 'coulomb'"),
         ("cut.json", text[:9000], "is no JSON"),
         ("scene.toml", SCENES[0].read_text(), "compile it, by 'flexarm compile"),

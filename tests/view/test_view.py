@@ -95,7 +95,7 @@ def test_pieces_of_links_meet(seed: int) -> None:
     arm = fa.Arm(links)
     q = np.array([[0.7, 0.3]])
     made = track.make_track(arm, np.zeros(1), q)
-    (low, start), (high, end) = made.body.struts[0]
+    (low, start), (high, end) = made.body.bars[0]["ends"]
     R = Rotation.from_quat(made.quaternion[0])
     a = made.position[0, low] + R[low].apply(start)
     b = made.position[0, high] + R[high].apply(end)

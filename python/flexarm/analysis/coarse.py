@@ -60,14 +60,16 @@ _MOVES = {
 
 
 def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int]:
-    """The rates of joints that something drives or holds. Others pass no force on."""
+    """The rates of joints that something drives or holds, struts too. Others pass no force on."""
     if control:
         return frozenset(range(arm.nv))
-    held = set(arm.by_rate("drive", split_drives(drive)[0]))
+    held = set(arm.by_rate("drive", split_drives(arm, drive)[0]))
     held |= set(np.flatnonzero(tau).tolist()) if tau is not None and np.shape(tau) == (arm.nv,) else set()
     for k in arm.movable:
         if np.any(arm.links[k].joint.stiffness) or np.any(arm.links[k].joint.coulomb):
             held |= set(arm.joint_rates(k))
+    if arm.struts:
+        held |= set(np.flatnonzero(arm.strut_jacobian(arm.zero).any(axis=0)).tolist())
     return frozenset(held)
 
 
@@ -83,7 +85,7 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     for j, n in list(at.items())[1:]:
         link, parent = arm.links[j], at[arm.parents[j]]
         links.append(link if link.parent is None and parent == n - 1 else replace(link, parent=parent))
-    rest = arm._alike(links)
+    rest = arm._alike(links, struts=())
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from ..model.parts.chain import Chain
 from ..model.parts.joints import Fixed
 from ..model.parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
 from ..model.parts.shapes import curvature_at
+from ..model.parts.strut import WORLD, Point, Tendon
 from ..model.parts.taper import Taper
 from .modes import locked_modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
+_STRUT_HEADS = ("strut", "kind", "between", "at zero (m)", "unstressed (m)", "N/m", "N s/m", "force (N)")
 
 
 def _size(beam: Beam) -> str:
@@ -70,11 +73,31 @@ def _row(k: int, arm: Chain) -> list[str]:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     try:  # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)])
+        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)], struts=())
         clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
     except ValueError:  # it has no inertia of its own
         clamped = "-"
     return [name, joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
+
+
+def _strut_rows(arm: Chain) -> list[Sequence[str]]:
+    lengths = arm.strut_motion(arm.zero)[0]
+    rows: list[Sequence[str]] = [_STRUT_HEADS]
+    for k, s in enumerate(arm.struts):
+        kind, force = ("tendon", s.tension) if isinstance(s, Tendon) else ("strut", s.force)
+        numbers = (lengths[k], arm.rest_lengths[k], s.stiffness, s.damping, force)
+        given: Sequence[Any] = s.points
+        points = " - ".join(_point(p, arm) for p in given)
+        rows.append([f"{k} {s.name or ''}".rstrip(), kind, points, *(f"{x:.4g}" for x in numbers)])
+    return rows
+
+
+def _point(point: Point, arm: Chain) -> str:
+    offset = f"({', '.join(f'{x:.3g}' for x in point.offset)})"
+    if point.link == WORLD:
+        return f"world {offset}"
+    at = point.at if isinstance(point.at, str) else f"{point.at:.4g} m"
+    return f"{arm.names[arm._link(point.link)]} {at}" + (f" + {offset}" if any(point.offset) else "")
 
 
 def describe(arm: Chain) -> str:
@@ -95,6 +118,7 @@ def describe(arm: Chain) -> str:
     lines = [
         *aligned(rows),
         "",
+        *([*aligned(_strut_rows(arm)), ""] if arm.struts else []),
         f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
         + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),
         f"mass            {mass:.6g} kg",

@@ -15,7 +15,7 @@ from ..model.parts.chain import Chain
 from .equilibrium import locked_rates, warn_unless_at_rest
 from .printed import model_table
 
-INPUTS = ("force", "acceleration", "load", "patch")
+INPUTS = ("force", "acceleration", "load", "patch", "strut")
 OUTPUTS = (
     *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),
     *("charge", "patch_voltage"),
@@ -255,6 +255,11 @@ def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDA
             n, x, name = _slice_name(arm, field, entry[1], _where(entry, 2))
             J = arm.jacobian(q, n, x)
             out += [_Input(f"load {name} {axis}", J[i]) for i, axis in enumerate("xyz")]
+            continue
+        if kind == "strut":
+            _need(field, entry, 2, '("strut", strut)')
+            s = arm._strut(entry[1], f"{field}: strut")
+            out.append(_Input(f"strut {arm.strut_names[s]}", arm.struts[s].sense * arm.strut_jacobian(q)[s]))
             continue
         if kind == "patch":
             _need(field, entry, 3, '("patch", link, patch)', least=3)

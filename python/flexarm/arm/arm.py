@@ -41,6 +41,8 @@ class Arm(Chain):
         links: from the base to the tip, numbered from 0; -1 is the last one, the default. Each sits on the end of the
             one before, or on that of its `parent`.
         gravity: world axes (m/s^2).
+        struts: struts and tendons between points of the links and of the world. `arm.struts` has the struts ahead of
+            the tendons, numbered from 0.
 
     `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
     g mm², a short thick beam without shear; and beams with too few shape functions for their payload.
@@ -48,12 +50,13 @@ class Arm(Chain):
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
-        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}."""
+        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}, and "strut"
+        and "tendon" likewise."""
         return Arm._read(read_file(ArmFile, d))
 
     @classmethod
     def _read(cls, file: ArmFile) -> Arm:
-        return cls(file.link, file.gravity)
+        return cls(file.link, file.gravity, [*file.strut, *file.tendon])
 
     def __str__(self) -> str:
         return self.describe()
@@ -61,7 +64,8 @@ class Arm(Chain):
     def describe(self) -> str:
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
         frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
-        ratios with all joints locked at zero, without gravity."""
+        ratios with all joints locked at zero, without gravity; of each strut and tendon its points, length, spring,
+        damper and constant force."""
         return describe(self)
 
     def show(
@@ -177,7 +181,8 @@ class Arm(Chain):
 
         Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
-        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A tree
+        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
+        or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. A tree
         of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
         links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
         link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
@@ -290,13 +295,13 @@ class Arm(Chain):
         """
         q = None if q is None else self._single(q=q)[0]
         links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
-        return Arm(links, self.gravity)
+        return Arm(links, self.gravity, self.struts)
 
     def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
         """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
         of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
         frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
-        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
+        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity, self.struts)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
 
@@ -423,6 +428,7 @@ class Arm(Chain):
                 a link, or (link, freedom): the force (torque) of its joint;
                 ("acceleration", link) or ("acceleration", (link, freedom)): its acceleration, prescribed;
                 ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N);
+                ("strut", strut): a driven force of a strut, or tension of a tendon (N), by name or number;
                 ("patch", link, patch): a piezo patch's voltage (V).
             outputs: the measurements; None: the coordinates of all joints. Each is
                 ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);

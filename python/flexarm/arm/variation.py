@@ -20,7 +20,7 @@ from .._check import Array, array
 from .._threads import each
 from ..model.acting.control import Controller, limit_of
 from ..model.acting.drive import Motion, Torque, Voltage
-from ..model.acting.load import Load
+from ..model.acting.load import Load, pushes
 from ..model.parts.part import Part
 from .arm import Arm
 
@@ -39,10 +39,15 @@ class Setup:
     control: tuple[Controller, ...] = ()
     sensors: tuple[Part, ...] = ()  #: Sensor, whose room stands above this one
 
+    @property
+    def forces(self) -> tuple[Load, ...]:
+        """The loads, and the driven forces of struts as loads."""
+        return (*self.loads, *pushes(self.arm, self.drive))
+
     @cached_property
     def known(self) -> list[str]:
         """Paths of everything that can vary."""
-        out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link")]
+        out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link"), *_leaves(self.arm.struts, "strut")]
         for key, law in self.drive.items():
             out += _leaves(law, f"drive.{drive_name(key)}")
         for parts, name in ((self.loads, "load"), (self.control, "control"), (self.sensors, "sensor")):
@@ -64,7 +69,7 @@ def _numeric(value: Any) -> bool:
 #: fields that are None where nothing is given, but can be given numbers
 _OPTIONAL = (
     "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit",
-    "torque_limit", "x",
+    "torque_limit", "x", "length",
 )  # fmt: skip
 
 
@@ -105,15 +110,19 @@ def drive_name(key: Any) -> str:
 
 
 def numbered(setup: Setup, path: str) -> str:
-    """A path with the number of a link where it has its name: "link.elbow.tip.mass", and that of a drive likewise."""
+    """A path with the number of a link or a strut where it has its name: "link.elbow.tip.mass", and that of a drive
+    likewise."""
     arm, (root, *words) = setup.arm, str(path).split(".")
-    if not words or words[0] not in arm._numbers:
+    if not words or words[0] not in (arm.strut_names if root == "strut" else arm._numbers):
         return str(path)
-    if root == "link":
+    if root == "strut":
+        words[0] = str(arm._strut(words[0]))
+    elif root == "link":
         words[0] = str(arm._link(words[0], f"'{path}': link"))
     elif root == "drive":
         for key in setup.drive:
-            if isinstance(key, (int, str)) and arm._link(key) == arm._link(words[0], f"'{path}': link"):
+            of_joint = isinstance(key, (int, str)) and key not in arm.strut_names
+            if of_joint and arm._link(key) == arm._link(words[0], f"'{path}': link"):
                 words[0] = str(key)
     return ".".join([root, *words])
 
@@ -125,7 +134,7 @@ def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> 
     like: Any = None
     tree: dict[str, Any] = {
         "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity, **(more or {}),
+        "gravity": setup.arm.gravity, "strut": setup.arm.struts, **(more or {}),
     }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
@@ -142,6 +151,10 @@ def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> 
 def can_vary(at: str, known: Sequence[str]) -> bool:
     """Whether a path, or that of the array of which it is an entry, is a known one."""
     return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
+
+
+_OF_ARM = ("link", "gravity", "strut")
+_ROOTS = (*_OF_ARM, "drive", "load", "control", "sensor")
 
 
 class Variation:
@@ -175,7 +188,7 @@ class Variation:
             for other, below in self._at.items():
                 if below.startswith(at + ".") or (below == at and other != path):
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
-        self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "sensor", "gravity")}
+        self._trees = {root: self._tree(root) for root in _ROOTS}
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
         if not self.one_setup and not once:
@@ -206,7 +219,7 @@ class Variation:
     def scenario(self, i: int) -> Setup:
         """The setup of scenario i."""
         base = self.setup
-        arm = self._memo("arm", {"link": self._trees["link"], "gravity": self._trees["gravity"]}, i, self._arm)
+        arm = self._memo("arm", {root: self._trees[root] for root in _OF_ARM}, i, self._arm)
         drive = base.drive
         if self._trees["drive"]:
             drive = {k: self._rebuilt(f"drive.{drive_name(k)}", law, self._below("drive", drive_name(k)), i)
@@ -249,8 +262,10 @@ class Variation:
         base = self.setup.arm
         links = self._rebuilt("link", base.links, self._trees["link"], i)
         gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
+        struts = self._rebuilt("strut", base.struts, self._trees["strut"], i)
         try:
-            return base if links is base.links and gravity is base.gravity else Arm._varied(base, links, gravity)
+            same = links is base.links and gravity is base.gravity and struts is base.struts
+            return base if same else Arm._varied(base, links, gravity, struts)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 

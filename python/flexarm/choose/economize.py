@@ -16,6 +16,7 @@ from .._console import aligned, progress_bar, seconds
 from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
 from ..data.draw.tradeoff import Point, Trial, plot_trials
+from ..model.acting.load import driven_forces
 from ..model.acting.sampled import Sampled
 from ..run.integrators import named
 from ..run.result import Result
@@ -222,6 +223,7 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     names = ("t", "q", "v", "a", "tau")
     rows: dict[str, Any] = {name: np.concatenate([getattr(before, name), getattr(rest, name)]) for name in names}
     joined = Result(rich.arm, **rows, stats=stats, loads=rest.loads, status=rest.status)
+    joined.driven = driven_forces(rich.arm, rich.drive, joined.t)
     ranges = [x for x in first._wrong if isinstance(x, RangeWarning) and x.time < rest.t[0]]
     others = [x for x in first._wrong if not isinstance(x, (RangeWarning, *map(type, rest._wrong)))]
     joined._wrong = [*ranges, *others, *rest._wrong]

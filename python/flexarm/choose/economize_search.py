@@ -115,7 +115,7 @@ class EconomizeSearch:
         if other == self.own:
             return
         w, better = (first_frequency(self.models.arm(model)) for model in (self.own, other))
-        self.rebase = bool(split_drives(self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
+        self.rebase = bool(split_drives(self.scene.arm, self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
         self.own = other if self.rebase else self.own
 
     # -- indicators --------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from ..analysis.linear import turning
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
 from ..model.acting.drive import Motion, split_drives, voltage_forces
-from ..model.acting.load import at_time
+from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -35,8 +35,10 @@ def _driven(scene: Scene) -> NDArray[np.bool_]:
     """Mask of rates with a drive, controller, patch or motion at the start."""
     arm = scene.arm
     active = np.zeros(arm.nv, dtype=bool)
-    joints, patches = split_drives(scene.drive)
+    joints, patches, struts = split_drives(arm, scene.drive)
     active[list(arm.by_rate("drive", joints))] = True
+    if struts:
+        active |= (arm.strut_jacobian(scene.start())[[arm._strut(name) for name in struts]] != 0.0).any(axis=0)
     if scene.v0 is not None:
         active |= scene.v0 != 0.0
     if scene.q0 is not None:  # a ball joint with an initial rotation keeps it; other coordinates move about it
@@ -53,13 +55,14 @@ def _driven(scene: Scene) -> NDArray[np.bool_]:
 def _acting(scene: Scene) -> tuple[list[Any], Array]:
     """Places of the loads, and the largest magnitude of each component over time, (n, 6)."""
     most = []
-    for load in scene.loads:
+    loads = [*scene.loads, *pushes(scene.arm, scene.drive)]
+    for load in loads:
         if load.by_state:
             raise ValueError(f"{load}: follows from the state, so that how large it becomes is not known beforehand")
         breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
         times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
         most.append(np.abs([load(float(t)) for t in times]).max(axis=0))
-    return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)
+    return [load.place(scene.arm) for load in loads], np.array(most).reshape(-1, 6)
 
 
 def excited(scene: Scene) -> NDArray[np.bool_]:
@@ -130,7 +133,8 @@ def _tangent(scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, 
     """Stiffness, mass, and A in d/dt [x; y] = A [x; y] for small motions x of the coordinates `out` and their rates y.
     No force acts on them along the run."""
     arm, here = scene.arm, np.ix_(out, out)
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, scene.loads, t))
+    loads = [*scene.loads, *pushes(arm, scene.drive)]
+    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, loads, t))
     K, D, M = ((by_q @ arm._core.rates(q, v)[2])[here], by_v[here], arm._core.mass_matrix(q)[here])
     turn = -turning(arm, v)[here]  # of the axes of a ball's rates, as it rotates
     return K, M, np.block([[turn, np.eye(len(out))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
@@ -146,12 +150,12 @@ def _elastic(arm: Arm) -> tuple[Array, Array]:
 
 def _forces(scene: Scene, arm: Arm, run: Result) -> Array:
     """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
-    patched = bool(split_drives(scene.drive)[1])
-    if not scene.loads and not patched:
+    patched, loads = bool(split_drives(arm, scene.drive)[1]), [*scene.loads, *pushes(arm, scene.drive)]
+    if not loads and not patched:
         return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a))
     out = []
     for t, q, v, a in zip(run.t, run.q, run.v, run.a, strict=True):
-        r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, scene.loads, float(t)))
+        r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, loads, float(t)))
         out.append(r - voltage_forces(arm, acting(scene.arm, scene.drive, float(t))[1]) if patched else r)
     return np.array(out)
 
@@ -206,7 +210,7 @@ def _response(scene: Scene, run: Result, forces: Array) -> Array:
     for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
         by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])
         K, D = K + np.outer(f.column[:n], by_rate), D + np.outer(f.column[:n], f.by_v[:n])
-    laws = arm.by_rate("drive", split_drives(scene.drive)[0])
+    laws = arm.by_rate("drive", split_drives(arm, scene.drive)[0])
     free = np.array([not isinstance(laws.get(i), Motion) for i in range(n)])
     x = np.zeros(forces.shape)
     if free.any() and len(run.t) > 1:

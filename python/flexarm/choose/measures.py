@@ -118,7 +118,7 @@ class Measure:
 
     def _joints(self, arm: Arm) -> dict[str, list[tuple[int, int]]]:
         """By unit, (index in q, index in v or -1) of the joint coordinates that are not prescribed."""
-        given, (joints, _) = self.scene.arm, split_drives(self.scene.drive)
+        given, joints = self.scene.arm, split_drives(self.scene.arm, self.scene.drive)[0]
         held = {given.coordinate_of(i) for i, law in given.by_rate("drive", joints).items() if isinstance(law, Motion)}
         out: dict[str, list[tuple[int, int]]] = {}
         rates = {arm.coordinate_of(i): i for i in range(arm.nv)}

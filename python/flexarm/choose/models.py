@@ -321,7 +321,7 @@ class Models:
                     for feature in left:
                         made[key] = feature.leave_out(made[key])
                 links.append(made[key])
-            self._arms[model] = Arm(links, self.scene.arm.gravity)
+            self._arms[model] = Arm(links, self.scene.arm.gravity, self.scene.arm.struts)
         return self._arms[model]
 
     def _in_pieces(self, model: Model) -> Pieces:

@@ -14,7 +14,7 @@ from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.computed import ComputedTorque, FeedForward
 from ..model.acting.control import PD, Controller, StateFeedback, StrainFeedback
-from ..model.acting.drive import is_patch
+from ..model.acting.drive import is_patch, is_strut
 from ..model.acting.load import Load
 from ..model.acting.sampled import Sampled
 from ..model.parts.beam import STRAINS, Beam
@@ -22,6 +22,7 @@ from ..model.parts.joints import Fixed
 from ..model.parts.link import Link
 from ..model.parts.sections import SectionMatrix
 from ..model.parts.split import piece, split
+from ..model.parts.strut import WORLD, Point, Strut, Tendon
 from ..model.parts.taper import Taper
 from ..run.scene.scene import Scene
 from .states import nearest
@@ -33,9 +34,10 @@ _LEAST = {s: 3 if s.startswith("bending") else 2 for s in STRAINS}  # shape func
 
 def jumps(scene: Scene) -> dict[int, list[float]]:
     """By link, places along its beam (m) where a strain jumps or has a corner: ends of patches that stiffen the beam or
-    are driven, corners of a taper, and loads. Beams with the user's own shapes are not cut."""
+    are driven, corners of a taper, loads, and ends of struts. Beams with the user's own shapes are not cut."""
     arm, out = scene.arm, {}
     loads = [(arm._link(load.link), load.along or (load.x,)) for load in scene.loads]
+    loads += [(k, (x,)) for points in arm._fastened for k, on, x, _ in points if on == "slice"]
     for k, link in enumerate(arm.links):
         beam = link.beam
         if beam is None or not beam.ne or any(isinstance(m, tuple) for m in beam.modes.values()):
@@ -102,7 +104,8 @@ class Pieces:
                 link = replace(link, parent=last[parent])
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
             last[k] = len(links) - 1
-        return cls(whole, Arm(links, whole.gravity), first, starts)
+        out = cls(whole, Arm(links, whole.gravity), first, starts)
+        return replace(out, arm=Arm(links, whole.gravity, [out._strut(s) for s in whole.struts]))
 
     @property
     def parts(self) -> list[list[tuple[int, float]]]:
@@ -122,6 +125,20 @@ class Pieces:
             return self._pieces(k)[-1], None
         n = _piece_at(self.starts[k], x)
         return self.first[k] + n, x - self.starts[k][n]
+
+    def _strut(self, strut: Strut | Tendon) -> Strut | Tendon:
+        """A strut or tendon between the pieces."""
+        given: Sequence[Any] = strut.points
+        points = [self._point(p) for p in given]
+        return replace(strut, a=points[0], b=points[1]) if isinstance(strut, Strut) else replace(strut, points=points)
+
+    def _point(self, point: Point) -> Point:
+        if point.link == WORLD:
+            return point
+        if point.at == "origin":
+            return replace(point, link=self.joint(point.link))
+        link, x = self.place(point.link, None if point.at == "end" else point.at)  # type: ignore[arg-type]
+        return replace(point, link=link, at="end" if x is None else x)
 
     def patches(self, link: Any, patch: int) -> list[tuple[str, int, int]]:
         """The patches of pieces that represent a patch of a link."""
@@ -144,7 +161,8 @@ class Pieces:
         """
         drive: dict[Any, Any] = {}
         for key, law in scene.drive.items():
-            drive |= dict.fromkeys(self.patches(*key[1:]) if is_patch(key) else [self.joint(key)], law)
+            own = self.patches(*key[1:]) if is_patch(key) else [key] if is_strut(self.whole, key) else [self.joint(key)]
+            drive |= dict.fromkeys(own, law)
         loads = tuple(part for load in scene.loads for part in self._load(load))
         control = tuple(self._control(k, law) for k, law in enumerate(scene.control))
         D = self._damping()

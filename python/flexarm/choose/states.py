@@ -13,6 +13,7 @@ from .._check import Array
 from ..analysis.equilibrium import elastic_rates
 from ..arm.arm import Arm
 from ..model.acting.drive import Motion
+from ..model.acting.load import pushes
 from ..model.parts.beam import STRAINS, Beam
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -176,7 +177,8 @@ def _joints_released(scene: Scene, q: Array) -> Array:
     held = [key for key, law in scene.drive.items() if isinstance(law, Motion)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return arm.equilibrium(q, tau, held, loads=scene.loads, t=t, voltages=volts or None)
+        loads = [*scene.loads, *pushes(arm, scene.drive)]
+        return arm.equilibrium(q, tau, held, loads=loads, t=t, voltages=volts or None)
 
 
 def _stays_at_rest(scene: Scene, q: Array) -> bool:

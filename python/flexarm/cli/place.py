@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from .._console import write_csv
 from ..analysis.placement import place_patch
-from ..arm.arm import Arm
 from ..run.scene.scene import load
 from . import options
 
@@ -42,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     links[number] = replace(link, beam=replace(link.beam, patches=others))
     lock: list[int] | None = [] if args.free else None
     given = {"modes": args.modes, "weights": args.weight, "lock": lock}
-    found = place_patch(Arm(links), number, patch=patch, progress=True, **given)
+    found = place_patch(scene.arm._alike(links), number, patch=patch, progress=True, **given)
     out = options.Output(args.output)
     names = ["centre (m)", *(f"mode {k} (m/V)" for k in range(args.modes)), "merit"]
     write_csv(out.file("placement.csv"), names, [found.x, *found.authority.T, found.merit])

@@ -226,7 +226,7 @@ class KalmanFilter:
             raise ValueError(f"t has shape {times.shape}: must be two times or more")
         if np.abs(np.diff(times) / self.step - 1).max() > 1e-3:
             raise ValueError(f"t: must increase in steps of {self.step:g} s, the filter's step")
-        if self._acts.drives or self._acts.loads or self._acts.feedback:
+        if self._acts.drives or self._acts.forces or self._acts.feedback:
             if abs(times[0] - self._core.t) > 1e-3 * self.step:
                 raise ValueError(f"t[0] = {times[0]:g}: the filter is at {self._core.t:g} s; give it `t` at the start")
         none = np.zeros((times.size, self.arm.nv))

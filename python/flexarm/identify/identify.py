@@ -355,7 +355,7 @@ def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
     """Raises ValueError for unknown initial states that motions prescribe."""
     for run in runs:
         arm = run.setup.arm
-        laws = arm.by_rate("drive", split_drives(run.setup.drive)[0])
+        laws = arm.by_rate("drive", split_drives(arm, run.setup.drive)[0])
         moved = [i for i, law in laws.items() if isinstance(law, Motion)]
         taken = {f"v0.{i}" for i in moved} | {f"q0.{arm.coordinate_of(i)}" for i in moved}
         for x in unknown:

@@ -17,7 +17,7 @@ from ..data.compare import Comparison
 from ..data.data import Data, constant
 from ..data.signal import DataWarning
 from ..data.units import unit
-from ..model.acting.drive import Motion, Torque, Voltage, is_patch
+from ..model.acting.drive import Motion, Torque, Voltage, is_patch, is_strut
 from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -119,6 +119,8 @@ def _place(arm: Arm, where: str, key: Any) -> Any:
     try:
         if is_patch(key):
             return "patch", arm.patch_column(key[1], key[2])
+        if is_strut(arm, key):
+            return "strut", arm._strut(key)
         return arm.joint_rate(key)
     except (ValueError, TypeError) as e:
         raise ValueError(f"{where}: {e}") from None
@@ -140,6 +142,8 @@ def _law(arm: Arm, data: Data, key: Any, signal: Any) -> Any:
         raise ValueError(f"{where} = {signal!r}: must be a column, or (fa.Motion, column), or a function of the data")
     if kind is None:
         kind = Voltage if is_patch(key) else Torque
+    if column is None and is_strut(arm, key):
+        raise ValueError(f"{where} = {signal!r}: give the column of the strut's driven force, (fa.Torque, column)")
     if column is None:
         column = f"{'q' if kind is Motion else 'tau'} {arm.coordinates[arm.joint_rate(key)]}"
     column = choice(where, column, data)

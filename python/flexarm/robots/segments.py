@@ -66,7 +66,8 @@ class Segmented:
 
 
 def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
-    """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces.
+    """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces; without
+    struts and tendons.
 
     A hinge's spring is the piece's rigidity over its length, and, with `fit`, times a factor that changes smoothly
     along the beam, as near to one as the arm's lowest three frequencies allow (joints locked, no gravity). This is the
@@ -78,7 +79,7 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """
     if not 2 <= whole("segments", segments) <= 200:
         raise ValueError(f"segments = {segments}: must be from 2 to 200")
-    left_out: list[str] = []
+    arm, left_out = arm._alike(arm.links, arm.gravity, ()), list[str]()
     for name, link in zip(arm.names, arm.links, strict=True):
         if link.beam is not None:
             if link.beam.curvature is not None:
@@ -99,6 +100,23 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     near = arm._alike(links, arm.gravity)
     ends = tuple(len(of) - 1 - of[::-1].index(k) for k in arm.ends)
     return Segmented(near, of, locked_frequencies(near, _hinges(of))[: len(wanted)], wanted, ends, tuple(left_out))
+
+
+def place_in(cut: Segmented, arm: Chain, link: int, on: str, x: float) -> tuple[int, Array]:
+    """A place of a link of the first arm, its "origin", its "end" or a "slice" at x metres along its beam: the link of
+    the cut arm that has it, and where in its frame (m). Its axes are those of that frame."""
+    own = [i for i, k in enumerate(cut.of) if k == link]
+    if on == "origin":
+        return own[0], np.zeros(3)
+    if on == "end":
+        return own[-1], _end(cut.arm.links[own[-1]].hub)
+    beam, start = arm.links[link].beam, _end(arm.links[link].hub)
+    assert beam is not None
+    step = beam.length / max(len(own) - 1, 1)
+    k = int(x / step + 0.5) if len(own) > 1 else 0
+    if k:
+        x, start = x - (k - 0.5) * step, np.zeros(3)
+    return own[k], start + np.array([x, 0.0, 0.0])
 
 
 def _left_out(name: str, beam: Beam) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..data.store.files import write_whole
 from ..model.parts.chain import Chain
 from ..model.parts.joints import UNIT, Joint
 from ..model.parts.link import Link
-from .segments import Segmented, locked_frequencies, mass_of, segmented
+from .segments import Segmented, locked_frequencies, mass_of, place_in, segmented
 from .tree import Mass, Pose, RobotWarning, realisable
 
 WORLD = "world"  #: name of the base in both formats
@@ -140,9 +140,9 @@ def _has(joint: Joint, field: str) -> bool:
 _OF_A_BALL = ("stiffness", "damping", "reflected_inertia")
 
 
-def mjcf(cut: Segmented) -> str:
-    """The file: a body for each link, hinges, slides and balls for its joint, a motor for each of the arm's own
-    freedoms, and a site at each tip."""
+def mjcf(cut: Segmented, whole: Chain) -> str:
+    """The file of an arm that is cut: a body for each link, hinges, slides and balls for its joint, a motor for each of
+    the arm's own freedoms, a site at each tip, and a tendon with an actuator for each strut of the whole arm."""
     arm, w = cut.arm, float(locked_frequencies(cut.arm, cut.hinges).max(initial=500.0))
     digit = 10.0 ** np.floor(-np.log10(w))
     step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of the largest stable step
@@ -166,12 +166,32 @@ def mjcf(cut: Segmented) -> str:
         elements[k], ends[k] = element, Pose(_at_end(link))
     for k, tip in cut.tips.items():
         ET.SubElement(elements[k], "site", name=tip, pos=_numbers(ends[k].position))
-    if motors:
+    lines = [_mjcf_strut(k, cut, whole, elements) for k in range(len(whole.struts))]
+    if lines:
+        ET.SubElement(root, "tendon").extend([line for line, _ in lines])
+    if motors or lines:
         actuator = ET.SubElement(root, "actuator")
-        for motor in motors:
-            ET.SubElement(actuator, "motor", motor)
+        actuator.extend([ET.Element("motor", motor) for motor in motors])
+        actuator.extend([ET.Element("general", force) for _, force in lines])
     ET.indent(root)
     return _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _mjcf_strut(
+    k: int, cut: Segmented, whole: Chain, elements: Mapping[int, ET.Element]
+) -> tuple[ET.Element, dict[str, str]]:
+    """Writes the sites of a strut or tendon, and returns its tendon and its actuator: a control of 1 is a driven force
+    of 1 N."""
+    strut, name, rest = whole.struts[k], whole.strut_names[k], whole.rest_lengths[k]
+    spring = {"stiffness": _numbers(strut.stiffness), "damping": _numbers(strut.damping)}
+    free = _numbers([0.0, rest] if strut.tension_only else rest)
+    line = ET.Element("spatial", {"name": name, **spring, "springlength": free})
+    for i, (link, on, x, offset) in enumerate(whole._fastened[k]):
+        n, at = (-1, np.zeros(3)) if link < 0 else place_in(cut, whole, link, on, x)
+        ET.SubElement(elements[n], "site", name=f"{name} {i}", pos=_numbers(at + offset))
+        ET.SubElement(line, "site", site=f"{name} {i}")
+    own = {"biastype": "affine", "biasprm": _numbers([strut.force, 0, 0]), "gainprm": _numbers(strut.sense)}
+    return line, {"name": name, "tendon": name, **own}
 
 
 def _mjcf_joints(body: ET.Element, own: str, joint: Joint, ground: Pose | None, anchor: Pose) -> list[dict[str, str]]:
@@ -347,14 +367,17 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_mjcf."""
     cut = segmented(arm, segments)
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
-    return _written(path, ".xml", mjcf(cut), cut, missing_features(cut, _MJCF) + name)
+    ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
+    slack = _note("the end of a tendon's damping where it is slack", ropes)
+    return _written(path, ".xml", mjcf(cut, arm), cut, missing_features(cut, _MJCF) + name + slack)
 
 
 def to_urdf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_urdf."""
     cut = segmented(arm, segments)
     gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
-    return _written(path, ".urdf", urdf(cut), cut, missing_features(cut, _URDF) + gravity)
+    struts = _note("struts and tendons", arm.strut_names)
+    return _written(path, ".urdf", urdf(cut), cut, missing_features(cut, _URDF) + gravity + struts)
 
 
 def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[str]) -> str:

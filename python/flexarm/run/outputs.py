@@ -15,10 +15,31 @@ from ..data.compare import Comparison, compared
 from ..data.data import Data
 from ..data.signal import at_times
 from ..data.units import unit
-from ..model.acting.load import Load
+from ..model.acting.drive import Torque
+from ..model.acting.load import Load, Push
 from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
 
 Titles = dict[str, list[tuple[str, str]]]
+_OF_STRUT = (("length", "m"), ("rate", "m/s"), ("force", "N"))
+
+
+@dataclass
+class StrutMotion:
+    """A strut or tendon over time, (nt,) each.
+
+    Attributes:
+        length: m. rate: m/s.
+        force: with which it pushes its points apart (N): spring, damper, constant and driven part.
+    """
+
+    length: Array
+    rate: Array
+    force: Array
+
+    @property
+    def tension(self) -> Array:
+        """With which it pulls its points together (N): -force."""
+        return -self.force
 
 
 @dataclass(repr=False)
@@ -38,8 +59,18 @@ class Rows:
     v_events: list[Array] | None = None
     status: int = 0
     friction: Array | None = None
+    driven: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
+
+    @property
+    def forces(self) -> tuple[Load, ...]:
+        """The loads, and as loads the driven forces of struts, linear between the rows."""
+        if self.driven is None or not len(self.t):
+            return self.loads or ()
+        t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
+        laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
+        return (*(self.loads or ()), *(Push(self.arm, *x) for x in zip(self.arm.strut_names, laws, strict=True)))
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
@@ -48,6 +79,15 @@ class Rows:
     def tip_deflection(self, link: int | str = -1) -> Array:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
         return self.arm.deflection(self.q, link)
+
+
+    def strut(self, strut: int | str = -1) -> StrutMotion:
+        """Length, rate and force of a strut or tendon, by its name or its number in `arm.struts`: `.length` (m),
+        `.rate` (m/s), `.force` (N), with which it pushes, and `.tension`, its negative; (nt,) each."""
+        k = self.arm._strut(strut)
+        length, rate, _ = (x[:, k] for x in self.arm.strut_motion(self.q, self.v))
+        driven = 0.0 if self.driven is None else self.driven[:, k]
+        return StrutMotion(length, rate, self.arm.struts[k].push(length, rate, self.arm.rest_lengths[k], driven))
 
 
 def titles(arm: Arm) -> Titles:
@@ -64,8 +104,8 @@ def titles(arm: Arm) -> Titles:
 
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
-    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections and the places of the ends.
-    None without q."""
+    """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections, the places of the ends, and
+    the lengths of struts, with their forces where v is known. None without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -73,7 +113,12 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     names: Titles = {"deflection": [(f"{label} deflection", "m") for _, _, label in bent]} if bent else {}
     values = {"deflection": np.column_stack([tips[k][:, c] for k, c, _ in bent])} if bent else {}
     names["end"] = [(f"{label} {axis}", "m") for _, label in ends(result.arm) for axis in "xyz"]
-    return names, {**values, "end": result.arm.end_places(result.q).reshape(len(result.t), -1)}
+    values["end"] = result.arm.end_places(result.q).reshape(len(result.t), -1)
+    if result.arm.struts and np.isfinite(result.v).all():
+        moved = [result.strut(k) for k in range(len(result.arm.struts))]
+        names["strut"] = [(f"{name} {what}", of) for name in result.arm.strut_names for what, of in _OF_STRUT]
+        values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)])
+    return names, values
 
 
 def table(result: Rows) -> Data:

@@ -17,6 +17,7 @@ from ..arm.arm import Arm
 from ..loop import loops
 from ..model.acting.acts import Acts
 from ..model.acting.control import PD, Controller
+from ..model.acting.load import driven_forces
 from ..model.parts.labels import joint_rates
 from .result import Result
 from .start import start
@@ -76,7 +77,7 @@ class Problem(Acts):
         if not self.controls:
             return None
         return loops.unstable(
-            self.arm, self.start["q0"], self.prescribed, self.times, self.loads, self.controls, time, failed,
+            self.arm, self.start["q0"], self.prescribed, self.times, self.forces, self.controls, time, failed,
             self.sampled,
         )  # fmt: skip
 
@@ -106,6 +107,7 @@ class Problem(Acts):
             kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
         status = int(out["terminated"])
         found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
+        found.driven = driven_forces(arm, self.strut_drives, found.t)
         if self.events:
             found.t_events, q, v = out["events"]
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
@@ -116,8 +118,8 @@ class Problem(Acts):
         if all(calls is None for calls in self.core.asked):
             return
         names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]
-        names += [f"loads[{k}]" for k in range(len(self.loads))]
-        callables = [d.law for d in self.drives] + [x.law for x in self.loads]
+        names += self.force_names
+        callables = [d.law for d in self.drives] + [x.law for x in self.forces]
         references = [f.reference for f in self.feedback if f.reference is not None]
         names += ["reference of control"] * len(references)
         for name, law, calls in zip(names, callables + references, self.core.asked, strict=True):

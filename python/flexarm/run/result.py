@@ -36,6 +36,8 @@ class Result(outputs.Rows):
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
         friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
             where no joint has any.
+        driven: what drives add to the force of each strut, and to the tension of each tendon (N), (nt, n); None where
+            none is driven.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES),
             failed_steps (whose equations were not solved, or whose error was too large), switches (of joints between
@@ -64,10 +66,10 @@ class Result(outputs.Rows):
             raise ValueError(
                 "loads = None: the file does not keep the loads of this result, so its reactions are not known"
             )
-        if not self.loads:
+        if not self.forces:
             return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
-        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.loads, t=t) for q, v, a, t in rows])
+        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.forces, t=t) for q, v, a, t in rows])
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
@@ -78,8 +80,8 @@ class Result(outputs.Rows):
         return self.arm.patch_voltage(self.q, link, patch)
 
     def plot(self) -> Figure:
-        """A figure of the joint coordinates, the tip deflections, and the torques and forces of the joints that are
-        driven, over time."""
+        """A figure of the joint coordinates, the tip deflections, the torques and forces of the joints that are driven,
+        and the forces of struts and tendons, over time."""
         arm, t = self.arm, self.t
         joints = joint_coordinates(arm)
         panels: list[tuple[str, list[tuple[str, Array]]]] = []
@@ -101,6 +103,8 @@ class Result(outputs.Rows):
             forces = [(label, self.tau[:, i]) for i, label, u in rates if u == unit and self.tau[:, i].any()]
             if forces:
                 panels.append((name, forces))
+        if arm.struts:
+            panels.append(("Strut force (N)", [(name, self.strut(name).force) for name in arm.strut_names]))
         return plot_panels(t, panels)
 
     def animate(
@@ -132,9 +136,9 @@ class Result(outputs.Rows):
     def to_data(self) -> Data:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
-        of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on. Units are
-        those of joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not
-        keep are left out.
+        of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
+        and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N). Units are those of joints; elastic
+        coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are left out.
 
         Raises:
             ValueError: no rows.
@@ -252,8 +256,7 @@ class Result(outputs.Rows):
         """All arrays by name, and the rest for JSON."""
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
-        if self.friction is not None:
-            more["friction"] = self.friction
+        more |= {k: x for k in ("friction", "driven") if (x := getattr(self, k)) is not None}
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
         return {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}, about
@@ -272,19 +275,19 @@ class Result(outputs.Rows):
         with readable("result", Path(path), "a file that Result.save wrote"):
             about, arrays = read_arrays(Path(path).read_bytes())
             arm = Arm.from_dict(about["arm"])
-            count, wide = about.get("events"), {"q": arm.nq}
+            count, wide = about.get("events"), {"q": arm.nq, "driven": len(arm.struts)}
             if any(x.dtype != float for x in arrays.values()):
                 raise ValueError("an array has no numbers")
             found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
-            found["friction"] = arrays.pop("friction", None)
+            found |= {k: arrays.pop(k, None) for k in ("friction", "driven")}
             if count is not None:
                 found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
             loads, status = None if about["loads"] else (), int(about.get("status", 0))
             result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
-            for name in ("q", "v", "a", "tau", "friction"):
+            for name in ("q", "v", "a", "tau", "friction", "driven"):
                 value = getattr(result, name)
                 if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
                     raise ValueError(f"{name} has shape {value.shape}")
-            if not set(arrays) <= {"deflection", "end"} or (np.diff(result.t) < 0).any():
+            if not set(arrays) <= {"deflection", "end", "strut"} or (np.diff(result.t) < 0).any():
                 raise ValueError("other arrays, or times that do not increase")
             return result

@@ -15,7 +15,8 @@ import flexarm._core as _core
 from .._check import Array, array, choice
 from .._threads import cores
 from ..arm.variation import Setup
-from ..model.acting.drive import Torque, Voltage
+from ..model.acting.drive import Torque, Voltage, split_drives
+from ..model.acting.load import driven_forces
 from ..model.acting.motor import torque_limits
 from ..model.acting.sampled import PythonLaw
 from .integrators import Implicit, Integrator
@@ -108,6 +109,7 @@ class Sensitivities:
                     state[name] = [x + near.offset * by[k] for x, by in pairs]
                 status = self.result.status
                 changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
+                changed.driven = driven_forces(changed.arm, near.setup.drive, changed.t)
                 total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
@@ -309,8 +311,11 @@ class Source:
         key, law = drive_of(self.setup, path.removeprefix("drive.").removesuffix(".samples"))
         if not isinstance(law, (Torque, Voltage)) or law.constant or not hasattr(law.law, "breaks"):
             raise ValueError(f"parameters: '{path}' is nothing that can vary: drive {key} has no samples of a force")
+        joints, patches, struts = split_drives(self.setup.arm, self.setup.drive)
+        if key in struts:
+            raise ValueError(f"parameters: '{path}': is not derived, as it is a strut's; 'drive.{key}.scale' is")
         run = self._problem()
-        at = list(self.setup.drive).index(key)
+        at = [*patches, *joints].index(key)
         rate, column = run.drives[at].rate, run.drives[at].column
         force = applied[:, : column.size] @ column if column.size else applied[:, rate]
         breaks = law.law.breaks

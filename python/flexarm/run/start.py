@@ -11,8 +11,8 @@ import numpy as np
 from .._check import Array, array, choice, outside
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
-from ..model.acting.drive import Motion, is_patch, split_drives, voltage_forces
-from ..model.acting.load import Load, at_time
+from ..model.acting.drive import Motion, is_patch, is_strut, split_drives, voltage_forces
+from ..model.acting.load import Load, at_time, pushes
 
 WORDS = ("equilibrium", "trim")
 NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
@@ -28,7 +28,7 @@ def start(
     """
     if not isinstance(q0, str):
         return arm._place("q0", q0)
-    word, loads = choice("q0", q0, WORDS), tuple(loads or ())
+    word, loads = choice("q0", q0, WORDS), (*(loads or ()), *pushes(arm, drive))
     moved = {key: float(law(t)[0]) for key, law in (drive or {}).items() if isinstance(law, Motion)}
     pose = arm.pose(moved)
     forces, volts = acting(arm, drive or {}, t)
@@ -43,7 +43,7 @@ def state(
 ) -> tuple[Array, Array]:
     """q (nq,) and v (nv,) at time t (s); joints whose motion is prescribed are where that is."""
     q, v = np.array(start(arm, q0, drive, loads, t)), np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
-    for i, law in arm.by_rate("drive", split_drives(drive)[0]).items():
+    for i, law in arm.by_rate("drive", split_drives(arm, drive)[0]).items():
         if isinstance(law, Motion):
             q[arm.coordinate_of(i)], v[i] = law(t)[:2]
     return q, v
@@ -59,7 +59,7 @@ def sagging(
         ValueError: no balance was found.
     """
     volts = voltage_forces(arm, acting(arm, drive or {}, t)[1])
-    sag = steady_state(arm, q, v, at_time(arm, loads, t), volts)
+    sag = steady_state(arm, q, v, at_time(arm, [*(loads or ()), *pushes(arm, drive)], t), volts)
     size = off = 0.0
     for _, beam, at, _ in arm.beams():
         K = np.asarray(beam._core.stiffness)
@@ -78,7 +78,7 @@ def warn_of_one_balance(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
 ) -> None:
     """StateWarning where runs that differ in these parameters all start from the balance of one of them."""
-    moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load")]
+    moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load", "strut")]
     if q0 is None or isinstance(q0, (str, Mapping)) or np.ndim(q0) != 1 or not moved:
         return
     q, v = state(arm, q0, None, drive, loads, t)
@@ -101,6 +101,6 @@ def acting(arm: Arm, drive: Mapping[Any, Any], t: float) -> tuple[Array, dict[An
     for key, law in drive.items():
         if is_patch(key):
             volts[arm._link(key[1], "drive: link"), key[2]] = float(law(t))
-        elif not isinstance(law, Motion):
+        elif not isinstance(law, Motion) and not is_strut(arm, key):
             tau[arm.joint_rate(key, "drive: link")] += float(law(t))
     return tau, volts

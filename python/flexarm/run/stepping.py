@@ -14,7 +14,7 @@ import flexarm._core as _core
 from .._check import Array, array, number
 from ..arm.arm import Arm
 from ..model.acting.control import PD, Controller, Run
-from ..model.acting.drive import Motion, Torque, Voltage, is_patch, split_drives
+from ..model.acting.drive import Motion, Torque, Voltage, is_patch, is_strut, split_drives
 from ..model.acting.load import Load
 from .integrators import Ida, Implicit, Integrator
 from .problem import Problem
@@ -98,7 +98,7 @@ class Simulation:
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
         run = self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
-        self._patches = list(split_drives(drive)[1])
+        self._patches = list(split_drives(self.arm, drive)[1])
         with run.both.naming():
             problem = run.core_problem(run.start, run.events, weak=True)
             self._core = _core.Simulation(problem, self.integrator.core, float(times[0]))
@@ -118,18 +118,24 @@ class Simulation:
 
     def _row(self) -> Result:
         rows = {name: getattr(self, name)[None] for name in ("q", "v", "a", "tau", "friction")}
-        return Result(self.arm, np.array([self.t]), **rows)
+        unknown = np.full((1, len(self.arm.struts)), np.nan) if self._problem.strut_drives else None
+        return Result(self.arm, np.array([self.t]), **rows, driven=unknown)  # they may have been set since
 
     def set_tau(self, tau: ArrayLike) -> None:
         """Constant generalised forces (N, N m), (nv,), from now on, to which those of drives are added."""
         self._core.set_tau(np.append(array("tau", tau, (self.arm.nv,)), np.zeros(self._problem.both.nv - self.arm.nv)))
 
     def set_drive(self, key: Any, value: float) -> None:
-        """The force of a drive (N, N m), or the voltage of a patch (V), from now on, in place of its law.
+        """The force or tension of a drive (N, N m), or the voltage of a patch (V), from now on, in place of its law.
 
         Args:
-            key: as of `drive` in `simulate`: a link, (link, freedom), or ("patch", link, patch).
+            key: as of `drive` in `simulate`: a link, (link, freedom), the name of a strut or tendon, or ("patch", link,
+                patch).
         """
+        if is_strut(self.arm, key):
+            sense = self.arm.struts[self.arm._strut(key)].sense
+            self.set_load(self._force(key), (sense * number("value", value), 0.0, 0.0))
+            return
         self._core.set_force(self._drive(key), number("value", value))
 
     def _drive(self, key: Any) -> int:
@@ -141,7 +147,18 @@ class Simulation:
             for k, drive in enumerate(self._problem.drives):
                 if drive.rate == rate and not drive.moves:
                     return k
-        raise ValueError(f"key = {key!r}: no torque or voltage drives it; give drive={{{key!r}: ...}} from the start")
+        raise self._not_driven(key)
+
+    def _force(self, strut: str) -> int:
+        """The number of a strut's driven force among the loads."""
+        name = f"drive of '{strut}'"
+        if name not in self._problem.force_names:
+            raise self._not_driven(strut)
+        return self._problem.force_names.index(name)
+
+    @staticmethod
+    def _not_driven(key: Any) -> ValueError:
+        return ValueError(f"key = {key!r}: no torque or voltage drives it; give drive={{{key!r}: ...}} from the start")
 
     def set_load(self, index: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
         """Force (N) and moment (N m) of the load of this number in `loads`, from now on, in place of its law."""

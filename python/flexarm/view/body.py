@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..model.parts.joints import Joint, Placement
 from ..model.parts.link import Link
 from ..model.parts.patch import Patch
 from ..model.parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
+from ..model.parts.strut import Tendon
 from .meshes import LOOK_COLOUR, Mesh, meshes_of
 
 _ROUND = 28  # corners of a circle
@@ -39,7 +41,8 @@ class Body:
                 sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. "under":
                 it is hidden where meshes are drawn; "colour": its own.
         meshes: triangles of the links' looks.
-        struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
+        bars: {"ends": two of (node, at) with a straight piece between, "part": "rod", a rail of a sliding joint, or
+            "strut" or "tendon", a piece of one}.
         axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to stand out of the solids.
         labels: {"node", "at", "text"}.
         loads: nodes where loads act. tips: (node, at) of the arm's ends.
@@ -51,7 +54,7 @@ class Body:
     beams: list[dict[str, Any]] = field(default_factory=list)
     solids: list[dict[str, Any]] = field(default_factory=list)
     meshes: list[Mesh] = field(default_factory=list)
-    struts: list[tuple[tuple[int, Any], tuple[int, Any]]] = field(default_factory=list)
+    bars: list[dict[str, Any]] = field(default_factory=list)
     axes: list[dict[str, Any]] = field(default_factory=list)
     labels: list[dict[str, Any]] = field(default_factory=list)
     loads: list[int] = field(default_factory=list)
@@ -159,7 +162,7 @@ def _joint(body: Body, name: str, joint: Joint, below: tuple[int, Array], node: 
     if joint.ball:
         body.solid("joint", node, "ball", moved, np.eye(3), [1.2 * radius])
     if any(not rotates for rotates, _ in freedoms):
-        body.struts.append(((lower, start), (node, moved)))
+        body.bars.append({"ends": [(lower, start), (node, moved)], "part": "rod"})
     body.labels.append({"node": lower, "at": start, "text": name})
 
 
@@ -231,8 +234,10 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
     """The body of an arm; `slices` is the number of slices of each link's beam."""
     body = Body(length(arm))
     ends: dict[int, tuple[int, Array]] = {-1: (0, np.zeros(3))}  # of each link; -1: the world
+    origins: list[int] = []
     for k, link in enumerate(arm.links):
         node, zero = body.node(k), np.zeros(3)
+        origins.append(node)
         hub_end = np.array(link.hub.end) if link.hub else zero
         first = len(body.places)
         reach = 0.0
@@ -263,6 +268,15 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _lengthen(body, link.joint, node, body.axes[axes], radius)
         ends[k] = (last, tip_end)
     body.tips = [ends[k] for k in arm.ends]
+    for strut, points in zip(arm.struts, arm._fastened, strict=True):
+        way: list[tuple[int, Array]] = []
+        for n, on, along_beam, offset in points:
+            node, at = ends[n]
+            if on != "end":
+                node, at = body.node(n, along_beam) if on == "slice" else origins[n], np.zeros(3)
+            way.append((node, at + offset))
+        part = "tendon" if isinstance(strut, Tendon) else "strut"
+        body.bars += [{"ends": list(pair), "part": part} for pair in pairwise(way)]
     for load in loads:
         n = arm._link(load.link)
         x = load.x if load.along is None else sum(load.along) / 2

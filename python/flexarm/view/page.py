@@ -76,7 +76,7 @@ def _text(numbers: NDArray[Any]) -> str:
 
 
 def _body(body: Body) -> dict[str, Any]:
-    fields = ("beams", "solids", "struts", "axes", "labels", "loads", "tips", "size")
+    fields = ("beams", "solids", "bars", "axes", "labels", "loads", "tips", "size")
     frames = [i for i, (_, x) in enumerate(body.places) if x is None]
     return {**{name: getattr(body, name) for name in fields}, "frames": frames}
 
@@ -113,6 +113,7 @@ def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
         "camera": _plain({**asdict(view), "field": stage.FIELD, "grid": stage.grid_step(view.radius)}),
         "strain": {"most": most, "factor": factor, "unit": unit, "colours": stage.COLOURS.tolist()},
         "colours": stage.PART_COLOURS | stage.SYMBOL_COLOURS,
+        "widths": stage.BARS,
         "largest": largest,
         **options,
     }

@@ -14,8 +14,9 @@ from .track import Track
 #: between blue and red, light in the middle: Moreland, "Diverging color maps for scientific visualization", 2009
 COLOURS = np.array([(59, 76, 192), (124, 159, 249), (221, 221, 221), (245, 156, 125), (180, 4, 38)]) / 255
 PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47"}
-PART_COLOURS |= {"patch": "#D9A300", "goal": GREEN}
+PART_COLOURS |= {"patch": "#D9A300", "goal": GREEN, "strut": "#6B5B95", "tendon": "#A0522D"}
 SYMBOL_COLOURS = {"axis": ORANGE, "force": GREEN, "moment": PURPLE, "trace": BLUE}
+BARS = {"rod": 0.5, "strut": 0.5, "tendon": 0.2}  # their radii, in the radius of an arrow's head
 FIELD = 28.0  # degrees, from the picture's lower edge to its upper
 
 
@@ -76,8 +77,8 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
 
 
 def _points(track: Track) -> Array:
-    """Six points about each node in each frame, at the distance that solids and sections reach there, and the corners
-    of meshes, (n, 3)."""
+    """Six points about each node in each frame, at the distance that solids and sections reach there, the corners of
+    meshes, and the points of struts in the world, (n, 3)."""
     from scipy.spatial.transform import Rotation
 
     reach = np.full(track.position.shape[1], 0.02 * track.body.size)
@@ -91,6 +92,8 @@ def _points(track: Track) -> Array:
     stride = max(len(track.t) // 200, 1)
     some = track.position[::stride, 1:]  # without the world
     parts = [(some[:, :, None] + offsets[1:]).reshape(-1, 3)]
+    fixed = [at for bar in track.body.bars for node, at in bar["ends"] if not node]
+    parts.append(np.reshape(fixed, (-1, 3)))
     for mesh in track.body.meshes:
         turns = Rotation.from_quat(track.quaternion[::stride, mesh.node]).as_matrix()
         moved = _corners(mesh.vertices) @ turns.swapaxes(1, 2) + track.position[::stride, mesh.node, None]

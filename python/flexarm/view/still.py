@@ -189,12 +189,13 @@ def _add_track(
     for mesh in meshes:
         corners = mesh.vertices[mesh.faces[:, [0, 1, 2, 2]]] @ R[mesh.node].T + p[mesh.node]
         faces.add(corners, mesh.colour)
-    for a, b in body.struts:
-        start, end = point(*a), point(*b)
+    for line in body.bars:
+        start, end = (point(*place) for place in line["ends"])
         length = float(np.linalg.norm(end - start))
         if length > 1e-9:
-            bar = _round(length, [symbol / 2] * 2, [-0.5, 0.5], 10) @ along((end - start) / length).T
-            faces.add(bar + (start + end) / 2, stage.PART_COLOURS["rod"])
+            width = stage.BARS[line["part"]] * symbol
+            bar = _round(length, [width] * 2, [-0.5, 0.5], 10) @ along((end - start) / length).T
+            faces.add(bar + (start + end) / 2, stage.PART_COLOURS[line["part"]])
     for axis in body.axes:
         start = point(axis["node"], axis["at"])
         direction = R[axis["node"]] @ axis["direction"]

@@ -268,8 +268,9 @@ class Pane {
       end.position.fromArray(at);
       this.hold(node, end, this.groups.frames);
     }
-    this.struts = body.struts.map((ends) => {
-      const mesh = new THREE.Mesh(new THREE.CylinderGeometry(0.5 * symbol, 0.5 * symbol, 1, 10), matte(told.colours.rod));
+    this.bars = body.bars.map(({ ends, part }) => {
+      const radius = told.widths[part] * symbol;
+      const mesh = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 1, 10), matte(told.colours[part]));
       this.scene.add(mesh);
       return [ends, mesh];
     });
@@ -316,7 +317,7 @@ class Pane {
       beam.mesh.visible = beam.part === "beam" || shown.patches;
       if (beam.mesh.visible) beam.update(track);
     }
-    for (const [[a, b], mesh] of this.struts) {
+    for (const [[a, b], mesh] of this.bars) {
       track.point(a[0], a[1], p);
       track.point(b[0], b[1], q);
       const length = p.distanceTo(q);

@@ -133,7 +133,7 @@ def with_density(arm: Arm, density: float) -> Arm:
     if link.beam is None or link.beam.material is None:
         raise ValueError("arm: its first link has no beam with a material")
     material = replace(link.beam.material, density=density)
-    return Arm([replace(link, beam=replace(link.beam, material=material))], arm.gravity)
+    return arm._alike([replace(link, beam=replace(link.beam, material=material))], arm.gravity)
 
 
 def gauge_after_impact(arm: Arm, samples: int = SAMPLES) -> tuple[Array, Array]:

@@ -93,7 +93,7 @@ class Manoeuvre:
 def with_order(arm: Arm, order: int) -> Arm:
     """The same arm with every beam's rotation cut at this order."""
     links = [replace(k, beam=replace(k.beam, order=order)) if k.beam else k for k in arm.links]
-    return Arm(links, arm.gravity)
+    return arm._alike(links, arm.gravity)
 
 
 def spectrum(arm: Arm, tick: Callable[[], None] = lambda: None) -> Spectrum:

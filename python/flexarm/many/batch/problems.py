@@ -109,7 +109,7 @@ def run_problems(
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         s, arm = setups[k % len(setups)], arms[k % len(arms)]
-        return arm, arm.zero if q0 is None else q0[k % len(q0)], s.loads, list(s.control)
+        return arm, arm.zero if q0 is None else q0[k % len(q0)], s.forces, list(s.control)
 
     def grown(k: int, time: float) -> LoopWarning | None:
         arm, start, loads, control = scenario(k)

@@ -14,6 +14,7 @@ from ..._check import Array, named
 from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...data.store.files import Refused, readable, sealed, write_whole
+from ...model.acting.load import driven_forces
 from ...run.result import Result
 from ...run.simulation import source
 from .job import ENDED, FAILED, Job
@@ -30,7 +31,11 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
     arrays: dict[str, Any] = {
         k: np.full((n, size), np.nan) if held.get(k) is None else np.array(held[k][i, :n]) for k, size in sizes.items()
     }
-    result = Result(setup.arm, t[:n], **arrays, loads=setup.loads if keeps_loads else None)
+    arm, loads = setup.arm, setup.loads if keeps_loads else None
+    driven = driven_forces(arm, setup.drive, t[:n])
+    if arm.struts and not keeps_loads:
+        driven = np.full((n, len(arm.struts)), np.nan)
+    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven)
     result.status, events = int(held["status"][i] == ENDED), held.get("events")
     if events is not None and events[i] is not None:
         result.t_events, result.q_events, result.v_events = events[i]
@@ -153,7 +158,7 @@ class BatchResult:
         with readable("batch", Path(path), "a file of a batch"):
             held = read(Path(path), verify)
             values, loads = held["parameters"], held["about"]["loads"]
-            ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "q0", "v0")}
+            ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "strut", "q0", "v0")}
             variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
             variation.values.update(values)
             _check_shapes(held, variation.setup.arm)

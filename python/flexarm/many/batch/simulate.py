@@ -220,7 +220,7 @@ def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
     s = job.variation.scenario(i)
     if not s.control:
         return None
-    laws = s.arm.by_rate("drive", split_drives(s.drive)[0])
+    laws = s.arm.by_rate("drive", split_drives(s.arm, s.drive)[0])
     prescribed = [k for k, law in laws.items() if isinstance(law, Motion)]
     q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
-    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, reached - float(job.t[0]), True)
+    return unstable(s.arm, q0, prescribed, job.t, s.forces, s.control, reached - float(job.t[0]), True)

@@ -15,7 +15,7 @@ from ..._check import Array
 from ..parts.chain import Chain
 from .control import Controller, control_laws, extended, padded
 from .drive import Motion, Torque, patch_laws, split_drives, standing
-from .load import at_time
+from .load import Load, at_time, pushes
 
 _KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
 _OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_core, "Mpc") else []))
@@ -35,7 +35,8 @@ class Acts:
     """Drives, loads and controllers over the times of a run, checked.
 
     Attributes:
-        arm, times, loads: as given.
+        arm, times, loads: as given. forces: the loads, and the driven forces of struts as loads, with
+            `force_names` in errors. strut_drives: of struts, by name.
         drives, feedback, sampled: as the core takes them.
         motions: prescribed motions by rate; prescribed: these rates.
         both: the arm, extended by a link for each state of a controller, which the core integrates.
@@ -47,17 +48,21 @@ class Acts:
         remembered: dict[int, _core.Remembered] | None = None,
     ) -> None:  # fmt: skip
         self.arm, self.times, self.remembered = arm, times, remembered
-        joints, patches = split_drives(drive)
+        joints, patches, self.strut_drives = split_drives(arm, drive)
         self.drives = patch_laws(arm, patches, times)
         self.motions: dict[int, Motion] = {}
         for i, law in arm.by_rate("drive", joints).items():
             self._drive(i, law)
         self.prescribed = [d.rate for d in self.drives if d.moves]
-        self._places, _ = at_time(arm, loads, float(times[0]))
-        self.loads = tuple(loads or ())
-        for k, load in enumerate(self.loads):
-            load.check_span(f"loads[{k}]", times)
-        self.feedback, self.sampled, memory = control_laws(arm, control, times, self.loads, self.prescribed)
+        at_time(arm, loads, float(times[0]))
+        self.loads: tuple[Load, ...] = tuple(loads or ())
+        self.forces: tuple[Load, ...] = (*self.loads, *pushes(arm, drive))
+        self.force_names = [f"loads[{k}]" for k in range(len(self.loads))]
+        self.force_names += [f"drive of '{name}'" for name in self.strut_drives]
+        self._places, _ = at_time(arm, self.forces, float(times[0]))
+        for name, force in zip(self.force_names, self.forces, strict=True):
+            force.check_span(name, times)
+        self.feedback, self.sampled, memory = control_laws(arm, control, times, self.forces, self.prescribed)
         self.both = extended(arm, memory) if memory else arm
 
     def _drive(self, i: int, law: Any) -> None:
@@ -86,7 +91,7 @@ class Acts:
 
         drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
                   for d in self.drives]  # fmt: skip
-        loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.loads, strict=True)]
+        loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.forces, strict=True)]
         feedback = [Feedback(f.column, f.by_q, f.by_v, law(f.reference), f.limit) for f in self.feedback]
         return _core.Problem(
             arm=both._core, t=self.times, q0=padded(start["q0"], both.nq), v0=padded(start["v0"], nv),

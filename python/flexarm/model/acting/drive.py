@@ -284,12 +284,18 @@ def is_patch(key: Any) -> bool:
     return isinstance(key, tuple) and len(key) > 0 and key[0] == "patch"
 
 
-def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
-    """The drives of joints, and those of patches."""
+def is_strut(arm: Chain, key: Any) -> bool:
+    return isinstance(key, str) and key in arm.strut_names
+
+
+def split_drives(arm: Chain, drive: Any) -> tuple[Any, dict[Any, Any], dict[str, Any]]:
+    """The drives of joints, those of patches, and those of struts."""
     if drive is None or not isinstance(drive, Mapping):
-        return drive, {}
-    joints = {k: law for k, law in drive.items() if not is_patch(k)}
-    return joints, {k: law for k, law in drive.items() if is_patch(k)}
+        return drive, {}, {}
+    found: tuple[dict[Any, Any], ...] = {}, {}, {}
+    for key, law in drive.items():
+        found[1 if is_patch(key) else 2 if is_strut(arm, key) else 0][key] = law
+    return found[0], found[1], found[2]
 
 
 def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Drive]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from inspect import signature
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, choice, instance, number
 from ..parts.chain import Chain
-from .drive import Law, sample_times
+from .drive import Law, Torque, sample_times, split_drives
 
 Value = ArrayLike | Callable[[float], Any]
 
@@ -111,6 +112,58 @@ class Load(Law):
         if self.x is not None:
             return _core.Load.at_slice(arm._core, n, self.x, world)
         return _core.Load.at_end(arm._core, n, world)
+
+
+class Push(Load):
+    """The driven force of a strut (N), or tension of a tendon, as a load: the first of its six numbers pushes.
+
+    Args:
+        strut: its name.
+    """
+
+    def __init__(self, arm: Chain, strut: str, law: Any) -> None:
+        self.strut, where = arm._strut(strut), f"drive of '{strut}'"
+        if not isinstance(law, Torque):
+            raise ValueError(f"{where} = {law!r}: must be a Torque, which adds to its force or tension")
+        sense = arm.struts[self.strut].sense
+        self.constant = law.constant
+        self._steady = np.array([sense * law(0.0), *[0.0] * 5]) if law.constant else None
+        if isinstance(law.law, _core.PiecewisePolynomial):
+            self.law = tuple(law.scaled(factor).law for factor in (sense, *[0.0] * 5))
+        else:
+            self.law = _Pushing(where, law.law, sense)
+
+    def place(self, arm: Chain) -> _core.Load:
+        return _core.Load.on_strut(arm._core, self.strut)
+
+
+@dataclass(frozen=True)
+class _Pushing:
+    """The six numbers of a callable force."""
+
+    where: str
+    law: Callable[[float], float]
+    sense: float
+
+    def __call__(self, t: float) -> list[float]:
+        return [self.sense * array(f"{self.where} at t = {t}", self.law(t), ()).item(), *[0.0] * 5]
+
+
+def pushes(arm: Chain, drive: Any) -> list[Push]:
+    """The driven forces of struts, of the drives of a run."""
+    return [Push(arm, name, law) for name, law in split_drives(arm, drive)[2].items()]
+
+
+def driven_forces(arm: Chain, drive: Any, t: Array) -> Array | None:
+    """What the drives of a run add to the force of each Strut and the tension of each Tendon (N) at times t (nt,):
+    (nt, n); None where none is driven."""
+    struts = split_drives(arm, drive)[2]
+    if not struts:
+        return None
+    out = np.zeros((len(t), len(arm.struts)))
+    for name, law in struts.items():
+        out[:, arm._strut(name)] = law(t)
+    return out
 
 
 @lru_cache(maxsize=64)

@@ -203,7 +203,7 @@ class MPC(Controller):
     # ------------------------------------------------------------------------------------------------------------------
 
     def _columns(self, arm: Chain) -> list[Array]:
-        given = arm.by_rate("drive", split_drives(self.drive)[0])
+        given = arm.by_rate("drive", split_drives(arm if self.model is None else self.model, self.drive)[0])
         rates = [i for i in arm.freedoms if not isinstance(given.get(i), Motion)]
         if self.inputs is None and not rates:
             raise ValueError("inputs = None: all joints have a motion in `drive`; name the inputs u")

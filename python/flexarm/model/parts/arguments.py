@@ -44,6 +44,11 @@ class Argument:
         return float in members(self.hint, deep=False)
 
     @property
+    def text(self) -> bool:
+        """Whether it accepts a text."""
+        return str in members(self.hint, deep=False)
+
+    @property
     def many(self) -> bool:
         """Whether it accepts a sequence of `parts`: in a file, a list of tables."""
         return any(get_origin(h) is Sequence and _own(h) for h in members(self.hint, deep=False))

@@ -18,8 +18,11 @@ from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .link import Link
 from .part import as_table
+from .strut import WORLD, Point, Strut, Tendon
 
 _Kind = TypeVar("_Kind", bound="Chain")
+_LEAST = 1e-9  # m: a strut that is shorter has no direction
+_Fastened = tuple[int, str, float, Array]  # link, "origin", "end" or "slice", its place (m), offset (m)
 
 
 def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
@@ -39,6 +42,16 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
     return out
 
 
+def _lines(given: Sequence[Strut | Tendon]) -> tuple[Strut | Tendon, ...]:
+    """The struts and tendons, struts ahead, as files have them."""
+    if not isinstance(given, Sequence):
+        raise ValueError(f"struts = {given!r}: must be a list of Strut and Tendon")
+    for k, x in enumerate(given):
+        if not isinstance(x, (Strut, Tendon)):
+            raise ValueError(f"struts[{k}] = {x!r}: must be a Strut or a Tendon")
+    return tuple(sorted(given, key=lambda x: isinstance(x, Tendon)))
+
+
 def _alike(x: Link, y: Link) -> bool:
     """Whether links have the same names and coordinates."""
     counts = [link.beam.counts if link.beam is not None else {} for link in (x, y)]
@@ -54,8 +67,8 @@ def _quaternion(turn: Array) -> Array:
 
 
 class Chain:
-    """The data of an arm: its links and gravity, the indices of its coordinates, its slices and their motion. Links
-    are a chain, or a tree: see `parents`.
+    """The data of an arm: its links, gravity and struts, the indices of its coordinates, its slices and their motion.
+    Links are a chain, or a tree: see `parents`.
 
     Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
     count from 0 at the base; -1 is the last, and the default.
@@ -63,16 +76,24 @@ class Chain:
 
     links: tuple[Link, ...]
 
-    def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        links: Sequence[Link],
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        struts: Sequence[Strut | Tendon] = (),
+    ) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
+        self.struts: tuple[Strut | Tendon, ...] = _lines(struts)  #: struts, then tendons, by number
         self._name()
         self._make()
 
     def _name(self) -> None:
         self._numbers = _numbers(self.links)
+        #: name of each strut and tendon: its own, or "strut 0" and so on
+        self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
         #: number of the link on which each link sits; -1: the world
         self.parents: tuple[int, ...] = tuple(self._parent(k, link.parent) for k, link in enumerate(self.links))
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
@@ -91,9 +112,26 @@ class Chain:
             (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
         )
 
+        for k, name in enumerate(self.strut_names):
+            if name in self.strut_names[:k]:
+                other = self.strut_names.index(name)
+                raise ValueError(f"struts[{k}]: name = '{name}': is that of struts[{other}], too; take another")
+            if name in (*self._numbers, *self.names, *self.joint_names):
+                raise ValueError(f"struts[{k}]: name = '{name}': is that of a link or a joint; take another")
+
     def _make(self) -> None:
-        with self.naming():
-            self._core = _core.Arm([link._core for link in self.links], self.gravity, self.seats)
+        self._fastened = [self._fasten(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
+        #: length at which the spring of each strut and tendon has no force (m)
+        self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
+        self._core = self._core_arm()
+        if any(s.length is None for s in self.struts):
+            at_zero = self._core.strut_motion(self._core.zero, np.zeros(self._core.nv))[0][:, 0].tolist()
+            for k, s in enumerate(self.struts):
+                if s.length is None and not at_zero[k] > _LEAST:
+                    raise ValueError(f"struts[{k}]: length = None: is zero at q = zero; give the spring's length (m)")
+            lengths = zip(self.struts, at_zero, strict=True)
+            self.rest_lengths = tuple(x if s.length is None else s.length for s, x in lengths)
+            self._core = self._core_arm()
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
@@ -102,23 +140,84 @@ class Chain:
             (k, i) for k, link in enumerate(self.links) if link.beam for i in range(len(link.beam.patches))
         ]  #: (link, patch) of each column of patch_matrix
 
+    def _core_arm(self) -> _core.Arm:
+        made = zip(self.struts, self._fastened, self.rest_lengths, strict=True)
+        struts = [_core.Strut(points, s.stiffness, s.damping, x, s.force, s.tension_only) for s, points, x in made]
+        with self.naming():
+            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts)
+
+    def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
+        """The points of a strut as the core takes them. ValueError unless they can move against each other."""
+        names = ("a", "b") if isinstance(strut, Strut) else [f"points[{i}]" for i in range(len(strut.points))]
+        points = [self._fasten_point(f"{field}: {name}", p) for name, p in zip(names, strut.points, strict=True)]
+        if len({self._body(*point[:3]) for point in points}) == 1:
+            raise ValueError(f"{field}: all its points sit on one rigid body, so that its length cannot change")
+        return points
+
+    def _fasten_point(self, field: str, point: Point) -> _Fastened:
+        offset = np.array(point.offset)
+        if point.link == WORLD:
+            if WORLD in self._numbers:
+                raise ValueError(f"{field}.link = 'world': is the name of a link, too; give that another name")
+            return -1, "end", 0.0, offset
+        k = self._link(point.link, f"{field}.link")
+        if isinstance(point.at, str):
+            return k, point.at, 0.0, offset
+        beam, x = self.links[k].beam, float(point.at or 0.0)
+        if beam is None:
+            raise ValueError(f"{field}.at = {x:g}: must be 'end' or 'origin': {self.names[k]} has no beam")
+        if not 0.0 <= x <= beam.length:
+            where = f"0 to {beam.length:g} m, along the beam of {self.names[k]}"
+            raise ValueError(f"{field}.at = {x:g}: must be from {where}")
+        return k, "slice", x, offset
+
+    def _body(self, link: int, on: str, x: float) -> Any:
+        """What tells the rigid bodies apart on which points sit."""
+        if link < 0:
+            return -1
+        beam = self.links[link].beam
+        bends = beam is not None and beam.ne > 0
+        if bends and beam is not None and (on == "end" or x > 0.0):
+            return link, beam.length if on == "end" else x
+        if not self.links[link].joint.nv:  # it is one body with what it sits on
+            parent, at = self.seats[link]
+            return self._body(parent, "end" if at is None else "slice", at or 0.0)
+        return link, 0.0
+
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
+        out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
+        for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
+            if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
+                out[name] = found
+        return out
 
-    def _alike(self: _Kind, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> _Kind:
-        """An arm of the same class; a subclass's own `__init__`, which may take other arguments, is not called."""
+    def _alike(
+        self: _Kind,
+        links: Sequence[Link],
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        struts: Sequence[Strut | Tendon] | None = None,
+    ) -> _Kind:
+        """An arm of the same class, with the same struts (if None); a subclass's own `__init__`, which may take other
+        arguments, is not called."""
         out = type(self).__new__(type(self))
-        Chain.__init__(out, links, gravity)
+        Chain.__init__(out, links, gravity, self.struts if struts is None else struts)
         return out
 
     @classmethod
-    def _varied(cls: type[_Kind], of: Chain, links: Sequence[Link], gravity: Sequence[float]) -> _Kind:
+    def _varied(
+        cls: type[_Kind],
+        of: Chain,
+        links: Sequence[Link],
+        gravity: Sequence[float],
+        struts: Sequence[Strut | Tendon],
+    ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
-            return cls(links, gravity)
+            return cls(links, gravity, struts)
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
+        out.struts, out.strut_names = tuple(struts), of.strut_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
         out.coordinates, out.parents = of.coordinates, of.parents
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
@@ -126,18 +225,22 @@ class Chain:
         return out
 
     def __reduce__(self) -> Any:
-        return __newobj__, (type(self),), (self.links, self.gravity)
+        return __newobj__, (type(self),), (self.links, self.gravity, self.struts)
 
     def __setstate__(self, state: Any) -> None:
         Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Chain) and (self.links, self.gravity) == (other.links, other.gravity)
+        def parts(x: Chain) -> Any:
+            return x.links, x.gravity, x.struts
+
+        return isinstance(other, Chain) and parts(self) == parts(other)
 
     __hash__ = None  # type: ignore[assignment]  # beams hold dictionaries
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
+        counted = f"{len(self.links)} links, " + (f"{len(self.struts)} struts, " if self.struts else "")
+        return f"{type(self).__name__}({counted}{self.nv} coordinates: {', '.join(self.coordinates)})"
 
     def __getitem__(self, link: Any) -> Link:
         """The link of a name (its own or its joint's) or a number."""
@@ -190,6 +293,8 @@ class Chain:
             if found:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
+            if link in self.strut_names:
+                raise ValueError(f"{field} = {link!r}: is a strut; here is meant a link or a joint")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
@@ -197,6 +302,18 @@ class Chain:
         if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
             raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
         return int(link) % n
+
+    def _strut(self, strut: Any, field: str = "strut") -> int:
+        """The index of a strut or tendon, given by its number or its name."""
+        n = len(self.struts)
+        if isinstance(strut, str) and strut in self.strut_names:
+            return self.strut_names.index(strut)
+        if isinstance(strut, str) or not n:
+            known = f"there are {', '.join(self.strut_names)}" if n else "the arm has none"
+            raise ValueError(f"{field} = {strut!r}: no strut and no tendon has this name; {known}")
+        if isinstance(strut, bool) or not isinstance(strut, (int, np.integer)) or not -n <= strut < n:
+            raise ValueError(f"{field} = {strut!r}: must be from {-n} to {n - 1}, or a name")
+        return int(strut) % n
 
     def _parent(self, k: int, parent: str | int | None) -> int:
         """The number of the link that link k sits on; -1: the world."""
@@ -554,6 +671,22 @@ class Chain:
                 "it to sense a voltage"
             )
         return value
+
+    # -- struts and tendons --------------------------------------------------------------------------------------------
+
+    def strut_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+        """Length (m), its rate (m/s) and force (N) of each strut and tendon, (..., n) each, by their numbers in
+        `struts`. The force is that with which it pushes its points apart, spring, damper and constant part: of a
+        tendon, its tension is the negative. v is zero if None."""
+        q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
+        found = finite("strut motion", self._core.strut_motion(q, v)[0])
+        return found[..., 0], found[..., 1], found[..., 2]
+
+    def strut_jacobian(self, q: ArrayLike) -> Array:
+        """Jacobian (..., n, nv) of the lengths of struts and tendons: dl/dt = J v. A force f with which they push has
+        the generalised forces J^T f."""
+        (q,) = self._batch(q=q)
+        return finite("strut Jacobian", self._core.strut_motion(q, np.zeros((*q.shape[:-1], self.nv)))[1])
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 

@@ -21,8 +21,8 @@ class ModelWarning(UserWarning):
     The message gives the limit or the remedy. `check` finds other probable mistakes."""
 
 
-#: first entries of tuples that name an item of a link, such as ("patch", link, patch)
-_TAKEN = ("patch", "load", "force", "acceleration")
+#: first entries of tuples that name an item, such as ("patch", link, patch)
+_TAKEN = ("patch", "load", "force", "acceleration", "strut")
 
 
 def read_name(value: Any) -> str | None:
@@ -33,7 +33,7 @@ def read_name(value: Any) -> str | None:
         raise ValueError(f"name = {value!r}: must be text without blanks around it, such as 'elbow'")
     if "." in value:
         raise ValueError(f"name = {value!r}: must have no dot, which parts the words of a path ('link.elbow.tip.mass')")
-    if value in _TAKEN or re.fullmatch(r"(link )?[-+]?\d+", value):
+    if value in _TAKEN or re.fullmatch(r"((link|strut) )?[-+]?\d+", value):
         raise ValueError(f"name = {value!r}: means something else already; take another")
     return value
 

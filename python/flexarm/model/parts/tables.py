@@ -9,9 +9,10 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from ..._check import choice, known_keys
-from .arguments import Argument, arguments, kinds
+from .arguments import Argument, arguments, kinds, members
 from .beam import Vector
 from .link import Link
+from .strut import Strut, Tendon
 
 #: (where, value) -> value, by the name of an argument: readers that replace the one of its type
 Readers = Mapping[str, Callable[[str, Any], Any]]
@@ -27,10 +28,14 @@ class ArmFile:
         link: the links, from the base to the tip: each sits on the one before, or on its `parent`. A joint on the world
             sits at its origin, in its axes.
         gravity: in world axes (m/s^2).
+        strut: cylinders, springs and struts between points of links and of the world.
+        tendon: ropes and cables, likewise. In the arm's numbers of struts they come behind all of `strut`.
     """
 
     link: Sequence[Link]
     gravity: Vector = (0.0, 0.0, 0.0)
+    strut: Sequence[Strut] = ()
+    tendon: Sequence[Tendon] = ()
 
 
 @contextmanager
@@ -70,14 +75,16 @@ def _value(where: str, argument: Argument, value: Any, own: Readers) -> Any:
         return own[argument.name](where, value)
     if not argument.parts:
         return value
-    if argument.number and not isinstance(value, Mapping):
+    if (argument.number or argument.text) and not isinstance(value, Mapping):
         return value
     if not argument.many:
         return _part(where, argument.parts, value, own)
     if not isinstance(value, (list, tuple)) or (argument.required and not value):
         want = "at least one table" if argument.required else "tables"
         raise ValueError(f"{where} = {value!r}: must be a list of {want}")
-    return [_part(f"{where}[{k}]", argument.parts, table, own) for k, table in enumerate(value)]
+    short = str in members(argument.hint)
+    return [table if short and not isinstance(table, Mapping) else _part(f"{where}[{k}]", argument.parts, table, own)
+            for k, table in enumerate(value)]  # fmt: skip
 
 
 def _part(where: str, classes: Sequence[type], table: Any, own: Readers) -> Any:

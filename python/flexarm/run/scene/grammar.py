@@ -109,6 +109,27 @@ class PatchDrive:
         return "patch", self.link, self.patch
 
 
+@dataclass(frozen=True)
+class StrutDrive:
+    """The drive of a strut or a tendon.
+
+    Args:
+        strut: the strut or tendon: its name.
+        torque: the force (N) that is added to that of a strut, or the tension that is added to that of a tendon.
+    """
+
+    strut: str
+    torque: Torque
+
+    @property
+    def laws(self) -> list[Any]:
+        return [self.torque]
+
+    @property
+    def key(self) -> Any:
+        return self.strut
+
+
 def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
     """The output times of a run (s), from 0.
 
@@ -151,7 +172,7 @@ class SceneFile(ArmFile):
 
     Args:
         title: of tables and figures; None: the file's name.
-        drive: drives of joints and piezo patches.
+        drive: drives of joints, struts, tendons and piezo patches.
         load: external forces and moments.
         control: controllers; their forces add to the drives'.
         sensor: sensors; `flexarm run` writes their readings as sensor-K-TYPE.csv.
@@ -159,7 +180,7 @@ class SceneFile(ArmFile):
     """
 
     title: str | None = None
-    drive: Sequence[JointDrive | PatchDrive] = ()
+    drive: Sequence[JointDrive | PatchDrive | StrutDrive] = ()
     load: Sequence[Load] = ()
     control: Sequence[Controller] = ()
     sensor: Sequence[Sensor] = ()

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 from ..._check import Array, array, choice, known_keys, number
 from ...arm.arm import Arm
 from ...model.acting.control import control_laws
-from ...model.acting.drive import Motion, SpinUp
+from ...model.acting.drive import Motion, SpinUp, is_strut
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import read, read_file
 from ..integrators import INTEGRATORS
 from ..start import WORDS, start
-from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, output_times
+from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, StrutDrive, output_times
 
 
 class Files(NamedTuple):
@@ -102,11 +102,14 @@ def _simulation(where: str, table: Any) -> dict[str, Any]:
     return dict(table)
 
 
-def _drives(file: SceneFile) -> dict[Any, Any]:
+def _drives(file: SceneFile, arm: Arm) -> dict[Any, Any]:
     found: dict[Any, Any] = {}
     for k, drive in enumerate(file.drive):
         if len(drive.laws) != 1:
             raise ValueError(f"drive[{k}]: needs link and one of motion, spin_up, torque")
+        if isinstance(drive, StrutDrive) and not is_strut(arm, drive.strut):
+            known = ", ".join(arm.strut_names) or "none"
+            raise ValueError(f"drive[{k}].strut = {drive.strut!r}: must be the name of a strut or tendon, of {known}")
         if drive.key in found:
             raise ValueError(f"drive[{k}].link = {drive.key}: is driven twice")
         found[drive.key] = drive.laws[0]
@@ -130,7 +133,7 @@ def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any
                 check(part)
             except ValueError as e:
                 raise ValueError(f"{key}[{k}]: {e}") from None
-    drive = _drives(file)
+    drive = _drives(file, arm)
     q0 = s.get("q0")
     try:
         if isinstance(q0, str):

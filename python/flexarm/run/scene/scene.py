@@ -16,7 +16,7 @@ from ..._check import Array, choice, known_keys, named
 from ...arm.arm import Arm
 from ...data.store.files import write_whole
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Torque, Voltage
+from ...model.acting.drive import Motion, Torque, Voltage, is_strut
 from ...model.acting.load import Load
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import shallow
@@ -51,7 +51,8 @@ class Scene:
 
     Attributes:
         arm: the arm.
-        drive: Motion or Torque by link number, or by (link, freedom); Voltage by ("patch", link, patch).
+        drive: Motion or Torque by link number, or by (link, freedom); Torque by the name of a strut or tendon; Voltage
+            by ("patch", link, patch).
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero; q0 as `simulate` takes it: numbers, joints by name, or
@@ -107,8 +108,11 @@ class Scene:
     def __str__(self) -> str:
         """A line for each part of the scene."""
         names = self.arm.names
-        drives = [f"{names[self.arm._link(key)] if isinstance(key, (int, str)) else key}: {law!r}"
-                  for key, law in self.drive.items()]  # fmt: skip
+
+        def of(key: Any) -> Any:
+            return names[self.arm._link(key)] if isinstance(key, (int, str)) and not is_strut(self.arm, key) else key
+
+        drives = [f"{of(key)}: {law!r}" for key, law in self.drive.items()]
         start = repr(self.q0) if isinstance(self.q0, str) else _state(self.arm.q_names, self.start() - self.arm.zero)
         rates = "at rest" if self.v0 is None else _state(self.arm.coordinates, np.asarray(self.v0))
         said = {

@@ -13,7 +13,7 @@ import flexarm._core as _core
 from ..._check import Array
 from ...arm.arm import Arm
 from ...model.acting.control import Controller
-from ...model.acting.drive import Motion, Scalar, SpinUp, is_patch
+from ...model.acting.drive import Motion, Scalar, SpinUp, is_patch, is_strut
 from ...model.acting.load import Load
 from ...model.acting.sampled import is_samples
 from ...model.parts.chain import Chain
@@ -105,6 +105,8 @@ class _Laws:
     def drive(self, where: str, key: Any, law: Any) -> dict[str, Any]:
         if is_patch(key):
             return {"link": key[1], "patch": key[2], "voltage": self.scalar(where, "voltage", law)}
+        if is_strut(self.arm, key):
+            return {"strut": key, "torque": self.scalar(where, "torque", law)}
         link = dict(zip(("link", "freedom"), key if isinstance(key, tuple) else (key,), strict=False))
         moves = isinstance(law, Motion)
         return {**link, **(self.motion(where, law) if moves else {"torque": self.scalar(where, "torque", law)})}
@@ -148,7 +150,9 @@ class _Laws:
 
 def _tables(scene: Mapping[str, Any], laws: _Laws) -> Iterator[tuple[str, Sequence[Mapping[str, Any]]]]:
     """The file's lists of tables, by name."""
-    yield "link", laws.arm.to_dict()["link"]
+    arm = laws.arm.to_dict()
+    for name in ("link", "strut", "tendon"):
+        yield name, arm.get(name, [])
     yield "drive", [laws.drive(f"drive[{k}]", *item) for k, item in enumerate(scene["drive"].items())]
     yield "load", [laws.load(f"load[{k}]", load) for k, load in enumerate(scene["loads"])]
     yield "control", [laws.control(f"control[{k}]", law) for k, law in enumerate(scene["control"])]

@@ -172,11 +172,11 @@ class Sensor(Part):
             if coarse:
                 warnings.warn(coarse, stacklevel=outside())
             state = result.t, result.q, result.v, result.a, result.tau
-            y, middle = (self.measure(arm, *x, loads=result.loads) for x in (state, _midway(arm, *state)))
+            y, middle = (self.measure(arm, *x, loads=result.forces) for x in (state, _midway(arm, *state)))
             filtered = Filtered(self.filter, result.t, y, middle)
             y = filtered.states[:, 0] if at is None else filtered.at(at)
         else:
-            y = self.measure(arm, *_interpolated(result, at), loads=result.loads)
+            y = self.measure(arm, *_interpolated(result, at), loads=result.forces)
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
 
