@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -117,6 +118,40 @@ def random_arm(rng: np.random.Generator, links: int, orders=(0, 1, 2, 3, "exact"
         hub = body() if needs_hub or rng.random() < 0.8 else None
         chain.append(fa.Link(joint(k == 0), hub, elastic, body()))
     return fa.Arm(chain, rng.normal(size=3) * 5)
+
+
+def random_point(rng: np.random.Generator, arm: fa.Arm, link: int) -> fa.Point:
+    """Of a strut: any of the places on this link, or in the world (-1)."""
+    if link < 0:
+        return fa.Point("world", offset=rng.normal(size=3))
+    beam, places = arm.links[link].beam, ["end", "origin"]
+    at = rng.choice(places) if beam is None or rng.random() < 0.3 else float(rng.uniform(0.0, beam.length))
+    return fa.Point(link, at=at if isinstance(at, float) else str(at), offset=rng.uniform(-0.1, 0.1, 3))
+
+
+def strutted(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> fa.Arm:
+    """The arm with two struts, a rope and a tendon that pushes too, between any links, and the world."""
+
+    def points(n: int) -> list[fa.Point]:
+        low = -1 if world else 0
+        return [random_point(rng, arm, int(k)) for k in rng.integers(low, len(arm.links), n)]
+
+    def law(of: str) -> dict[str, float]:
+        return {"stiffness": rng.uniform(10, 200), "damping": rng.uniform(0, 5), "length": rng.uniform(0.2, 2),
+                of: rng.normal()}  # fmt: skip
+
+    def drawn(kind: int) -> fa.Strut | fa.Tendon:
+        if kind < 2:
+            return fa.Strut(*points(2), **law("force"))
+        return fa.Tendon(points(int(rng.integers(2, 5))), tension_only=kind == 2, **law("tension"))
+
+    found: list[fa.Strut | fa.Tendon] = []
+    while len(found) < 4:
+        new = drawn(len(found))
+        with contextlib.suppress(ValueError):  # all its points on one rigid body
+            fa.Arm(arm.links, struts=[new])
+            found.append(new)
+    return fa.Arm(arm.links, arm.gravity, struts=found)
 
 
 def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
