@@ -48,6 +48,18 @@ def fork(m: float, rich: bool) -> fa.Arm:
     return fa.Arm([stem, replace(links[0], at=0.25), links[1]])
 
 
+def tied(m: float, rich: bool) -> fa.Arm:
+    """The same, with a spring from the world to a slice, and a rope over its tip."""
+    spring = fa.Strut((0.1, -0.2, 0), (0, 0.3), stiffness=300, damping=2)
+    rope = fa.Tendon([(0.1, 0.3, 0), fa.Point(0, 0.2, (0, 0.02, 0)), 0], stiffness=100, damping=1, tension=4)
+    return fa.Arm(arm(m, rich).links, struts=[spring, rope])
+
+
+def pull(t: float, pose: Any, velocity: np.ndarray) -> np.ndarray:
+    """Of a spring and of the air, at the tip."""
+    return np.array([0.4, 0.1, 0.0]) * 20 - 20 * pose.p - 0.5 * np.abs(velocity[:3]) * velocity[:3]
+
+
 def joint(**more: Any) -> fa.Revolute:
     return fa.Revolute("z", damping=0.02, **more)
 
@@ -200,6 +212,8 @@ def features() -> list[Feature]:
                 sensors=[fa.sensors.Encoder(0, noise=1.0)]),
         Feature("dead load", lambda m, r, x: {"loads": [dead(r)]}),
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
+        Feature("load by its state", lambda m, r, x: {"loads": [fa.Load(force=pull)], **SPUN}, "event"),
+        Feature("strut and tendon", lambda m, r, x: {"arm": tied(m, x), **SPUN}, "event"),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),

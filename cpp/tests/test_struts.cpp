@@ -113,3 +113,91 @@ TEST_CASE("bad struts") {
   CHECK_THROWS_AS(make({{a, {0, P::slice, 7.0, {0, 0, 0}}}}), std::invalid_argument);
   CHECK_THROWS_AS(make({{a, {2, P::slice, 0.1, {0, 0, 0}}}}), std::invalid_argument);  // rigid
 }
+
+namespace {
+
+/// A law that is curved in everything that it is asked with.
+Vec6<double> drag(double t, const Eigen::Vector3d& p, const Eigen::Matrix3d& R, const Vec6<double>& u) {
+  Vec6<double> out;
+  out.head<3>() = (1.0 + t) * p.cross(R.col(1)) - u.head<3>() * u.head<3>().norm();
+  out.tail<3>() = 0.3 * R.col(0) - 0.2 * u.tail<3>() * p.squaredNorm();
+  return out;
+}
+
+/// On ends and slices, in both axes.
+std::vector<Load> by_state(const Arm& arm) {
+  const auto law = std::make_shared<const StateForce>(drag);
+  std::vector<Load> loads;
+  for (const bool world : {true, false})
+    for (std::size_t n = 0; n < arm.size(); ++n) {
+      loads.push_back(arm.link(n).beam() && n % 2 == 0 ? Load::at_slice(arm, n, 0.2, world)
+                                                       : Load::at_end(arm, n, world));
+      loads.back().by_state = law;
+    }
+  return loads;
+}
+
+}  // namespace
+
+TEST_CASE("loads by the state of their slice") {
+  for (const Arm& arm : {flexarm_test::flat({0, 1, 0}, {0, 2, 0, 0, 1}, 2), flexarm_test::flat_tree(kExact),
+                         flexarm_test::spatial_arm(3), tied(flexarm_test::floating_arm())}) {
+    const std::vector<Load> loads = by_state(arm);
+    const int nq = arm.nq(), nv = arm.nv();
+    Eigen::VectorXd q, v, a = flexarm_test::wave(nv, 0.2, 1.0), tau(nv), wrenches(6 * loads.size());
+    flexarm_test::place(arm, 0.4, q, v);
+    std::vector<Load> plain = loads;
+    for (Load& load : plain) load.by_state = nullptr;
+    oracle::Oracle truth(arm, {}, plain);
+    wrenches.setZero();
+    for (std::size_t k = 0; k < loads.size(); ++k) {
+      const Load& load = loads[k];
+      const SliceTable* slice = load.points.empty() ? nullptr : &load.points[0].slice;
+      const oracle::Pose pose = truth.pose(load.link, slice, q);
+      truth.wrenches[k] = drag(0.5, pose.p, pose.R, truth.jacobian(load.link, slice, q) * v);
+      wrenches[6 * static_cast<Eigen::Index>(k)] = 0.5;  // the time
+    }
+    const Eigen::VectorXd expected = truth.inverse(q, v, a);
+    for (const lanes::Kernels* kernels : flexarm_test::all_kernels()) {
+      CAPTURE(std::string(kernels->name));
+      flexarm_test::OnKernels on(arm, *kernels, {}, loads);
+      void* self = on.memory.get();
+      const auto forces = [&](const Eigen::VectorXd& at_q, const Eigen::VectorXd& at_v) {
+        kernels->inverse(self, at_q.data(), at_v.data(), a.data(), tau.data());
+        return Eigen::VectorXd(tau);
+      };
+      kernels->load(self, wrenches.data());
+      CHECK((forces(q, v) - expected).norm() < 1e-11 * expected.norm());
+      Eigen::VectorXd x = a;
+      CHECK(kernels->forward(self, q.data(), v.data(), expected.data(), x.data()) == lanes::Outcome::good);
+      CHECK((x - a).norm() < 1e-7 * a.norm());
+      const lanes::KernelArm known = lanes::KernelArm::of(arm).loaded(arm, loads), grouped = known.grouped(kernels->width, {});
+      const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data()};
+      const lanes::Memory memory(kernels->slopes_memory(of));
+      Eigen::MatrixXd found(nv, nq + nv), differences(nv, nq + nv);
+      kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), found.data(),
+                              found.data() + nv * nq);
+      for (int k = 0; k < nq; ++k)
+        differences.col(k) = flexarm_test::slope([&](const Eigen::VectorXd& at) { return forces(at, v); }, q,
+                                                 Eigen::VectorXd::Unit(nq, k), 1e-5);
+      for (int k = 0; k < nv; ++k)
+        differences.col(nq + k) = flexarm_test::slope([&](const Eigen::VectorXd& at) { return forces(q, at); }, v,
+                                                      Eigen::VectorXd::Unit(nv, k), 1e-3);
+      CHECK((found - differences).norm() < 1e-7 * differences.norm());
+      // the matrix of an implicit step has their slopes: by q at rest, where no ball's axes turn, and by v
+      const lanes::Shift damping{1e-3, 0.0};
+      double twice = 0.0;
+      kernels->move(self, q.data(), v.data());
+      REQUIRE(kernels->factor(self, damping, v.data(), &twice) == lanes::Outcome::good);
+      kernels->solve(self, tau.data(), x.data());
+      Eigen::MatrixXd S = truth.shifted(q, v, damping.damping, 0.0), by_load = found.rightCols(nv);
+      Workspace ws(arm);
+      InverseDerivatives without(arm, plain);
+      for (std::size_t k = 0; k < loads.size(); ++k) without.set_wrench(k, truth.wrenches[k]);
+      without(arm, q, v, a);
+      S += damping.damping * (by_load - without.dv);
+      const Eigen::VectorXd right = S.partialPivLu().solve(tau);
+      CHECK((x - right).norm() < 1e-6 * right.norm());
+    }
+  }
+}
