@@ -6,13 +6,14 @@ differentiation do the mechanics: tau = d/dt dT/dv - dT/dq + dU/dq + dF/dv, and 
 angular velocities, no Jacobians of slices and no bias terms; a body's kinetic energy is that of its points.
 
 Beams: both bases, order 1, 2, 3 or "exact", without modal damping. Joints: all, with springs, dampers and placements,
-without soft stops.
+without soft stops. Struts and tendons: from their lengths; springs have energy, and all forces act by virtual work.
 Rates are those of flexarm. A ball's chart is centred at its present orientation, R0 exp(theta), where dtheta/dt is the
 angular velocity in link axes and d^2 theta/dt^2 its rate; "by q" of a ball means by a small rotation theta of R0.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import factorial
 
 import numpy as np
@@ -97,6 +98,18 @@ def tilde(v: Jet) -> Jet:
     return v.linear(lambda x: (x @ LEVI.reshape(3, 9)).reshape(*x.shape[:-1], 3, 3))
 
 
+def root(x: Jet) -> Jet:
+    """Its square root: sqrt(x0) times the binomial series of x / x0, which ends after as many terms as nilpotents."""
+    x0 = x.parts[0]
+    u = x * (1 / x0) + (-1.0)
+    term = total = Jet({0: np.ones_like(x0)})
+    u.parts.pop(0)
+    for k in range(4):
+        term = term * u * ((0.5 - k) / (k + 1))
+        total = total + term
+    return total * np.sqrt(x0)
+
+
 def turn(matrix, vector):
     """matrix times vector."""
     return (matrix @ vector.linear(lambda x: x[..., None]))[..., 0]
@@ -139,23 +152,25 @@ def point_inertia(moments) -> np.ndarray:
 
 
 class Beam:
-    """Sections at Gauss points and, last, at the tip; functions of X are integrated through their polynomial there."""
+    """Sections at Gauss points, at the places `at` (m) and, last, at the tip; functions of X are integrated through
+    their polynomial at the Gauss points."""
 
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
 
-    def __init__(self, beam: dict, points: int) -> None:
+    def __init__(self, beam: dict, points: int, at: tuple[float, ...] = ()) -> None:
         assert beam["order"] != 0 and not beam.get("damping_ratio")
         section, material, length = beam["section"], beam["material"], beam["length"]
         s, w = legendre.leggauss(points)
-        self.s, self.order = np.append(s, 1.0), beam["order"]
-        self.w = np.append(0.5 * length * w, 0.0)
+        self.s, self.order = np.concatenate([s, 2 * np.array(at) / length - 1, [1.0]]), beam["order"]
+        self.points, self.at = points, list(at)
+        self.w = np.concatenate([0.5 * length * w, np.zeros(len(at) + 1)])
         coefficients = np.linalg.inv(legendre.legvander(s, points - 1))
         integrals = legendre.legint(np.eye(points), lbnd=-1, axis=0)  # of P_0, P_1, ..., column by column
-        self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (points + 1, points)
+        self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (s, points)
         # strains K1 K2 K3 phi12 phi13 eps at the points are B q: v2'' = K3, v3'' = -K2
         counts = [beam["modes"].get(name, 0) for name in self.strains]
         self.ne = sum(counts)
-        self.B = np.zeros((points + 1, 6, self.ne))
+        self.B = np.zeros((self.s.size, 6, self.ne))
         column = 0
         for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1), (5, 1)), counts, strict=True):
             for k in range(n):
@@ -193,7 +208,7 @@ class Beam:
 
     def integral(self, f: Jet, axes: int) -> Jet:
         """From 0 to each station, of what stands at the stations on the axis before the last `axes`."""
-        gauss = (..., slice(0, -1), *[slice(None)] * axes)
+        gauss = (..., slice(0, self.points), *[slice(None)] * axes)
         return f[gauss].linear(lambda x: np.moveaxis(np.tensordot(self.integrate, x, (1, 2)), 0, 2))
 
     def sections(self, q: Jet) -> tuple[Jet, Jet]:
@@ -253,13 +268,13 @@ def elementary(joint: dict) -> tuple[list[tuple[bool, np.ndarray]], bool]:
 class Link:
     """One table of a scene's `link`."""
 
-    def __init__(self, link: dict, points: int) -> None:
+    def __init__(self, link: dict, points: int, at: tuple[float, ...] = ()) -> None:
         self.joint = link["joint"]
         self.parent = -1 if link.get("parent") == "world" else link.get("parent")  # a number
         self.motions, self.ball = elementary(self.joint)
         self.nj = len(self.motions) + 3 * self.ball
         self.hub, self.tip = link.get("hub", {}), link.get("tip", {})
-        self.beam = Beam(link["beam"], points) if "beam" in link else None
+        self.beam = Beam(link["beam"], points, at) if "beam" in link else None
         self.nv = self.nj + (self.beam.ne if self.beam else 0)
         self.spring, self.damping, self.rest = (
             np.broadcast_to(self.joint.get(f, 0.0), self.nj) for f in ("stiffness", "damping", "rest")
@@ -283,18 +298,69 @@ class Link:
         return placed(p, R, "outboard")
 
 
+class Strut:
+    """A table of a scene's `strut` or `tendon`. `points`: (link, "origin", "end" or X, offset); link -1: the world."""
+
+    def __init__(self, table: dict, links: list[dict]) -> None:
+        self.tendon = "points" in table
+        self.points = [self.point(p, links) for p in (table["points"] if self.tendon else (table["a"], table["b"]))]
+        self.stiffness, self.damping = table.get("stiffness", 0.0), table.get("damping", 0.0)
+        self.only = self.tendon and table.get("tension_only", True)
+        self.constant = -table.get("tension", 0.0) if self.tendon else table.get("force", 0.0)
+        self.rest = table.get("length")
+
+    def point(self, given, links: list[dict]) -> tuple[int, str | float, np.ndarray]:
+        if isinstance(given, (list, tuple)) and len(given) == 3:
+            given = {"link": "world", "offset": given}
+        elif not isinstance(given, dict):
+            given = dict(zip(("link", "at"), [given] if isinstance(given, (str, int)) else given, strict=False))
+        link = given["link"]
+        names = [x.get("name") for x in links]
+        number = -1 if link == "world" else names.index(link) if isinstance(link, str) else link
+        return number, given.get("at", "end"), np.reshape(given.get("offset", (0, 0, 0)), (1, 1, 3)).astype(float)
+
+    def stretch(self, length: Jet) -> Jet:
+        """From the rest length; none where a tendon is slack."""
+        d = length - self.rest
+        return d * 0.0 if self.only and d.parts[0][0, 0] < 0 else d
+
+    def spring(self, length: Jet) -> Jet:
+        """Its energy (J)."""
+        d = self.stretch(length)
+        return 0.5 * self.stiffness * d * d
+
+    def push(self, length: Jet, speed: Jet, driven: float) -> Jet:
+        """The force that drives the ends apart (N); `driven` adds to a strut's force, to a tendon's tension."""
+        d, damping = self.stretch(length), self.damping
+        if self.only and d.parts[0][0, 0] < 1e-3:  # m
+            damping = d * (self.damping / 1e-3)
+        f = -(d * self.stiffness) - speed * damping + (self.constant + (-driven if self.tendon else driven))
+        return f * 0.0 if self.only and f.parts[0][0, 0] > 0 else f
+
+
 class Oracle:
     """Energies of a scene's arm and what follows from them. `points`: sections along each beam."""
 
     def __init__(self, scene: dict, points: int = 16) -> None:
-        self.links = [Link(link, points) for link in scene["link"]]
+        tables = scene["link"]
+        self.struts = [Strut(s, tables) for kind in ("strut", "tendon") for s in scene.get(kind, ())]
+        at: list[set[float]] = [set() for _ in tables]
+        for k, x, _ in (p for s in self.struts for p in s.points):
+            at[k] |= set() if isinstance(x, str) else {x}
+        self.links = [Link(link, points, tuple(sorted(x))) for link, x in zip(tables, at, strict=True)]
         self.gravity = np.array(scene.get("gravity", (0.0, 0.0, 0.0)), float)
         self.nv = sum(link.nv for link in self.links)
+        ball = np.array([1.0, 0.0, 0.0, 0.0])
+        zero = [np.r_[np.zeros(len(x.motions)), ball[: 4 * x.ball], np.zeros(x.nv - x.nj)] for x in self.links]
+        lengths = self._jets(np.concatenate(zero), np.zeros(self.nv), np.zeros(self.nv))[3]
+        for s, length in zip(self.struts, lengths, strict=True):
+            s.rest = float(length.parts[0][0, 0]) if s.rest is None else s.rest
 
-    def energies(self, q: np.ndarray, seek: Jet, motion: Jet, rate: Jet) -> tuple[Jet, Jet, Jet]:
-        """Kinetic and potential energy and Rayleigh's dissipation (half the power lost) at q + seek + motion, where
-        `rate` is the part of `motion` that goes with RATE."""
+    def energies(self, q: np.ndarray, seek: Jet, motion: Jet, rate: Jet) -> tuple[Jet, Jet, Jet, list[Jet]]:
+        """Kinetic and potential energy (less that of struts), Rayleigh's dissipation (half the power lost) and the
+        lengths of struts at q + seek + motion, where `rate` is the part of `motion` that goes with RATE."""
         T = U = F = Jet({0: np.zeros((1, 1))})
+        places: dict[tuple[int, str | float], tuple[Jet, Jet]] = {}  # where struts may sit
         p, R = Jet({0: np.zeros((1, 1, 3))}), Jet({0: np.eye(3)[None, None]})
 
         def add(mass, inertia, p: Jet, R: Jet) -> None:
@@ -313,11 +379,13 @@ class Oracle:
 
         at = at_q = 0
         ends = {-1: (p, R)}  # of each link; -1: the world
+        places[-1, "end"] = p, R
         for k, link in enumerate(self.links):
             p, R = ends[k - 1 if link.parent is None else link.parent]
             joint, elastic = slice(at, at + link.nj), slice(at + link.nj, at + link.nv)
             q_link = q[at_q : at_q + link.nv + link.ball]
             p, R = link.seat(p, R, q_link, seek[..., joint], motion[..., joint])
+            places[k, "origin"] = p, R
             F = F + 0.5 * (rate[..., joint] * rate[..., joint] * link.damping).sum()
             n = len(link.motions)  # a ball has no springs
             stretch = (seek + motion)[..., at : at + n].without(RATE) + (q_link[:n] - link.rest[:n])
@@ -329,17 +397,29 @@ class Oracle:
                 Rs = R.linear(lambda x: x[..., None, :, :])
                 x, turned = p.linear(lambda x: x[..., None, :]) + turn(Rs, x), Rs @ turned
                 add(link.beam.mass, link.beam.inertia, x, turned)
+                for i, X in enumerate(link.beam.at, link.beam.points):
+                    places[k, X] = x[..., i, :], turned[..., i, :, :]
                 U = U + link.beam.elastic(qe.without(RATE))
                 F = F + link.beam.retardation * link.beam.elastic(rate[..., elastic])
                 p, R = x[..., -1, :], turned[..., -1, :, :]
             p = body(link.tip, p, R)
-            ends[k] = p, R
+            ends[k] = places[k, "end"] = p, R
             at, at_q = at + link.nv, at_q + link.nv + link.ball
-        return T, U, F
 
-    def _jets(self, q, v, a, vary: str = "", jacobian: bool = False) -> tuple[Jet, Jet, Jet]:
-        """Energies at q, v with their rate of change along v, a (TIME; not where q is varied), their derivatives by
-        each v or q (VARY), and of all these the derivatives by each of q, v and a (SEEK)."""
+        def point(link: int, at: str | float, offset: np.ndarray) -> Jet:
+            p, R = places[link, at]
+            return p + turn(R, Jet({0: offset}))
+
+        def length(strut: Strut) -> Jet:
+            points = [point(*p) for p in strut.points]
+            pieces = [b - a for a, b in pairwise(points)]
+            return sum((root((d * d).sum()) for d in pieces), Jet({0: np.zeros((1, 1))}))
+
+        return T, U, F, [length(s) for s in self.struts]
+
+    def _jets(self, q, v, a, vary: str = "", jacobian: bool = False) -> tuple[Jet, Jet, Jet, list[Jet]]:
+        """Energies and lengths at q, v with their rate of change along v, a (TIME; not where q is varied), their
+        derivatives by each v or q (VARY), and of all these the derivatives by each of q, v and a (SEEK)."""
         n, eye = self.nv, np.eye(self.nv)
         by_q, by_v, by_a = np.split(np.eye(3 * n)[None], 3, axis=-1)
         row = {name: np.reshape(x, (1, 1, n)).astype(float) for name, x in (("v", v), ("a", a))}
@@ -354,36 +434,65 @@ class Oracle:
 
     def energy(self, q, v) -> tuple[float, float]:
         """Kinetic and potential energy (J)."""
-        T, U, _ = self._jets(q, v, np.zeros(self.nv))
+        T, U, _, lengths = self._jets(q, v, np.zeros(self.nv))
+        U = sum((s.spring(x.without(RATE)) for s, x in zip(self.struts, lengths, strict=True)), U)
         return float(T.number(0, 1, 1)[0, 0]), float(U.number(0, 1, 1)[0, 0])
 
-    def power(self, q, v, a) -> tuple[float, float]:
-        """Rate of change of T + U along v, a; and what dampers take (W)."""
-        T, U, F = (x.number(s, 1, 1)[0, 0] for x, s in zip(self._jets(q, v, a), (TIME, TIME, 0), strict=True))
-        return float(T + U), float(2 * F)
+    def power(self, q, v, a, driven=None) -> tuple[float, float]:
+        """Rate of change of T + U along v, a; and what dampers take, less what constant and driven forces of struts do
+        (W)."""
+        T, U, F, lengths = self._jets(q, v, a)
+        lost = 2 * F
+        for s, x, f in zip(self.struts, lengths, self._driven(driven), strict=True):
+            at, speed = x.without(RATE), x.part(RATE)
+            U = U + s.spring(at)
+            lost = lost - (s.push(at, speed, f) + s.stretch(at) * s.stiffness) * speed
+        stored, lost = (x.number(bits, 1, 1)[0, 0] for x, bits in ((T + U, TIME), (lost, 0)))
+        return float(stored), float(lost)
 
-    def inverse(self, q, v, a) -> np.ndarray:
-        """Generalised forces d/dt dT/dv - dT/dq + dU/dq + dF/dv, (nv,)."""
-        return self._inverse(q, v, a, 0, 1)[:, 0]
+    def strut_motion(self, q, v, driven=None) -> np.ndarray:
+        """Length (m), its rate (m/s) and the pushing force (N) of each strut, (n, 3)."""
+        rows = []
+        lengths = self._jets(q, v, np.zeros(self.nv))[3]
+        for s, x, f in zip(self.struts, lengths, self._driven(driven), strict=True):
+            at, speed = x.without(RATE), x.part(RATE)
+            rows.append([y.number(0, 1, 1)[0, 0] for y in (at, speed, s.push(at, speed, f))])
+        return np.array(rows)
 
-    def jacobians(self, q, v, a) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def strut_jacobian(self, q) -> np.ndarray:
+        """Of the lengths, (n, nv)."""
+        lengths = self._jets(q, np.zeros(self.nv), np.zeros(self.nv), "v")[3]
+        return np.array([x.number(RATE | VARY, self.nv, 1)[:, 0] for x in lengths]).reshape(-1, self.nv)
+
+    def _driven(self, driven) -> np.ndarray:
+        return np.zeros(len(self.struts)) if driven is None else np.asarray(driven, float)
+
+    def inverse(self, q, v, a, driven=None) -> np.ndarray:
+        """Generalised forces d/dt dT/dv - dT/dq + dU/dq + dF/dv, less those of struts, (nv,)."""
+        return self._inverse(q, v, a, driven, 0, 1)[:, 0]
+
+    def jacobians(self, q, v, a, driven=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Those of `inverse` by q (a ball's: by a small rotation in its link's axes), v and a; each (nv, nv)."""
-        by_q, by_v, by_a = np.split(self._inverse(q, v, a, SEEK, 3 * self.nv), 3, axis=1)
+        by_q, by_v, by_a = np.split(self._inverse(q, v, a, driven, SEEK, 3 * self.nv), 3, axis=1)
         return by_q, by_v, by_a
 
-    def _inverse(self, q, v, a, seek: int, directions: int) -> np.ndarray:
+    def _inverse(self, q, v, a, driven, seek: int, directions: int) -> np.ndarray:
         shape = (self.nv, directions)
-        T, _, F = self._jets(q, v, a, "v", seek > 0)
-        momentum = T.number(VARY | TIME | seek, *shape) + F.number(VARY | seek, *shape)
-        T, U, _ = self._jets(q, v, a, "q", seek > 0)
-        return momentum - T.number(VARY | seek, *shape) + U.number(VARY | seek, *shape)
+        T, _, F, lengths = self._jets(q, v, a, "v", seek > 0)
+        total = T.number(VARY | TIME | seek, *shape) + F.number(VARY | seek, *shape)
+        for s, x, f in zip(self.struts, lengths, self._driven(driven), strict=True):
+            force = s.push(x.without(RATE | VARY | TIME), x.part(RATE).without(VARY | TIME), f)
+            by_q = x.part(RATE | VARY).without(TIME)  # of a length, with the derivatives that SEEK asks for
+            total = total - (force * by_q).number(seek, *shape)
+        T, U, *_ = self._jets(q, v, a, "q", seek > 0)
+        return total - T.number(VARY | seek, *shape) + U.number(VARY | seek, *shape)
 
-    def forward(self, q, v, tau) -> np.ndarray:
+    def forward(self, q, v, tau, driven=None) -> np.ndarray:
         """Accelerations, (nv,): the forces are linear in them."""
         a = np.zeros(self.nv)
-        T, _, _ = self._jets(q, v, a, "v", True)
+        T, *_ = self._jets(q, v, a, "v", True)
         M = T.number(VARY | SEEK, self.nv, 3 * self.nv)[:, self.nv : 2 * self.nv]
-        return np.linalg.solve(M, tau - self.inverse(q, v, a))
+        return np.linalg.solve(M, tau - self.inverse(q, v, a, driven))
 
     def small_turns(self, q) -> np.ndarray:
         """Change of q (nq) per small motion of each rate (nv): a ball's quaternion changes by p (0, theta / 2)."""

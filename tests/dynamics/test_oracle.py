@@ -133,6 +133,67 @@ SCENES |= {  # trees
     ],
 }
 
+_BASES = [0.3, -0.4, 0.2], [-0.2, 0.3, -0.4]  # in the world
+_PISTON = {"stiffness": 300.0, "damping": 4.0, "force": 7.0, "length": 0.5}
+_ROPE = {"stiffness": 200.0, "damping": 3.0, "tension": 2.0}
+_OVER = [_BASES[0], ["a", 0.2], {"link": "b", "at": 0.45, "offset": [0.02, 0.1, -0.05]}, "b"]
+
+
+def named(*links: dict) -> list[dict]:
+    return [x | {"name": name} for x, name in zip(links, "abcdef", strict=False)]
+
+
+STRUTS = {  # beside links: tables of struts and tendons
+    "struts, rigid chain": {
+        "link": named(link("revolute", HUB, axis="z"), link("revolute", HUB, {}, TIP, axis="z", **SPRING)),
+        "strut": [
+            {"a": _BASES[0], "b": "a"} | _PISTON,
+            {"a": {"link": "a", "at": "origin", "offset": [0, 0.1, 0]}, "b": {"link": 1, "offset": [0, 0, 0.1]}}
+            | _PISTON,
+            {"a": "a", "b": "b", "stiffness": 50.0},  # at rest as the arm is made
+        ],
+    },
+    "tendons, spatial with a ball": {
+        "link": named(
+            link("revolute", HUB, beam({"bending_y": 2, "torsion": 1}, "exact"), {}, axis="z"),
+            link("spherical", {}, beam({"bending_y": 1, "bending_z": 1}, 3), TIP, damping=0.2),
+        ),
+        "strut": [{"a": "a", "b": {"link": "b", "at": 0.25, "offset": [0, 0.05, 0]}} | _PISTON],
+        "tendon": [
+            {"points": _OVER, "length": 0.4} | _ROPE,  # tight
+            {"points": _OVER, "length": 4.0} | _ROPE,  # slack
+            {"points": [_BASES[1], {"link": "a", "at": "origin", "offset": [0, 0, 0.1]}, ["b", 0.0], ["b", 0.6]]}
+            | {"stiffness": 80.0, "length": 4.0, "damping": 1.0, "tension_only": False},
+        ],
+    },
+}
+STRUTS |= {
+    f"struts, planar beams, order {n}": {
+        "link": named(link("revolute", {}, beam(PLANE, n), axis="z"), link("revolute", {}, beam(PLANE, n), axis="z")),
+        "strut": [{"a": ["a", 0.3], "b": {"link": "b", "at": 0.2, "offset": [0.0, -0.05, 0.0]}} | _PISTON],
+        "tendon": [{"points": [_BASES[0], ["a", 0.5], "b"], "length": 0.3} | _ROPE],
+    }
+    for n in (2, "exact")
+} | {
+    f"struts, fork of beams, order {n}": {
+        "link": named(*SCENES[f"fork of beams, order {n}"]),
+        "strut": [
+            {"a": {"link": "b", "at": 0.4, "offset": [0.0, 0.03, 0.02]}, "b": {"link": "c", "offset": [0, 0.1, 0]}}
+            | _PISTON,
+            {"a": _BASES[1], "b": {"link": "c", "at": 0.2, "offset": [0.01, 0.02, 0.03]}} | _PISTON,
+        ],
+        "tendon": [{"points": ["b", ["a", 0.3], ["c", 0.5], _BASES[0]], "length": 0.5} | _ROPE],
+    }
+    for n in ORDERS
+} | {
+    "struts, satellite": {
+        "link": named(*SCENES["satellite"]),
+        "strut": [{"a": "b", "b": "d"} | _PISTON, {"a": ["b", 0.3], "b": ["f", 0.4]} | _PISTON],
+        "tendon": [{"points": [["b", 0.5], {"link": "a", "offset": [0, 0.1, 0]}, ["c", 0.5], "e"]} | _ROPE],
+    },
+}
+SCENES |= {name: scene["link"] for name, scene in STRUTS.items()}
+
 
 def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
@@ -148,7 +209,7 @@ def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    scene = {"gravity": G, "link": SCENES[name]}
+    scene = {"gravity": G, "link": SCENES[name]} | STRUTS.get(name, {})
     arm = fa.Arm.from_dict(scene)
     return Oracle(scene, 20), arm, state(arm, 0.1 if name.startswith("clamped-free") else 1.0)
 
@@ -229,6 +290,27 @@ def test_orders_differ() -> None:
             assert np.linalg.norm(x - y) > 1e-3 * np.linalg.norm(x)
 
 
+def test_spring_and_damper() -> None:
+    """A mass on a slide, a spring and a damper across it: the triangle's own sums."""
+    strut = {"a": [0.0, 0.4, 0.0], "b": "a", "stiffness": 500.0, "damping": 20.0, "length": 0.45, "force": 6.0}
+    slide = link("prismatic", {"mass": 2.0}, axis="x") | {"name": "a"}
+    q, v, a = 0.3, 1.2, -0.7
+    length, rate = 0.5, 0.3 / 0.5 * v
+    for sign, oracle in (
+        (1, Oracle({"link": [slide], "strut": [strut]})),
+        (-1, Oracle({"link": [slide], "tendon": [{"points": [strut["a"], "a"], "tension": 6.0} | strut]})),
+    ):
+        push = sign * 6.0 - 500.0 * (length - 0.45) - 20.0 * rate
+        np.testing.assert_allclose(oracle.strut_motion([q], [v]), [[length, rate, push]], rtol=1e-13)
+        np.testing.assert_allclose(oracle.strut_jacobian([q]), [[0.6]], rtol=1e-13)
+        np.testing.assert_allclose(oracle.inverse([q], [v], [a]), 2.0 * a - 0.6 * push, rtol=1e-13)
+        np.testing.assert_allclose(oracle.energy([q], [v]), (1.44, 0.5 * 500.0 * 0.05**2), rtol=1e-13)
+        dl, dJ = 0.6, 0.4**2 / 0.5**3  # derivatives of length and of dl/dq
+        by_q = -dJ * push + 0.6 * (500.0 * dl + 20.0 * dJ * v)
+        for found, expected in zip(oracle.jacobians([q], [v], [a]), (by_q, 20.0 * 0.36, 2.0), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
 # -- flexarm against the oracle --------------------------------------------------------------------------------------
 
 
@@ -269,3 +351,64 @@ def test_large_bending() -> None:
     close(arm.inverse_dynamics(q, v, a), oracle.inverse(q, v, a), 1e-9)
     for found, expected in zip(arm.inverse_derivatives(q, v, a), oracle.jacobians(q, v, a), strict=True):
         close(found, expected, 1e-8)
+
+
+@pytest.mark.parametrize("name", STRUTS)
+def test_struts(name: str) -> None:
+    """Lengths, rates, forces, and the Jacobian of lengths; the mass matrix is that of the arm without them."""
+    oracle, arm, (q, v, _) = both(name)
+    close(arm.strut_motion(q, v), oracle.strut_motion(q, v), 1e-11)
+    close(arm.strut_jacobian(q), oracle.strut_jacobian(q), 1e-11)
+    close(arm.strut_jacobian(q) @ v, arm.strut_motion(q, v)[:, 1], 1e-11)
+    bare = fa.Arm.from_dict({"gravity": G, "link": SCENES[name]})
+    assert np.array_equal(arm.mass_matrix(q), bare.mass_matrix(q))
+
+
+@pytest.mark.parametrize(
+    ("over", "tension", "speed"),
+    [
+        (-1e-4, 0.0, 1.0),  # slack
+        (-1e-4, 5.0, 1.0),  # slack, but pulled
+        (4e-4, 0.0, 1.0),  # the damper sets in
+        (4e-4, 0.0, -30.0),  # it would push: no tension
+        (2e-3, 5.0, 1.0),
+        (2e-3, 5.0, -30.0),
+    ],
+)
+def test_tendon_near_its_length(over: float, tension: float, speed: float) -> None:
+    """Which of its regimes a tendon is in; by how much it is longer than `length`, m."""
+    name = "tendons, spatial with a ball"
+    tendon = {"points": _OVER, "stiffness": 200.0, "damping": 3.0, "tension": tension}
+    scene = {"gravity": G, "link": SCENES[name], "tendon": [tendon | {"length": 1.0}]}
+    q, v, a = state(fa.Arm.from_dict({"gravity": G, "link": SCENES[name]}), 1.0)
+    length, rate, _ = Oracle(scene, 20).strut_motion(q, v)[0]
+    v = v * speed / rate
+    scene["tendon"][0]["length"] = length - over
+    oracle, arm = Oracle(scene, 20), fa.Arm.from_dict(scene)
+    pull = tension + max(over, 0) * 200.0 + 3.0 * min(max(over, 0) / 1e-3, 1.0) * speed
+    np.testing.assert_allclose(oracle.strut_motion(q, v)[0, 2], -max(pull, 0.0), rtol=1e-9)
+    close(arm.strut_motion(q, v), oracle.strut_motion(q, v), 1e-10)
+    close(arm.inverse_dynamics(q, v, a), oracle.inverse(q, v, a), 1e-10)
+    np.testing.assert_allclose(arm.energy(q, v), oracle.energy(q, v), rtol=1e-10)
+    by_q, by_v, M = oracle.jacobians(q, v, a)
+    found = arm.inverse_derivatives(q, v, a)
+    close(found[0] @ oracle.small_turns(q), by_q, 1e-9)
+    close(found[1], by_v, 1e-9)
+    close(found[2], M, 1e-9)
+
+
+def test_struts_at_order_0() -> None:
+    """Slices are where those of order 1 are; what struts add to forces and Jacobians is the oracle's at order 1."""
+    name = "struts, fork of beams, order 1"
+    oracle, _, (q, v, a) = both(name)
+    bare_oracle = Oracle({"gravity": G, "link": SCENES[name]}, 20)
+    links = [x | {"beam": x["beam"] | {"order": 0}} for x in SCENES[name]]
+    arm = fa.Arm.from_dict(STRUTS[name] | {"gravity": G, "link": links})
+    bare = fa.Arm.from_dict({"gravity": G, "link": links})
+    close(arm.strut_motion(q, v), oracle.strut_motion(q, v), 1e-11)
+    added = arm.inverse_dynamics(q, v, a) - bare.inverse_dynamics(q, v, a)
+    close(added, oracle.inverse(q, v, a) - bare_oracle.inverse(q, v, a), 1e-10)
+    found = [x - y for x, y in zip(arm.inverse_derivatives(q, v, a), bare.inverse_derivatives(q, v, a), strict=True)]
+    expected = [x - y for x, y in zip(oracle.jacobians(q, v, a), bare_oracle.jacobians(q, v, a), strict=True)]
+    close(found[0] @ oracle.small_turns(q), expected[0], 1e-9)
+    close(found[1], expected[1], 1e-9)
