@@ -221,21 +221,29 @@ class Stayed:
         # a bar's weight at its middle: bar i lifts by half of its own and all of the bars before
         lever = self.mass * GRAVITY * h * h * (n - np.arange(n) - 0.5)
         to = (np.arange(n) < k) * h
-        theta = np.linspace(0.0, -0.4, n)  # the stay is taut
-        for _ in range(60):
+
+        def energy(theta: Array) -> float:
+            c, s = np.cos(theta), np.sin(theta)
+            over = max(np.hypot(*(np.array(self.anchor) - [to @ c, to @ s])) - self.rest, 0.0)
+            return float(0.5 * theta @ K @ theta + lever @ s + 0.5 * self.stiffness * over**2)
+
+        theta = np.zeros(n)
+        for _ in range(200):
             c, s = np.cos(theta), np.sin(theta)
             d = np.array(self.anchor) - [to @ c, to @ s]
             far = np.linalg.norm(d)
             J = (d[0] * s - d[1] * c) * to / far  # of the stay's length
-            stretch = self.stiffness * max(far - self.rest, 0.0)
-            g = K @ theta + lever * c + stretch * J
+            pull = self.stiffness * max(far - self.rest, 0.0)
             P = np.array([-to * s, to * c])
             H = K - np.diag(lever * s) + self.stiffness * (far > self.rest) * np.outer(J, J)
-            H += stretch * (np.diag((d[0] * c + d[1] * s) * to) + P.T @ P - np.outer(J, J)) / far
-            change = np.linalg.solve(H, g)
-            theta = theta - min(1.0, 0.3 / np.abs(change).max()) * change
+            H += pull * (np.diag((d[0] * c + d[1] * s) * to) + P.T @ P - np.outer(J, J)) / far
+            change = np.linalg.solve(H, K @ theta + lever * c + pull * J)
             if np.abs(change).max() < 1e-13:
                 break
+            step = 1.0
+            while energy(theta - step * change) > energy(theta) + 1e-9 and step > 1e-3:
+                step *= 0.5
+            theta = theta - step * change
         else:
             raise RuntimeError("no equilibrium of the bars")
         c, s = np.cos(theta), np.sin(theta)
