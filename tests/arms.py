@@ -119,6 +119,32 @@ def random_arm(rng: np.random.Generator, links: int, orders=(0, 1, 2, 3, "exact"
     return fa.Arm(chain, rng.normal(size=3) * 5)
 
 
+def random_point(rng: np.random.Generator, arm: fa.Arm, link: int) -> fa.Point:
+    """Of a strut: any of the places on this link, or in the world (-1)."""
+    if link < 0:
+        return fa.Point("world", offset=rng.normal(size=3))
+    beam, places = arm.links[link].beam, ["end", "origin"]
+    at = rng.choice(places) if beam is None or rng.random() < 0.3 else float(rng.uniform(0.0, beam.length))
+    return fa.Point(link, at=at if isinstance(at, float) else str(at), offset=rng.uniform(-0.1, 0.1, 3))
+
+
+def random_struts(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> list[fa.Strut | fa.Tendon]:
+    """Two struts, a rope and a tendon that pushes too, between any links, and the world."""
+
+    def points(n: int) -> list[fa.Point]:
+        low = -1 if world else 0
+        return [random_point(rng, arm, int(k)) for k in rng.integers(low, len(arm.links), n)]
+
+    def law(of: str) -> dict[str, float]:
+        return {"stiffness": rng.uniform(10, 200), "damping": rng.uniform(0, 5), "length": rng.uniform(0.2, 2),
+                of: rng.normal()}  # fmt: skip
+
+    struts = [fa.Strut(*points(2), **law("force")) for _ in range(2)]
+    counts = rng.integers(2, 5, 2)
+    ropes = [fa.Tendon(points(n), tension_only=k == 0, **law("tension")) for k, n in enumerate(counts)]
+    return [*struts, *ropes]
+
+
 def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, tau with deflections of a few per cent of a length; of a few thousandths where a beam has order 0, whose
     kinetic energy, cut at first order, is not positive further out."""
