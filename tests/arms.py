@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -128,8 +129,8 @@ def random_point(rng: np.random.Generator, arm: fa.Arm, link: int) -> fa.Point:
     return fa.Point(link, at=at if isinstance(at, float) else str(at), offset=rng.uniform(-0.1, 0.1, 3))
 
 
-def random_struts(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> list[fa.Strut | fa.Tendon]:
-    """Two struts, a rope and a tendon that pushes too, between any links, and the world."""
+def strutted(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> fa.Arm:
+    """The arm with two struts, a rope and a tendon that pushes too, between any links, and the world."""
 
     def points(n: int) -> list[fa.Point]:
         low = -1 if world else 0
@@ -139,10 +140,18 @@ def random_struts(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> 
         return {"stiffness": rng.uniform(10, 200), "damping": rng.uniform(0, 5), "length": rng.uniform(0.2, 2),
                 of: rng.normal()}  # fmt: skip
 
-    struts = [fa.Strut(*points(2), **law("force")) for _ in range(2)]
-    counts = rng.integers(2, 5, 2)
-    ropes = [fa.Tendon(points(n), tension_only=k == 0, **law("tension")) for k, n in enumerate(counts)]
-    return [*struts, *ropes]
+    def drawn(kind: int) -> fa.Strut | fa.Tendon:
+        if kind < 2:
+            return fa.Strut(*points(2), **law("force"))
+        return fa.Tendon(points(int(rng.integers(2, 5))), tension_only=kind == 2, **law("tension"))
+
+    found: list[fa.Strut | fa.Tendon] = []
+    while len(found) < 4:
+        new = drawn(len(found))
+        with contextlib.suppress(ValueError):  # all its points on one rigid body
+            fa.Arm(arm.links, struts=[new])
+            found.append(new)
+    return fa.Arm(arm.links, arm.gravity, struts=found)
 
 
 def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -51,7 +51,8 @@ class Cylinder:
 @dataclass(frozen=True)
 class Boom:
     """Its state: the angle of the boom over the ground, that of the jib against the boom, and their rates. The
-    cylinders' springs are at rest at `start`; besides, they push by `forces` (nt, 2), linear between `times` (s)."""
+    cylinders' springs are at rest at `start`; besides, they push by `forces`, either numbers (nt, 2), linear between
+    `times` (s), or a function of time."""
 
     sections: tuple[Section, Section]
     cylinders: tuple[Cylinder, ...]
@@ -84,11 +85,16 @@ class Boom:
     def rest(self) -> list[float]:
         return [self.length(c, self.start)[0] for c in self.cylinders]
 
+    def driven(self, t: Any) -> Array:
+        """The forces besides (N), (..., 2)."""
+        if callable(self.forces):
+            return np.asarray(self.forces(t))
+        return np.stack([np.interp(t, self.times, f) for f in np.transpose(self.forces)], axis=-1)
+
     def push(self, t: float, q: Any, v: Any) -> tuple[Array, Array]:
         """Of each cylinder its force (N), and the Jacobian of the lengths."""
-        driven = [np.interp(t, self.times, f) for f in np.transpose(self.forces)]
         found, J = [], []
-        for c, rest, f in zip(self.cylinders, self.rest, driven, strict=True):
+        for c, rest, f in zip(self.cylinders, self.rest, self.driven(t), strict=True):
             length, by_q = self.length(c, q)
             found.append(f - c.stiffness * (length - rest) - c.damping * by_q @ v)
             J.append(by_q)
@@ -148,13 +154,21 @@ BOOM = Boom(
     (0.0, 1.0, 2.0, 3.0, 4.0),
     ((1.2e4, 6e3), (1e6, 6e3), (9e5, 3.5e5), (2e5, 2e5), (1e5, -1e5)),
 )
+
+
+def stroke(t: Any) -> Array:
+    """There and back within a second, smoothly: by springs of 1e8 N/m, 0.1 and 0.04 m."""
+    return np.multiply.outer(0.5 - 0.5 * np.cos(2 * np.pi * np.asarray(t)), [1e7, 4e6])
+
+
 STIFF = Boom(  # light, and held by cylinders of 1e8 N/m
     (Section(1.0, 1.0, 0.5, 0.08), Section(0.8, 0.5, 0.4, 0.03)),
     (Cylinder((-1, 0.3, -0.5), (0, 0.4, -0.05), 1e8), Cylinder((0, 0.6, 0.1), (1, -0.15, 0.1), 1e8)),
     (0.5, -1.2),
-    (0.0, 0.5, 1.0),
-    ((0.0, 0.0), (1e7, 4e6), (0.0, 0.0)),
+    (0.0, 1.0),
+    stroke,
 )
+STRUCK = replace(STIFF, times=(0.0, 0.5, 1.0), forces=((0.0, 0.0), (1e7, 4e6), (0.0, 0.0)))
 
 
 # -- a beam that sags, and a stay --------------------------------------------------------------------------------------

@@ -11,13 +11,13 @@ import pytest
 from arms import satellite
 from scipy.integrate import cumulative_simpson
 
-T = np.linspace(0.0, 0.5, 501)
+T = np.linspace(0.0, 0.5, 2001)
 
 
 def held(damping: float = 0.0, free: bool = True) -> fa.Arm:
     """A satellite whose panels and arm are tied to each other and to the bus."""
     arm = satellite(free=free)
-    law = {"stiffness": 4e3, "damping": damping}
+    law = {"stiffness": 500.0, "damping": damping}
     return fa.Arm(
         arm.links,
         struts=[
@@ -35,18 +35,19 @@ def held(damping: float = 0.0, free: bool = True) -> fa.Arm:
 
 def started(arm: fa.Arm) -> tuple[np.ndarray, np.ndarray]:
     v = 0.2 * np.random.default_rng(2).normal(size=arm.nv)
-    return arm.pose({"shoulder": 0.4, "elbow": -1.2}), v
+    v[arm.joint_rate("shoulder")], v[arm.joint_rate("elbow")] = 0.5, -1.0
+    return arm.pose({"shoulder": 0.1, "elbow": -0.4}), v
 
 
 def test_momentum_and_energy_of_what_floats_stay() -> None:
     """Springs without dampers; their energy is counted, and the constant force has one by its way."""
     arm = held()
     q0, v0 = started(arm)
-    run = fa.simulate(arm, T[::20], q0, v0, integrator="gauss", step=1e-3, rtol=1e-14)
+    run = fa.simulate(arm, T[::80], q0, v0, integrator="gauss", step=1e-3, rtol=1e-14)
     p = arm.momentum(run.q, run.v)
     energy, length = np.asarray(sum(run.energy())), arm.strut_motion(run.q)[0]
     total = energy - 3.0 * length[:, 1]
-    assert np.ptp(length, axis=0).min() > 0.01  # m: all of them move
+    assert np.ptp(length, axis=0).min() > 1e-3  # m: all of them move
     assert np.abs(p - p[0]).max() < 1e-10 * np.abs(p[0]).max()
     assert np.ptp(total) < 1e-9 * np.ptp(energy) + 1e-10 * abs(total[0])
 
@@ -62,7 +63,7 @@ def test_dampers_take_what_is_lost(integrator: str) -> None:
     lost = cumulative_simpson(30.0 * (rate**2).sum(1), x=T, initial=0.0)
     kept = energy - 3.0 * length[:, 1] + lost
     tolerance = {"gauss": 1e-8, "implicit": 1e-4}[integrator]
-    assert lost[-1] > 0.1  # J
+    assert lost[-1] > 0.05  # J
     assert np.ptp(kept) < tolerance * lost[-1]
     assert np.abs(p - p[0]).max() < {"gauss": 1e-10, "implicit": 1e-5}[integrator] * np.abs(p[0]).max()
 
@@ -81,7 +82,7 @@ def test_a_drive_is_a_constant_force_that_changes(options: dict[str, object]) ->
     """A constant drive runs as the field `force`, or `tension`."""
     arm = held(30.0)
     q0, v0 = started(arm)
-    t = T[::50]
+    t = T[::200]
     driven = fa.simulate(arm, t, q0, v0, drive={"lift": fa.Torque(20.0), "line": fa.Torque(15.0)}, **options)
     lift, mast, line = arm.struts
     there = fa.Arm(arm.links, struts=[replace(lift, force=20.0), mast, replace(line, tension=15.0)])
