@@ -9,7 +9,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import satellite
-from scipy.integrate import cumulative_simpson
+from scipy.interpolate import make_interp_spline
 
 T = np.linspace(0.0, 0.5, 2001)
 
@@ -39,6 +39,11 @@ def started(arm: fa.Arm) -> tuple[np.ndarray, np.ndarray]:
     return arm.pose({"shoulder": 0.1, "elbow": -0.4}), v
 
 
+def integral(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """From the first time on."""
+    return make_interp_spline(t, y, k=5).antiderivative()(t)
+
+
 def test_momentum_and_energy_of_what_floats_stay() -> None:
     """Springs without dampers; their energy is counted, and the constant force has one by its way."""
     arm = held()
@@ -60,9 +65,9 @@ def test_dampers_take_what_is_lost(integrator: str) -> None:
     run = fa.simulate(arm, T, q0, v0, integrator=integrator, step=step)
     p, energy = arm.momentum(run.q, run.v), np.asarray(sum(run.energy()))
     length, rate, _ = arm.strut_motion(run.q, run.v)
-    lost = cumulative_simpson(30.0 * (rate**2).sum(1), x=T, initial=0.0)
+    lost = integral(T, 30.0 * (rate**2).sum(1))
     kept = energy - 3.0 * length[:, 1] + lost
-    tolerance = {"gauss": 1e-8, "implicit": 1e-4}[integrator]
+    tolerance = {"gauss": 3e-8, "implicit": 1e-4}[integrator]
     assert lost[-1] > 0.05  # J
     assert np.ptp(kept) < tolerance * lost[-1]
     assert np.abs(p - p[0]).max() < {"gauss": 1e-10, "implicit": 1e-5}[integrator] * np.abs(p[0]).max()
@@ -104,7 +109,7 @@ def test_work_of_a_drive() -> None:
     work = np.zeros_like(T)
     for a, b in pairwise(at):
         here = (a - 1e-9 <= T) & (b + 1e-9 >= T)
-        work[here] = work[here][0] + cumulative_simpson(power[here], x=T[here], initial=0.0)
+        work[here] = work[here][0] + integral(T[here], power[here])
     energy = np.asarray(sum(run.energy())) - 3.0 * length[:, 1]
     assert np.ptp(work) > 0.1
     assert np.ptp(energy - work) < 1e-7 * np.ptp(work)
@@ -129,6 +134,7 @@ def test_a_rope_goes_slack_and_tight() -> None:
     below = (s >= 0) & (s <= swing)
     z[below] = -up / w * np.sin(w * s[below]) - g / w**2 * (1 - np.cos(w * s[below]))
     known = t <= flight + swing
-    assert np.abs(run.q[known, 0] - z[known]).max() < 1e-5
+    assert np.abs(run.q[known, 0] - z[known]).max() < 1e-7
     tension = -arm.strut_motion(run.q, run.v)[2][:, 0]
-    assert tension.min() == 0.0 and tension.max() > 50.0
+    most = mass * (g + np.hypot(g, w * up))
+    assert tension.min() == 0.0 and abs(tension.max() - most) < 0.01
