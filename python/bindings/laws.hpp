@@ -100,6 +100,9 @@ struct PyIntegrator {
   flexarm::IdaOptions ida;
 };
 
+struct PyStateForce {
+  std::shared_ptr<const flexarm::StateForce> of;
+};
 /// A callable (t, p, R, velocity) -> six numbers.
 std::shared_ptr<const flexarm::StateForce> state_force(const py::object& law);
 /// A drive with recorded calls of its callable.

@@ -279,18 +279,16 @@ void bind_model(py::module_& m) {
 
   py::class_<Arm>(m, "ArmAlone");  // PyArm's base, the type of arguments
   py::class_<PyArm, Arm> arm(m, "Arm");
-  py::class_<StateForce, std::shared_ptr<StateForce>>(m, "StateForce").def(py::init([](const py::object& law) {
-    return std::const_pointer_cast<StateForce>(state_force(law));
-  }), py::arg("law"));
+  py::class_<PyStateForce>(m, "StateForce")
+      .def(py::init([](const py::object& law) { return PyStateForce{state_force(law)}; }), py::arg("law"));
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
       .def_static(
           "by_state",
-          [](const Arm& arm, std::size_t link, std::optional<double> x, bool world,
-             const std::shared_ptr<StateForce>& law) {
-            Load load = x ? Load::at_slice(arm, link, *x, world) : Load::at_end(arm, link, world);
-            load.by_state = law;
+          [](const Arm& on, std::size_t link, std::optional<double> x, bool world, const PyStateForce& law) {
+            Load load = x ? Load::at_slice(on, link, *x, world) : Load::at_end(on, link, world);
+            load.by_state = law.of;
             return load;
           },
           py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"), py::arg("law"))
