@@ -126,12 +126,15 @@ class Push(Load):
         if not isinstance(law, Torque):
             raise ValueError(f"{where} = {law!r}: must be a Torque, which adds to its force or tension")
         sense = arm.struts[self.strut].sense
-        self.constant = law.constant
+        self.where, self.constant, self.by_state = where, law.constant, False
         self._steady = np.array([sense * law(0.0), *[0.0] * 5]) if law.constant else None
         if isinstance(law.law, _core.PiecewisePolynomial):
             self.law = tuple(law.scaled(factor).law for factor in (sense, *[0.0] * 5))
         else:
             self.law = _Pushing(where, law.law, sense)
+
+    def __repr__(self) -> str:
+        return self.where
 
     def place(self, arm: Chain) -> _core.Load:
         return _core.Load.on_strut(arm._core, self.strut)
