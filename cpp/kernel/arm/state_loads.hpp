@@ -28,8 +28,14 @@ inline void move_asked(const double* in, int direction, double by, double* out) 
     }
   }
 }
-/// A law's answer, in the world's axes.
+/// A law's answer, in the world's axes: of a state that is lost, none.
 inline void ask(const StateLaw& law, const double* in, double t, double* wrench) {
+  double lost = 0.0;
+  for (int i = 0; i < kAsked; ++i) lost += in[i] - in[i];
+  if (lost != 0.0) {
+    for (int i = 0; i < 6; ++i) wrench[i] = lost;
+    return;
+  }
   law.ask(law.law, t, in, wrench);
   if (law.world) return;
   for (double* w = wrench; w < wrench + 6; w += 3) {
