@@ -164,8 +164,7 @@ void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q,
   const Eigen::Index n = static_cast<Eigen::Index>(arm.struts().size());
   out.motion.resize(3, n);
   out.jacobian.resize(arm.nv(), n);
-  if (n > 0)
-    (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), out.motion.data(), out.jacobian.data());
+  if (n > 0) (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), out.motion.data(), out.jacobian.data());
 }
 
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {

@@ -7,11 +7,7 @@
 namespace flexarm {
 
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control)
-    : arm_(&arm),
-      ws_(arm, prescribed),
-      turn_(Eigen::VectorXd::Zero(arm.nv())),
-      rhs_(turn_),
-      ball_(arm.size()) {
+    : arm_(&arm), ws_(arm, prescribed), turn_(Eigen::VectorXd::Zero(arm.nv())), rhs_(turn_), ball_(arm.size()) {
   ws_.feed_back(control.feedback());
 }
 

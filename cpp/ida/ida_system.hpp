@@ -36,7 +36,7 @@ class ChainInverse {
  private:
   const Arm* arm_;
   Workspace ws_;
-  Eigen::VectorXd turn_;    ///< r1 as rates times time (nv)
+  Eigen::VectorXd turn_;  ///< r1 as rates times time (nv)
   Eigen::VectorXd rhs_;
   std::vector<Eigen::Matrix<double, 4, 3>> ball_;  ///< E of each link's quaternion: of balls only
 };

@@ -171,8 +171,9 @@ namespace flexarm {
 namespace lanes {
 
 extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
-const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory, begin,    place, accelerate,    pose,   jacobian,
-                                                      motion, reaction, sums, struts, slopes_memory, slopes, jacobian_rate};
+const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory,        begin,  place,        accelerate, pose,
+                                                      jacobian,      motion, reaction,     sums,       struts,
+                                                      slopes_memory, slopes, jacobian_rate};
 
 }  // namespace lanes
 }  // namespace flexarm

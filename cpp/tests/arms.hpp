@@ -105,7 +105,8 @@ inline flexarm::Arm tied(const flexarm::Arm& arm) {
     const auto& beam = arm.link(static_cast<std::size_t>(n)).beam();
     return beam ? P{n, P::slice, part * beam->length(), offset} : P{n, P::origin, 0.0, offset};
   };
-  flexarm::Strut jack{{{-1, P::end, 0.0, {0.3, -0.8, 0.5}}, {last, P::end, 0.0, {0.02, 0.03, 0.01}}}, 30.0, 2.0, 0.4, 5.0};
+  flexarm::Strut jack{
+      {{-1, P::end, 0.0, {0.3, -0.8, 0.5}}, {last, P::end, 0.0, {0.02, 0.03, 0.01}}}, 30.0, 2.0, 0.4, 5.0};
   flexarm::Strut spring{{slice(0, 0.4, {0.0, 0.02, 0.01}), slice(last, 0.7, {0.01, -0.02, 0.0})}, 20.0, 1.0, 3.0, 0.0};
   flexarm::Strut rope{{{-1, P::end, 0.0, {-0.5, 0.4, 0.1}}}, 50.0, 3.0, 0.2, -1.0, true}, loose = rope;
   for (int n = 0; n <= last; ++n) {

@@ -171,7 +171,8 @@ TEST_CASE("loads by the state of their slice") {
       Eigen::VectorXd x = a;
       CHECK(kernels->forward(self, q.data(), v.data(), expected.data(), x.data()) == lanes::Outcome::good);
       CHECK((x - a).norm() < 1e-5 * a.norm());
-      const lanes::KernelArm known = lanes::KernelArm::of(arm).loaded(arm, loads), grouped = known.grouped(kernels->width, {});
+      const lanes::KernelArm known = lanes::KernelArm::of(arm).loaded(arm, loads),
+                             grouped = known.grouped(kernels->width, {});
       const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data()};
       const lanes::Memory memory(kernels->slopes_memory(of));
       Eigen::MatrixXd found(nv, nq + nv), differences(nv, nq + nv);

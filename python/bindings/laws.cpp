@@ -231,14 +231,14 @@ std::shared_ptr<const StateForce> state_force(const py::object& law) {
     const Locked lock;
     delete x;
   });
-  return std::make_shared<const StateForce>([shared](double t, const Eigen::Vector3d& p, const Eigen::Matrix3d& R,
-                                                     const Vec6<double>& velocity) {
-    const Locked lock;
-    const auto found = call(*shared, t, p, R, velocity).cast<std::array<double, 6>>();
-    for (const double x : found)
-      if (!std::isfinite(x)) bad_value("Load at t", t, "gave nan or inf; it must be finite");
-    return Vec6<double>(Eigen::Map<const Vec6<double>>(found.data()));
-  });
+  return std::make_shared<const StateForce>(
+      [shared](double t, const Eigen::Vector3d& p, const Eigen::Matrix3d& R, const Vec6<double>& velocity) {
+        const Locked lock;
+        const auto found = call(*shared, t, p, R, velocity).cast<std::array<double, 6>>();
+        for (const double x : found)
+          if (!std::isfinite(x)) bad_value("Load at t", t, "gave nan or inf; it must be finite");
+        return Vec6<double>(Eigen::Map<const Vec6<double>>(found.data()));
+      });
 }
 
 void bind_problem(py::module_& m) {

@@ -1,9 +1,9 @@
 #include "evaluation.hpp"
-#include "laws.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
 #include "flexarm/truncation.hpp"
+#include "laws.hpp"
 
 using namespace flexarm;
 
@@ -313,12 +313,10 @@ void bind_model(py::module_& m) {
            py::arg("points"), py::arg("stiffness"), py::arg("damping"), py::arg("length"), py::arg("force"),
            py::arg("tension_only"));
   arm.def(py::init([](std::vector<Link> links, const Eigen::Vector3d& gravity,
-                      const std::vector<std::pair<int, std::optional<double>>>& seats,
-                      std::vector<Strut> struts) {
+                      const std::vector<std::pair<int, std::optional<double>>>& seats, std::vector<Strut> struts) {
             return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats), std::move(struts));
           }),
-          py::arg("links"), py::arg("gravity"), py::arg("seats"),
-           py::arg("struts") = std::vector<Strut>{})
+          py::arg("links"), py::arg("gravity"), py::arg("seats"), py::arg("struts") = std::vector<Strut>{})
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

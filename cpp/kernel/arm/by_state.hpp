@@ -180,7 +180,8 @@ struct alignas(64) ByState {
   void stretch(C& chain, int k, const TiedPoint* tied, const S* q, const S* v, StrutPoint<Sp>* points, Pull* pulls_) {
     const Layout& layout = chain.layout;
     const int count = layout.strut[k].points;
-    for (int i = 0; i < count; ++i) find_point(chain, tied[i], q, v, points[i]);
+    for (int i = 0; i < count; ++i)
+      find_point(chain, tied[i], q, v, i > 0 && same_beam(tied[i - 1], tied[i]), points[i]);
     const double* across = layout.tied_numbers + (layout.strut[k].numbers + records::kStrutLaw) * W;
     StrutState<S>& s = strut[k];
     s.length = s.rate = S{};
@@ -203,7 +204,10 @@ struct alignas(64) ByState {
       for (int j = 0; j < layout.node[place.node].ne; ++j) pulls_[i].on_beam[j] = Sp::dot(points[i].J[j], f);
     }
   }
-  void find_point(C& chain, const TiedPoint& tied, const S* q, const S* v, StrutPoint<Sp>& out) {
+  static bool same_beam(const TiedPoint& a, const TiedPoint& b) {
+    return a.place.on == Place::slice && b.place.on == Place::slice && a.place.node == b.place.node;
+  }
+  void find_point(C& chain, const TiedPoint& tied, const S* q, const S* v, bool sampled, StrutPoint<Sp>& out) {
     const double* p = chain.layout.tied_numbers + tied.numbers * W;
     const Lin offset = Sp::read(p);
     out.along = Sp::zero();
@@ -212,12 +216,12 @@ struct alignas(64) ByState {
       out.rate = Sp::zero();
       return;
     }
-    const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v);
+    const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v, sampled);
     const Moving<Sp>& on = moving(tied.place);
     const Lin across = Sp::rotate(slice.frame.R, offset);
     out.in = slice.frame.r + across;
-    const Lin rate = on.u.linear + Sp::cross(on.u.angular, out.in) + slice.rate.linear +
-                     Sp::cross(slice.rate.angular, across);
+    const Lin rate =
+        on.u.linear + Sp::cross(on.u.angular, out.in) + slice.rate.linear + Sp::cross(slice.rate.angular, across);
     out.at = on.at.r + Sp::rotate(on.at.R, out.in);
     out.rate = Sp::rotate(on.at.R, rate);
     if (tied.place.on != Place::slice) return;

@@ -262,14 +262,16 @@ struct Chain {
     return place.on == Place::end && layout.node[place.node].ne > 0;
   }
   /// A place as a slice of its node's frame, or of its beam's end.
-  Slice<Sp>& slice_of(const Place& at, const double* place_numbers, const S* q, const S* v) {
+  /// @param sampled  whether the beam was sampled, for the place before
+  Slice<Sp>& slice_of(const Place& at, const double* place_numbers, const S* q, const S* v, bool sampled = false) {
     const Node& node = layout.node[at.node];
     if (at.on != Place::slice) {
       fixed_slice(place_numbers, *slice);
       return *slice;
     }
     const double* points = numbers + node.points;
-    if (node.body == Node::sampled_beam) sampled::sample(Sp{}, node, points, q + node.qe, v + node.ve, scratch);
+    if (node.body == Node::sampled_beam && !sampled)
+      ::sampled::sample(Sp{}, node, points, q + node.qe, v + node.ve, scratch);
     slice_at(node, place_numbers, points, q + node.qe, v + node.ve, scratch, *slice);
     return *slice;
   }

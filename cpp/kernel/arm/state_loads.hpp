@@ -85,8 +85,9 @@ struct StateAnswers {
 /// Pose and velocity of a place as a law is asked with them. @param height  across the plane
 template <class S>
 void put_world(const Layout&, const Frame<Space<S>>& at, const Motion<Space<S>>& u, const S&, S* out) {
-  const S all[kAsked] = {at.r.x,   at.r.y,   at.r.z,   at.R.xx,    at.R.xy,    at.R.xz,     at.R.yx,     at.R.yy,    at.R.yz,
-                         at.R.zx,  at.R.zy,  at.R.zz,  u.linear.x, u.linear.y, u.linear.z, u.angular.x, u.angular.y, u.angular.z};
+  const S all[kAsked] = {at.r.x,     at.r.y,     at.r.z,     at.R.xx,     at.R.xy,     at.R.xz,
+                         at.R.yx,    at.R.yy,    at.R.yz,    at.R.zx,     at.R.zy,     at.R.zz,
+                         u.linear.x, u.linear.y, u.linear.z, u.angular.x, u.angular.y, u.angular.z};
   for (int i = 0; i < kAsked; ++i) out[i] = all[i];
 }
 template <class S>

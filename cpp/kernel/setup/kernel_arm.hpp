@@ -97,7 +97,7 @@ class KernelArm {
   std::vector<Seat> seats_;  ///< one for each link
   std::vector<PlacedFork> forks_;
   std::vector<PlacedLoad> loads_;
-  Numbers place_numbers_;  ///< of forks and loads
+  Numbers place_numbers_;        ///< of forks and loads
   std::vector<double> heights_;  ///< of each node across the plane
   std::vector<StrutLine> struts_;
   std::vector<TiedPoint> tied_;          ///< see Layout

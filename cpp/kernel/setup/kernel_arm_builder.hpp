@@ -44,7 +44,7 @@ struct ArmBuilder {
   int seat = -1;  ///< the fork on a slice of that beam, where it sits on one
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  double height = 0.0;          ///< of that frame across the plane that the arm moves in
+  double height = 0.0;  ///< of that frame across the plane that the arm moves in
 
   ArmBuilder(const Arm& a, bool in_space);
 

@@ -68,8 +68,7 @@ double KernelArm::height(const Arm& arm, const flexarm::Strut::Point& point) con
   const bool own = point.on == flexarm::Strut::Point::origin, end = point.on == flexarm::Strut::Point::end;
   if (own || (!end && nodes_[node].ne == 0)) sum += seat.origin.position[axes.z];
   if (end) sum += seat.end.position[axes.z];
-  if ((end && nodes_[node].ne > 0) || point.on == flexarm::Strut::Point::slice)
-    sum += arm.link(link).hub().end[axes.z];
+  if ((end && nodes_[node].ne > 0) || point.on == flexarm::Strut::Point::slice) sum += arm.link(link).hub().end[axes.z];
   return sum;
 }
 
@@ -79,7 +78,8 @@ void KernelArm::put_tied(std::size_t numbers, const Spot& spot) {
   tied_numbers_.insert(tied_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
   structure_.push_back(spot.place.on);
   structure_.push_back(spot.place.node);
-  if (spot.place.node >= 0 && spot.place.on == Place::end) nodes_[static_cast<std::size_t>(spot.place.node)].tied = true;
+  if (spot.place.node >= 0 && spot.place.on == Place::end)
+    nodes_[static_cast<std::size_t>(spot.place.node)].tied = true;
 }
 
 void KernelArm::put_struts(const Arm& arm) {
@@ -95,7 +95,7 @@ void KernelArm::put_struts(const Arm& arm) {
     for (const Point& point : strut.points) {
       const std::size_t numbers = tied_numbers_.size(), link = static_cast<std::size_t>(point.link);
       in_axes(axes_of(layout_), [&](auto to) { put_record(tied_numbers_, to.lin(point.offset)); });
-      put_tied(numbers, point.link < 0             ? Spot{{Place::frame, -1}, {}}
+      put_tied(numbers, point.link < 0              ? Spot{{Place::frame, -1}, {}}
                         : point.on == Point::origin ? origin(link)
                         : point.on == Point::end    ? end(link)
                                                     : slice(arm, link, arm.link(link).slice_at(point.x)));
@@ -119,8 +119,8 @@ void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) 
   structure_.push_back(static_cast<int>(id & 0x7fffffff));
   structure_.push_back(static_cast<int>((id >> 31) & 0x7fffffff));
   const std::size_t numbers = tied_numbers_.size();
-  tied_numbers_.push_back(height(
-      arm, {static_cast<int>(load.link), on_end ? Point::end : Point::slice, 0.0, Eigen::Vector3d::Zero()}));
+  tied_numbers_.push_back(
+      height(arm, {static_cast<int>(load.link), on_end ? Point::end : Point::slice, 0.0, Eigen::Vector3d::Zero()}));
   put_tied(numbers, on_end ? end(load.link) : slice(arm, load.link, load.points.front().slice));
   ++layout_.state_loads;
 }
@@ -205,7 +205,8 @@ KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) cons
     // between fewer points, slices are not as right as sums over all of them
     if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].sampled.half = 0;
     out.loads_.push_back(placed);
-    for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices, placed.strut})
+    for (int x :
+         {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices, placed.strut})
       out.structure_.push_back(x);
     out.layout_.attitudes = out.layout_.attitudes || placed.world;
   }

@@ -55,7 +55,7 @@ class Slopes {
     differentiate(a);
     for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
     for_columns_by_state(by_v != nullptr,
-                      [&](const int* direction) { put(direction, columns_, -1.0, by_q, by_v, true); });
+                         [&](const int* direction) { put(direction, columns_, -1.0, by_q, by_v, true); });
   }
 
   /// Of forward dynamics, whose accelerations go into a. @return the outcome
@@ -471,10 +471,10 @@ class Slopes {
     typename Sp::Rot attitude = Sp::turn(0, LaneDual{}, number<LaneDual>(1.0));
     for (int i = 0; i < layout_.nodes; ++i) {
       if (layout_.node[i].branch) dual_->start_branch(i, w, attitude);
-      dual_->template move_node<true, false>(
-          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
-            bend(i, bends(node, direction), node, constants, gravity, q, v);
-          });
+      dual_->template move_node<true, false>(i, q, v, w, attitude,
+                                             [&](const Node& node, const double* constants, const Lin& gravity) {
+                                               bend(i, bends(node, direction), node, constants, gravity, q, v);
+                                             });
     }
   }
   void bend(int i, bool bends, const Node& node, const double* constants, const Lin& gravity, const LaneDual* q,

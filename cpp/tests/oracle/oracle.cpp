@@ -233,7 +233,8 @@ MatrixXd Oracle::shifted(const VectorXd& q, const VectorXd& v, double damping, d
   for (const flexarm::Strut& strut : arm_->struts()) {  // away from the kinks of ropes
     const Stretch line = stretch(strut, q);
     const double depth = line.length - strut.length;
-    if (strut.tension_only && (depth < 0.0 || strut.force > strut.stiffness * depth + strut.damping * line.by_rates.dot(v)))
+    if (strut.tension_only &&
+        (depth < 0.0 || strut.force > strut.stiffness * depth + strut.damping * line.by_rates.dot(v)))
       continue;
     S += (stiffness * strut.stiffness + damping * strut.damping) * line.by_rates * line.by_rates.transpose();
   }

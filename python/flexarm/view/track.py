@@ -189,7 +189,8 @@ def make_track(
     t, q, large = t[frames], q[frames], large[frames]
     p, R, strain = _pose(arm, body, large)
     _strains(arm, body, q, strain)
-    wrench = np.array([[np.zeros(6) if load.by_state else load(float(s)) for load in loads] for s in t]).reshape(len(t), len(loads), 2, 3)
+    known = [[np.zeros(6) if load.by_state else load(float(s)) for load in loads] for s in t]  # others are not drawn
+    wrench = np.array(known).reshape(len(t), len(loads), 2, 3)
     for i, load in enumerate(loads):
         if load.along is not None:
             wrench[:, i] *= load.along[1] - load.along[0]

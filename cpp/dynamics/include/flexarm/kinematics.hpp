@@ -87,7 +87,7 @@ SliceMotion slice_motion(const Arm& arm, const Workspace& ws, const PlacedSlice&
 
 /// Of the arm's struts.
 struct StrutMotion {
-  Eigen::MatrixXd motion;    ///< length (m), rate (m/s) and force, with which it pushes (N), in rows of 3, a column each
+  Eigen::MatrixXd motion;  ///< length (m), rate (m/s) and force, with which it pushes (N), in rows of 3, a column each
   Eigen::MatrixXd jacobian;  ///< of the lengths: dl/dt of strut k is column k times v (nv rows)
 };
 /// Without the forces of loads on struts.

@@ -20,7 +20,8 @@ struct Strut {
   double damping = 0.0;       ///< N s/m
   double length = 0.0;        ///< at which its spring has no force (m)
   double force = 0.0;         ///< with which it pushes its ends apart, beside spring and damper (N)
-  bool tension_only = false;  ///< a rope: where it is shorter than `length`, spring and damper have no force; it never pushes
+  bool tension_only =
+      false;  ///< a rope: where it is shorter than `length`, spring and damper have no force; it never pushes
 };
 
 }  // namespace flexarm
