@@ -152,7 +152,7 @@ def test_what_it_cannot_be():
         fa.Load(0, along=(0.0, 0.1), force=drag)
     with refuses("Load", "law"):
         LOADS[1](0.0)
-    with refuses("Load force", "(3,)"):
+    with refuses("Load force", "(1,)", "3"):
         slide().inverse_dynamics(*zero, loads=[fa.Load(0, force=lambda t, pose, velocity: [1.0])])
     with refuses("Load force", "nan"):
         slide().inverse_dynamics(*zero, loads=[fa.Load(0, force=lambda t, pose, velocity: [np.nan] * 3)])
