@@ -21,7 +21,8 @@ from ..model.acting.sampled import PythonLaw
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
 from .perturbed import (
-    STEP,
+    FOURTH,
+    Difference,
     Neighbour,
     Parameter,
     check_paths,
@@ -123,6 +124,7 @@ class Source:
         integrator: of the run.
         events: as of `simulate`.
         of: the setup that `setup` was made of, and by which values (1, ...) of parameters.
+        by: the differences by parameters.
 
     `workers` of its functions: threads; None: one for each core. `look` is called now and then with the part that is
     done, and with what is being done.
@@ -137,6 +139,7 @@ class Source:
     integrator: Integrator
     of: tuple[Setup, Mapping[str, Array]] | None = None
     events: Any = None
+    by: Difference = FOURTH
 
     def _problem(self) -> Problem:
         s = self.setup
@@ -285,7 +288,7 @@ class Source:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
         if p.start_only or not len(tape.switches):
             return np.zeros((len(tape.switches), 2 * run.both.nv))
-        return repeated(tape, lambda part: self._near([p.path], part)[0], run.core, self._numbers)
+        return repeated(tape, lambda step: self._near([p.path], step)[0], run.core, self._numbers)
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
@@ -294,8 +297,9 @@ class Source:
         whole = {p for p in parameters if p in ("q0", "v0", "tau") or _SAMPLES.fullmatch(p)} if adjoint else set()
         return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 
-    def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
-        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of)
+    def _near(self, paths: list[str], step: float | None = None) -> list[Parameter]:
+        by = self.by._replace(step=step or self.by.step)
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, by, self.of)
 
     def _moved(self, run: Problem, p: Parameter, times: Sequence[float] | Array) -> list[tuple[int, Array]]:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, n) of its q, v and a at times."""
