@@ -4,6 +4,7 @@ smaller. The derivative of the equations of motion by a parameter, at a given st
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,6 +85,7 @@ class Difference(NamedTuple):
 #: of fourth order; and of second order, with half the neighbours: to about 1e-9
 FOURTH = Difference.of(3e-4, ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4))
 SECOND = Difference.of(3e-5, ((-1, 1), (-0.5, 0.5)), (-1.5, 2.0, -0.5))
+_RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in what they have made
 _LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
@@ -130,9 +132,11 @@ def _parameter(
     value, scale = _value(setup, path, begin)
     others: dict[str, Array] = {}
     if of is not None and path in of[1]:
-        setup, others = of[0], dict(of[1])
-        value = float(others.pop(path)[0])
+        value, root = float(of[1][path][0]), path.partition(".")[0]
         scale = max(abs(value), _LEAST) if value else scale
+        if root in _RELATIVE:
+            setup = replace(setup, **{_RELATIVE[root]: getattr(of[0], _RELATIVE[root])})
+            others = {p: x for p, x in of[1].items() if p != path and p.startswith(root + ".")}
     why: ValueError | None = None
     for smaller in _SMALLER:
         h = by.step * scale * smaller
@@ -140,7 +144,9 @@ def _parameter(
             offsets = h * np.array(steps)
             try:
                 near = Variation(setup, {**others, path: value + offsets}, once=True)
-                found = [_problem(near, i, t, begin, tau, word) for i in range(len(steps))]
+                found = [_problem(near, 0, t, begin, tau, word)]
+                alike = found[0][0] if path.startswith("sensor.") else None  # sensors take no part in a run
+                found += [_problem(near, i, t, begin, tau, word, alike) for i in range(1, len(steps))]
             except ValueError as e:
                 why = why or e
                 continue
@@ -151,10 +157,13 @@ def _parameter(
 
 
 def _problem(
-    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None
-) -> tuple[Problem, Setup]:
-    """`word`: the balance that it begins in, which is its own."""
+    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None,
+    alike: Problem | None = None,
+) -> tuple[Problem, Setup]:  # fmt: skip
+    """`word`: the balance that it begins in, which is its own. `alike`: the problem, if it is known."""
     made = near.scenario(i)
+    if alike is not None:
+        return alike, made
     out = Problem(made.arm, t, word, None, tau, made.drive, made.loads, made.control, None)
     begin = begin if word is None else {**begin, "q0": out.start["q0"].copy()}
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
