@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,10 @@ _SETTLED = 0.01  # relative change of noise in the last update
 _HOLD = 1e-4  # of a derivative's norm: weight that holds a number at the start of a least squares
 _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the number's scale or of its logarithm
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
+_SETTLED_STEP = 0.02  # standard deviations: smaller steps of a least squares do not matter
+_COARSE_STEP = 0.3  # the same, where several starts are fitted, of which one is continued
+_NEAR = 0.1  # of the sum of squares: where steps take less off it, curvature that J^T J leaves out matters
+_LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
@@ -42,6 +46,22 @@ class Found:
     converged: bool = False
     tried: list[float] = field(default_factory=list)
     fitted: dict[int, float] = field(default_factory=dict)
+
+
+class _Settled(Exception):
+    """The next step of a least squares is too small to matter."""
+
+    def __str__(self) -> str:
+        return "the next step would move no value by {} of its standard deviation".format(*self.args)
+
+
+class _Solved(NamedTuple):
+    """The end of a least squares. pulled: standard deviations by which its weights hold a value back."""
+
+    inner: Array
+    message: str
+    converged: bool
+    pulled: float
 
 
 class Search:
@@ -116,9 +136,10 @@ class Search:
         self._usual = self._iterations + _USUAL * (len(order) + _WEIGHTED)
         ends: dict[int, tuple[float, Array]] = {}
         failed: RunStopped | None = None
+        least = _COARSE_STEP if len(order) > 1 else _SETTLED_STEP
         for i in order:
             try:
-                inner, _ = self._fitted(starts[i], self.first)
+                inner = self._fitted(starts[i], self.first, least).inner
                 ends[i] = _rms(self.residuals.weighted(inner, self.first)), inner
             except RunStopped as e:
                 failed = e
@@ -128,8 +149,9 @@ class Search:
         inner = min(ends.values(), key=lambda x: x[0])[1]
         return self.weighed(Found(inner, dict(self.first), tried=tried, fitted={k: x[0] for k, x in ends.items()}))
 
-    def _fitted(self, inner: Array, sigma: Mapping[str, float]) -> tuple[Array, Any]:
-        """Solves least squares from one point. Returns the end point and scipy's result.
+    def _fitted(self, inner: Array, sigma: Mapping[str, float], least: float = _SETTLED_STEP) -> _Solved:
+        """Solves least squares from one point, until the next step would move no value by more than `least` of its
+        standard deviation.
 
         A small weight holds each number at its start, so that undetermined combinations stay there (rounding errors
         would move them). The next least squares starts at the end of the last, until nothing changes.
@@ -142,42 +164,67 @@ class Search:
         residuals = self.residuals
         low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
         high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
+        n = len(inner)
+        hold, bend = np.zeros((n, n)), np.zeros((n, n))
+        # the last accepted point, its residuals and their derivatives; those that the search is told
+        at = inner, np.empty(0), np.empty((0, n)), np.empty((0, n))
 
-        def weighted(u: Array) -> Array:
-            r = residuals.weighted(u, sigma)
+        def rows(u: Array) -> Array:
+            return np.append(residuals.weighted(u, sigma), hold @ (u - inner))
+
+        def size(u: Array) -> Array:
+            here, r, _, told = at
+            if told.size:  # the sum of squares falls by e^2 / m of it in a step of e standard deviations
+                old = np.linalg.norm(r)
+                now = np.append(old, np.zeros(n)) + told @ (u - here)
+                if 1 - now @ now / old**2 < least**2 / len(r):
+                    raise _Settled
+            r = rows(u)
             if np.isfinite(r).all():  # otherwise the step is shortened
-                self._seen(u, float(np.mean(r**2)))
-            return r
-
-        if not np.isfinite(weighted(inner)).all():
-            raise RunStopped(residuals.why, np.nan)
-        norms = np.linalg.norm(residuals.jacobian(inner, sigma), axis=0)
-        hold = np.diag(np.maximum(_HOLD * norms, _HOLD_PRIOR))
+                self._seen(u, float(np.mean(r[:-n] ** 2)))
+            return np.append(np.linalg.norm(r), np.zeros(n))
 
         def slopes(u: Array) -> Array:
-            J = residuals.jacobian(u, sigma)
+            nonlocal at, bend
+            r, J = rows(u), np.vstack([residuals.jacobian(u, sigma), hold])
+            here, before, J_before, _ = at
+            fell = 1.0
+            if before.size:
+                bend = _bent(bend, u - here, J.T @ r - J_before.T @ before, (J - J_before).T @ r)
+                fell = 1 - float(r @ r) / float(before @ before)
+            at = u.copy(), r, J, _slopes_of_size(r, J, bend if fell < _NEAR else 0 * bend)
             self._iterations += 1
-            return np.vstack([J, hold])
+            if fell < least**2 / len(r):
+                raise _Settled
+            return at[3]
 
-        done = least_squares(
-            lambda u: np.append(weighted(u), hold @ (u - inner)), inner, slopes,
-            bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
-        )  # fmt: skip
-        std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
-        pulled = std * np.diag(hold) ** 2 * np.abs(done.x - inner)
-        done.pulled = float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0))
-        return np.asarray(done.x), done
+        if not np.isfinite(rows(inner)).all():
+            raise RunStopped(residuals.why, np.nan)
+        hold = np.diag(np.maximum(_HOLD * np.linalg.norm(residuals.jacobian(inner, sigma), axis=0), _HOLD_PRIOR))
+        try:
+            done = least_squares(
+                size, inner, slopes, bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9,
+                gtol=1e-12,
+            )  # fmt: skip
+            message, converged = str(done.message), done.status > 0
+        except _Settled:
+            message, converged = str(_Settled(least)), True
+        end, _, J, _ = at
+        std = np.sqrt(np.diag(pseudo_inverse(J)))
+        pulled = std * np.diag(hold) ** 2 * np.abs(end - inner)
+        return _Solved(end, message, converged, float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0)))
 
     def weighed(self, found: Found) -> Found:
         """Continues from a point with weights from the residual noise, until that settles."""
         first, sigma = dict(found.sigma), self.estimated(found.inner, found.sigma)
         for _ in range(_ROUNDS):
             self._cost = np.inf  # costs change with the weights
-            found.inner, done = self._fitted(found.inner, sigma)
+            done = self._fitted(found.inner, sigma)
+            found.inner = done.inner
             found.sigma, sigma = sigma, self.estimated(found.inner, first)
             if done.pulled < _HOLD_EFFECT and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
                 break
-        found.sigma, found.message, found.converged = sigma, str(done.message), bool(done.status > 0)
+        found.sigma, found.message, found.converged = sigma, done.message, done.converged
         return found
 
     # -- noise ---------------------------------------------------------------------------------------------------------
@@ -209,6 +256,36 @@ class Search:
         r = self.residuals.weighted(found.inner, found.sigma)
         count = {name: sum(len(run.data) for run in self.residuals.runs if name in run.outputs) for name in found.sigma}
         return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in self.noise))
+
+
+def _slopes_of_size(r: Array, J: Array, S: Array) -> Array:
+    """Derivatives (n + 1, n) of |r| and of n zeros, for which least squares take the steps that they take for r
+    (m,) with derivatives J (m, n) and the further curvature S (n, n)."""
+    slope = J.T @ r / np.linalg.norm(r)
+    R = np.linalg.qr(J, mode="r")
+    by = np.linalg.solve(R.T, np.linalg.solve(R.T, S).T)  # in units in which J^T J is 1
+    bend = _at_least(_LEAST_BEND, np.eye(len(R)) + 0.5 * (by + by.T))
+    first = np.linalg.solve(R.T, slope)
+    size, V = np.linalg.eigh(bend - np.outer(first, first))
+    return np.vstack([slope, np.sqrt(np.maximum(size, 0.0))[:, None] * (V.T @ R)])
+
+
+def _at_least(least: float, A: Array) -> Array:
+    """The symmetric matrix with eigenvalues that are too small replaced."""
+    size, V = np.linalg.eigh(A)
+    return np.asarray((V * np.maximum(size, least)) @ V.T)
+
+
+def _bent(S: Array, s: Array, y: Array, rest: Array) -> Array:
+    """The curvature of half the sum of squares that J^T J leaves out, after a step s in which the gradient has changed
+    by y, and by `rest` for that of J (Dennis, Gay & Welsch 1981, ACM Trans. Math. Softw. 7, 348). Without it,
+    steps are too long where large residuals are left."""
+    if not s @ y > 0:
+        return S
+    had = abs(s @ S @ s)
+    S = S * min(1.0, abs(s @ rest) / had) if had else S
+    miss = rest - S @ s
+    return S + (np.outer(miss, y) + np.outer(y, miss)) / (s @ y) - (s @ miss) / (s @ y) ** 2 * np.outer(y, y)
 
 
 def _rms(r: Array) -> float:
