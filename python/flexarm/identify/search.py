@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,9 @@ _SETTLED = 0.01  # relative change of noise in the last update
 _HOLD = 1e-4  # of a derivative's norm: weight that holds a number at the start of a least squares
 _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the number's scale or of its logarithm
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
-_SETTLED_STEP = 0.02  # standard deviations: smaller steps of a least squares do not matter
+_SETTLED_STEP = 0.003  # standard deviations: smaller steps of a least squares do not matter
+_ROUGH_STEP = 0.03  # the same, where steps bring less than half of what derivatives promise: stick and slip has leaps
+_ALIKE = 0.3  # standard deviations: within this distance derivatives are used again, but at the end
 _COARSE_STEP = 0.3  # the same, where several starts are fitted, of which one is continued
 _NEAR = 0.1  # of the sum of squares: where steps take less off it, curvature that J^T J leaves out matters
 _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
@@ -53,6 +55,53 @@ class _Settled(Exception):
 
     def __str__(self) -> str:
         return "the next step would move no value by {} of its standard deviation".format(*self.args)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """An accepted point of a least squares.
+
+    Attributes:
+        u: it, (n,). r, J: the residuals there, (m,), and their derivatives, (m, n): those at the point `of`, with the
+            residuals r_of; `old` if that is another one. due: whether new ones are due.
+        bend: the curvature that J^T J leaves out, (n, n). told: what the search is told in place of J.
+    """
+
+    u: Array
+    r: Array = field(default_factory=lambda: np.empty(0))
+    J: Array = field(default_factory=lambda: np.empty((0, 0)))
+    of: Array = field(default_factory=lambda: np.empty(0))
+    r_of: Array = field(default_factory=lambda: np.empty(0))
+    bend: Array = field(default_factory=lambda: np.empty((0, 0)))
+    bent: bool = False
+    told: Array = field(default_factory=lambda: np.empty((0, 0)))
+    old: bool = False
+    due: bool = True
+
+    def gain(self, u: Array) -> float:
+        """The part of the sum of squares that is expected to go on the way to u: e^2 / m of it for a step of e standard
+        deviations to its least."""
+        size = np.linalg.norm(self.r)
+        left = np.append(size, np.zeros(len(self.told) - 1)) + self.told @ (u - self.u)
+        return float(1 - left @ left / size**2)
+
+    def near(self, u: Array) -> bool:
+        """Whether u is so near to the point of the derivatives that they serve there, too."""
+        size = float(np.sum((self.J @ (u - self.of)) ** 2) / np.sum(self.r**2))
+        return not self.due and size < _ALIKE**2 / len(self.r)
+
+    def moved(self, u: Array, r: Array) -> _Point:
+        """The point u with residuals r and these derivatives."""
+        told = _slopes_of_size(r, self.J, self.bend if self.bent else 0 * self.bend)
+        return replace(self, u=u.copy(), r=r, told=told, old=True)
+
+    def next(self, u: Array, r: Array, J: Array, bent: bool) -> _Point:
+        """The point u with residuals r and derivatives J. bent: whether to use the further curvature."""
+        bend = self.bend if self.bend.size else np.zeros((len(u), len(u)))
+        if self.of.size and (u != self.of).any():
+            bend = _bent(bend, u - self.of, J.T @ r - self.J.T @ self.r_of, (J - self.J).T @ r)
+        told = _slopes_of_size(r, J, bend if bent else 0 * bend)
+        return _Point(u.copy(), r, J, u.copy(), r, bend, bent, told, old=False, due=False)
 
 
 class _Solved(NamedTuple):
@@ -165,51 +214,52 @@ class Search:
         low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
         high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
         n = len(inner)
-        hold, bend = np.zeros((n, n)), np.zeros((n, n))
-        # the last accepted point, its residuals and their derivatives; those that the search is told
-        at = inner, np.empty(0), np.empty((0, n)), np.empty((0, n))
+        hold = np.zeros((n, n))
+        at = _Point(inner)
 
         def rows(u: Array) -> Array:
             return np.append(residuals.weighted(u, sigma), hold @ (u - inner))
 
         def size(u: Array) -> Array:
-            here, r, _, told = at
-            if told.size:  # the sum of squares falls by e^2 / m of it in a step of e standard deviations
-                old = np.linalg.norm(r)
-                now = np.append(old, np.zeros(n)) + told @ (u - here)
-                if 1 - now @ now / old**2 < least**2 / len(r):
-                    raise _Settled
+            if at.told.size and at.gain(u) < least**2 / len(at.r):
+                raise _Settled
             r = rows(u)
             if np.isfinite(r).all():  # otherwise the step is shortened
                 self._seen(u, float(np.mean(r[:-n] ** 2)))
             return np.append(np.linalg.norm(r), np.zeros(n))
 
         def slopes(u: Array) -> Array:
-            nonlocal at, bend
-            r, J = rows(u), np.vstack([residuals.jacobian(u, sigma), hold])
-            here, before, J_before, _ = at
-            fell = 1.0
-            if before.size:
-                bend = _bent(bend, u - here, J.T @ r - J_before.T @ before, (J - J_before).T @ r)
-                fell = 1 - float(r @ r) / float(before @ before)
-            at = u.copy(), r, J, _slopes_of_size(r, J, bend if fell < _NEAR else 0 * bend)
-            self._iterations += 1
-            if fell < least**2 / len(r):
+            nonlocal at
+            r, last = rows(u), at
+            fell = 1 - float(r @ r) / float(last.r @ last.r) if last.r.size else 1.0
+            if last.r.size and fell > 0 and last.near(u):
+                at = last.moved(u, r)
+            else:
+                self._iterations += 1
+                at = last.next(u, r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
+            if 0 < fell < _ROUGH_STEP**2 / len(r) and fell < 0.5 * last.gain(u):
                 raise _Settled
-            return at[3]
+            return at.told
 
         if not np.isfinite(rows(inner)).all():
             raise RunStopped(residuals.why, np.nan)
         hold = np.diag(np.maximum(_HOLD * np.linalg.norm(residuals.jacobian(inner, sigma), axis=0), _HOLD_PRIOR))
-        try:
-            done = least_squares(
-                size, inner, slopes, bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9,
-                gtol=1e-12,
-            )  # fmt: skip
-            message, converged = str(done.message), done.status > 0
-        except _Settled:
-            message, converged = str(_Settled(least)), True
-        end, _, J, _ = at
+        message, converged, first = "", False, self._iterations
+        while not converged and self._iterations - first < self.most:
+            at = replace(at, old=False, due=True)
+            try:
+                done = least_squares(
+                    size, at.u, slopes, bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9,
+                    gtol=1e-12,
+                )  # fmt: skip
+                message, converged = str(done.message), done.status > 0 and not at.old
+                if not done.status:
+                    break
+            except _Settled:
+                message, converged = str(_Settled(least)), not at.old
+        if at.old:
+            at = at.next(at.u, at.r, np.vstack([residuals.jacobian(at.u, sigma), hold]), True)
+        end, J = at.u, at.J
         std = np.sqrt(np.diag(pseudo_inverse(J)))
         pulled = std * np.diag(hold) ** 2 * np.abs(end - inner)
         return _Solved(end, message, converged, float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0)))
