@@ -23,8 +23,8 @@ _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the 
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
 _SETTLED_STEP = 0.003  # standard deviations: smaller steps of a least squares do not matter
 _ROUGH_STEP = 0.03  # the same, where steps bring less than half of what derivatives promise: stick and slip has leaps
-_ALIKE = 0.3  # standard deviations: within this distance derivatives are used again, but at the end
-_COARSE_STEP = 0.3  # the same, where several starts are fitted, of which one is continued
+_ALIKE = 0.1  # standard deviations: so near derivatives are used again, but at the end
+_COARSE_STEP, _COARSE_MOST = 0.3, 10  # the same, and most iterations, where of several starts one is continued
 _NEAR = 0.1  # of the sum of squares: where steps take less off it, curvature that J^T J leaves out matters
 _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
@@ -50,11 +50,12 @@ class Found:
     fitted: dict[int, float] = field(default_factory=dict)
 
 
-class _Settled(Exception):
-    """The next step of a least squares is too small to matter."""
+class _Ended(Exception):
+    """The end of a least squares, and whether it has converged."""
 
-    def __str__(self) -> str:
-        return "the next step would move no value by {} of its standard deviation".format(*self.args)
+    def __init__(self, message: str, converged: bool = True) -> None:
+        super().__init__(message)
+        self.converged = converged
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ class Search:
         if self._explains(found.inner):
             return found
         self._cost = np.inf
-        return min(found, self._from(starts, keep), key=self._minus_log_likelihood)
+        return min(found, self._from(starts, keep, found), key=self._minus_log_likelihood)
 
     # -- progress ------------------------------------------------------------------------------------------------------
 
@@ -173,8 +174,9 @@ class Search:
 
     # -- stages --------------------------------------------------------------------------------------------------------
 
-    def _from(self, starts: Array, keep: int) -> Found:
-        """The best point from these starts, with the first weights; then with weights from the residual noise."""
+    def _from(self, starts: Array, keep: int, first: Found | None = None) -> Found:
+        """The best point from these starts, with the first weights; then with weights from the residual noise. `first`:
+        the end of the first start, if it is known."""
         tried = [np.inf] * len(starts)
         if len(starts) > 1:
             for i, rows in enumerate(self.residuals.many(starts)):
@@ -185,10 +187,11 @@ class Search:
         self._usual = self._iterations + _USUAL * (len(order) + _WEIGHTED)
         ends: dict[int, tuple[float, Array]] = {}
         failed: RunStopped | None = None
-        least = _COARSE_STEP if len(order) > 1 else _SETTLED_STEP
+        least, most = (_COARSE_STEP, _COARSE_MOST) if len(order) > 1 else (_SETTLED_STEP, self.most)
         for i in order:
             try:
-                inner = self._fitted(starts[i], self.first, least).inner
+                known = first if i == 0 else None
+                inner = known.inner if known else self._fitted(starts[i], self.first, least, most).inner
                 ends[i] = _rms(self.residuals.weighted(inner, self.first)), inner
             except RunStopped as e:
                 failed = e
@@ -198,9 +201,11 @@ class Search:
         inner = min(ends.values(), key=lambda x: x[0])[1]
         return self.weighed(Found(inner, dict(self.first), tried=tried, fitted={k: x[0] for k, x in ends.items()}))
 
-    def _fitted(self, inner: Array, sigma: Mapping[str, float], least: float = _SETTLED_STEP) -> _Solved:
+    def _fitted(
+        self, inner: Array, sigma: Mapping[str, float], least: float = _SETTLED_STEP, most: int | None = None
+    ) -> _Solved:
         """Solves least squares from one point, until the next step would move no value by more than `least` of its
-        standard deviation.
+        standard deviation, or derivatives were computed `most` times (None: as often as may be).
 
         A small weight holds each number at its start, so that undetermined combinations stay there (rounding errors
         would move them). The next least squares starts at the end of the last, until nothing changes.
@@ -210,7 +215,7 @@ class Search:
         """
         from scipy.optimize import least_squares  # slow to import
 
-        residuals = self.residuals
+        residuals, most, first = self.residuals, most or self.most, self._iterations
         low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
         high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
         n = len(inner)
@@ -222,7 +227,7 @@ class Search:
 
         def size(u: Array) -> Array:
             if at.told.size and at.gain(u) < least**2 / len(at.r):
-                raise _Settled
+                raise _Ended(f"the next step would move no value by {least} of its standard deviation")
             r = rows(u)
             if np.isfinite(r).all():  # otherwise the step is shortened
                 self._seen(u, float(np.mean(r[:-n] ** 2)))
@@ -234,18 +239,20 @@ class Search:
             fell = 1 - float(r @ r) / float(last.r @ last.r) if last.r.size else 1.0
             if last.r.size and fell > 0 and last.near(u):
                 at = last.moved(u, r)
+            elif self._iterations - first == most:
+                raise _Ended(f"it took {most} iterations", False)
             else:
                 self._iterations += 1
                 at = last.next(u, r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
             if 0 < fell < _ROUGH_STEP**2 / len(r) and fell < 0.5 * last.gain(u):
-                raise _Settled
+                raise _Ended("steps bring less than derivatives promise, as dry friction makes it")
             return at.told
 
         if not np.isfinite(rows(inner)).all():
             raise RunStopped(residuals.why, np.nan)
         hold = np.diag(np.maximum(_HOLD * np.linalg.norm(residuals.jacobian(inner, sigma), axis=0), _HOLD_PRIOR))
-        message, converged, first = "", False, self._iterations
-        while not converged and self._iterations - first < self.most:
+        message, converged = "", False
+        while not converged and self._iterations - first < most:
             at = replace(at, old=False, due=True)
             try:
                 done = least_squares(
@@ -255,8 +262,8 @@ class Search:
                 message, converged = str(done.message), done.status > 0 and not at.old
                 if not done.status:
                     break
-            except _Settled:
-                message, converged = str(_Settled(least)), not at.old
+            except _Ended as e:
+                message, converged = str(e), e.converged and not at.old
         if at.old:
             at = at.next(at.u, at.r, np.vstack([residuals.jacobian(at.u, sigma), hold]), True)
         end, J = at.u, at.J
