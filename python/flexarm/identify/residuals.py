@@ -163,7 +163,7 @@ class Residuals:
             made = replace(source(setup, run.t, first, v, **self.options, alive=self._look, of=of), by=SECOND)
             own = [j for j, x in enumerate(self.sought) if x.run in (None, k)]
             found[k] = np.zeros((len(inner), *run.measured.shape))
-            found[k][own] = made.sensitivities(list(parameters), workers).of(run.read) * slopes[own, None, None]
+            found[k][own] = run.slopes(made.sensitivities(list(parameters), workers), setup) * slopes[own, None, None]
 
         self._each(one)
         self.count += len(self.runs)

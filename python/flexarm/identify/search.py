@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .._console import seconds
 from ..run.sensitivity import RunStopped
 from .residuals import Residuals
 from .runs import scales
-from .statistics import pseudo_inverse
+from .statistics import pseudo_inverse, upper
 
 _ROUNDS = 12  # most updates of the weights
 _SETTLED = 0.01  # relative change of noise in the last update
@@ -319,7 +319,7 @@ def _slopes_of_size(r: Array, J: Array, S: Array) -> Array:
     """Derivatives (n + 1, n) of |r| and of n zeros, for which least squares take the steps that they take for r
     (m,) with derivatives J (m, n) and the further curvature S (n, n)."""
     slope = J.T @ r / np.linalg.norm(r)
-    R = np.linalg.qr(J, mode="r")
+    R = upper(J)
     by = np.linalg.solve(R.T, np.linalg.solve(R.T, S).T)  # in units in which J^T J is 1
     bend = _at_least(_LEAST_BEND, np.eye(len(R)) + 0.5 * (by + by.T))
     first = np.linalg.solve(R.T, slope)
@@ -339,10 +339,10 @@ def _bent(S: Array, s: Array, y: Array, rest: Array) -> Array:
     steps are too long where large residuals are left."""
     if not s @ y > 0:
         return S
-    had = abs(s @ S @ s)
-    S = S * min(1.0, abs(s @ rest) / had) if had else S
-    miss = rest - S @ s
-    return S + (np.outer(miss, y) + np.outer(y, miss)) / (s @ y) - (s @ miss) / (s @ y) ** 2 * np.outer(y, y)
+    had, has = abs(float(s @ S @ s)), abs(float(s @ rest))
+    S = S * min(1.0, has / had) if had else S
+    miss, by = rest - S @ s, float(s @ y)
+    return np.asarray(S + (np.outer(miss, y) + np.outer(y, miss)) / by - (s @ miss) / by**2 * np.outer(y, y))
 
 
 def _rms(r: Array) -> float:

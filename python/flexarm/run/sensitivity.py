@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,18 +100,24 @@ class Sensitivities:
         found = []
         base = np.asarray(output(self.result, self._setup), dtype=float)
         for k in range(len(self.parameters)):
-            rates = {name: getattr(self, name)[k] for name in ROWS}
             total = np.zeros(base.shape)
-            for near in self._neighbours[k].neighbours:
-                state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
-                for name in EVENTS if self.t_events is not None else ():
-                    pairs = zip(getattr(self.result, name), getattr(self, name), strict=True)
-                    state[name] = [x + near.offset * by[k] for x, by in pairs]
-                status = self.result.status
-                changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
-                total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
+            for weight, changed, setup in self.changed(k):
+                total += weight * (np.asarray(output(changed, setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
+
+    def changed(self, k: int) -> Iterator[tuple[float, Result, Setup]]:
+        """Weights, results and setups of runs with parameter k a little larger and smaller, to first order: the
+        weighted sum of an output of theirs is its derivative."""
+        rates = {name: getattr(self, name)[k] for name in ROWS}
+        for near in self._neighbours[k].neighbours:
+            state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
+            for name in EVENTS if self.t_events is not None else ():
+                pairs = zip(getattr(self.result, name), getattr(self, name), strict=True)
+                state[name] = [x + near.offset * by[k] for x, by in pairs]
+            status = self.result.status
+            result = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
+            yield near.weight, result, near.setup
 
 
 @dataclass
