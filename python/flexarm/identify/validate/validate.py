@@ -136,6 +136,7 @@ def latest(judged: Sequence[Judged]) -> list[Curves]:
 
 
 RIGS = ("quanser",)
+_POOR = 0.5  # NRMSE: above it other starts are tried; the model's own errors are well below
 _RUNS = 60  # usual number of runs of a fit
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
 _NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about the model's own errors
@@ -268,9 +269,17 @@ def _fitted(
 ) -> Fit:  # fmt: skip
     """The scene fitted to a recording, or to its part before `until` (s)."""
     sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
+
+    def found(starts: int | None) -> Fit:
         return identify(
             scene, recording.data.between(None, until), sought, outputs=outputs(scene, columns), step=_STEP,
-            noise={name: _NOISE[name] for name in columns}, progress=progress,
+            noise={name: _NOISE[name] for name in columns}, starts=starts, progress=progress,
         )  # fmt: skip
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        try:
+            fit = found(1)
+        except FitError:
+            return found(None)
+        return fit if max(fit.nrmse.values()) < _POOR else found(None)
