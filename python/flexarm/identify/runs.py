@@ -91,7 +91,7 @@ class Run:
 
     def slopes(self, of: Sensitivities, setup: Setup) -> Array:
         """Derivatives of all outputs at the times of the data, (np, outputs, nt), of a run of this setup."""
-        paths, changed = of.parameters, [list(of.changed(k)) for k in range(len(of.parameters))]
+        paths, changed = of.parameters, [list(of._changed(k)) for k in range(len(of.parameters))]
         found = np.zeros((len(paths), len(self.outputs), len(self.data)))
         for row, f in enumerate(self.outputs.values()):
             y, direct = f(of.result, setup), list(range(len(paths)))
@@ -101,7 +101,7 @@ class Run:
                 direct = [k for k in direct if paths[k].startswith(f"sensor.{f.sensor}.")]
                 moved = [k for k in range(len(paths)) if not paths[k].startswith("sensor.")]
                 if moved:
-                    sums = sensor.read_sums([[(w, result) for w, result, _ in changed[k]] for k in moved])
+                    sums = sensor._read_sums([[(w, result) for w, result, _ in changed[k]] for k in moved])
                     most = np.broadcast_to(np.inf if sensor.range is None else sensor.range, sums.shape[2:])
                     within = np.abs(y) < most[f.component]
                     found[moved, row] = (sums[:, :, f.component] * within)[:, :: self.every]

@@ -14,7 +14,7 @@ from .._console import seconds
 from ..run.sensitivity import RunStopped
 from .residuals import Residuals
 from .runs import scales
-from .statistics import pseudo_inverse, upper
+from .statistics import pseudo_inverse, upper, whiteness
 
 _ROUNDS = 12  # most updates of the weights
 _SETTLED = 0.01  # relative change of noise in the last update
@@ -136,7 +136,7 @@ class Search:
 
     def __call__(self, starts: Array, keep: int, alone: bool) -> Found:
         """The best point from several starts (k, n), of which the best `keep` are fitted. `alone`: from the first only,
-        if that leaves less than a tenth of each column's deviation.
+        if that leaves less than a tenth of each column's deviation, or white noise.
 
         Raises:
             RunStopped: none of them could be simulated.
@@ -301,12 +301,12 @@ class Search:
         return out
 
     def _explains(self, inner: Array) -> bool:
-        """Whether the residuals of all columns are below a tenth of their deviation."""
+        """Whether the residuals of all columns are below a tenth of their deviation, or white noise."""
         found = self.residuals.residuals(inner)
         assert found is not None
-        rows = [np.sqrt((y**2).mean(axis=1)) < _LEFT * run.measured.std(axis=1)
-                for run, y in zip(self.residuals.runs, found, strict=True)]  # fmt: skip
-        return bool(np.concatenate(rows).all())
+        rows = [(r, x) for run, y in zip(self.residuals.runs, found, strict=True)
+                for r, x in zip(y, run.measured, strict=True)]  # fmt: skip
+        return all(_rms(r) < _LEFT * x.std() or whiteness(r).white for r, x in rows)
 
     def _minus_log_likelihood(self, found: Found) -> float:
         """Twice the negative log-likelihood, up to a constant."""

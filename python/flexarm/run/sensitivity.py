@@ -101,12 +101,12 @@ class Sensitivities:
         base = np.asarray(output(self.result, self._setup), dtype=float)
         for k in range(len(self.parameters)):
             total = np.zeros(base.shape)
-            for weight, changed, setup in self.changed(k):
+            for weight, changed, setup in self._changed(k):
                 total += weight * (np.asarray(output(changed, setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
 
-    def changed(self, k: int) -> Iterator[tuple[float, Result, Setup]]:
+    def _changed(self, k: int) -> Iterator[tuple[float, Result, Setup]]:
         """Weights, results and setups of runs with parameter k a little larger and smaller, to first order: the
         weighted sum of an output of theirs is its derivative."""
         rates = {name: getattr(self, name)[k] for name in ROWS}

@@ -175,9 +175,9 @@ class Sensor(Part):
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
 
-    def read_sums(self, groups: Sequence[Sequence[tuple[float, Result]]]) -> Array:
-        """Of each group of weights, whose sum is zero, and results: the weighted sum of their readings without limits of
-        range, noise and steps, (k, nt, components). The filter passes all of them at once."""
+    def _read_sums(self, groups: Sequence[Sequence[tuple[float, Result]]]) -> Array:
+        """Of each group of weights, whose sum is zero, and results: the weighted sum of their readings without noise,
+        steps and limits, (k, nt, components). The filter passes all of them at once."""
         found = [self._quantity(group) for group in groups]
         y = [np.concatenate(x, axis=1) for x in zip(*found, strict=True)]
         t = groups[0][0][1].t
