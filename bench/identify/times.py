@@ -84,7 +84,8 @@ def cost(name: str, one: Callable[[], Any], work: Callable[[], Any]) -> str:
         setattr(Residuals, key, method)
     single = float(np.median([*before, *(run() for _ in range(5))]))
     print(f"{name}: {waited:.3g} s, of which the processors worked {took:.3g} s")
-    return f"| {name} | {counts['many']} | {counts['_derivatives']} | {took:.2g} s | {float(f'{took / single:.2g}'):.0f} |"
+    runs = f"{float(f'{took / single:.2g}'):.0f}"
+    return f"| {name} | {counts['many']} | {counts['_derivatives']} | {took:.2g} s | {runs} |"
 
 
 def main() -> None:
