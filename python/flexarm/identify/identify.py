@@ -69,7 +69,7 @@ def identify(
         noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
             They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
-            leaves more than a tenth of a column's deviation. seed: of the draw.
+            leaves more than a tenth of a column's deviation that is no white noise. seed: of the draw.
         integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". If neither gives a step,
             it is the time between two rows of the data, halved until it no longer affects the values.
         max_iterations: of each least squares.

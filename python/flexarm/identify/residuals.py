@@ -13,6 +13,7 @@ from .._check import Array
 from .._threads import each
 from ..arm.variation import Setup, Variation
 from ..many.batch.simulate import simulate_batch
+from ..run.perturbed import SECOND
 from ..run.result import Result
 from ..run.sensitivity import ROWS, RunStopped
 from ..run.simulation import source
@@ -159,10 +160,10 @@ class Residuals:
             setup, q, v = scenarios(run, parameters)[0]
             of = run.setup, {path: x for path, x in parameters.items() if not path.startswith(("q0", "v0"))}
             first = run.first if isinstance(run.first, str) else q
-            made = source(setup, run.t, first, v, **self.options, alive=self._look, of=of)
+            made = replace(source(setup, run.t, first, v, **self.options, alive=self._look, of=of), by=SECOND)
             own = [j for j, x in enumerate(self.sought) if x.run in (None, k)]
             found[k] = np.zeros((len(inner), *run.measured.shape))
-            found[k][own] = made.sensitivities(list(parameters), workers).of(run.read) * slopes[own, None, None]
+            found[k][own] = run.slopes(made.sensitivities(list(parameters), workers), setup) * slopes[own, None, None]
 
         self._each(one)
         self.count += len(self.runs)

@@ -22,6 +22,7 @@ from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
+from ..run.sensitivity import Sensitivities
 from ..run.start import check_one_start, state, warn_of_one_balance
 
 _OFTEN = 0.99  # least samples of a sensor for each row of the data
@@ -41,13 +42,15 @@ class Reader:
 
     Attributes:
         read: (result, setup) -> (nt,). unit: its own, "" where that is not known.
-        sensor, quantity: of a sensor's reading, its index, and the measured quantity; else None and "".
+        sensor, component, quantity: of a sensor's reading, its index, that of the component, and the measured quantity;
+            else None, 0 and "".
     """
 
     read: Callable[[Result, Setup], Any]
     unit: str = ""
     sensor: int | None = None
     quantity: str = ""
+    component: int = 0
 
     def __call__(self, result: Result, setup: Setup) -> Array:
         return np.asarray(self.read(result, setup))
@@ -85,6 +88,27 @@ class Run:
     def read(self, result: Result, setup: Setup) -> Array:
         """All outputs at the times of the data, (outputs, nt)."""
         return np.array([np.asarray(f(result, setup))[:: self.every] for f in self.outputs.values()])
+
+    def slopes(self, of: Sensitivities, setup: Setup) -> Array:
+        """Derivatives of all outputs at the times of the data, (np, outputs, nt), of a run of this setup."""
+        paths, changed = of.parameters, [list(of._changed(k)) for k in range(len(of.parameters))]
+        found = np.zeros((len(paths), len(self.outputs), len(self.data)))
+        for row, f in enumerate(self.outputs.values()):
+            y, direct = f(of.result, setup), list(range(len(paths)))
+            if f.sensor is not None:
+                sensor = setup.sensors[f.sensor]
+                assert isinstance(sensor, Sensor)
+                direct = [k for k in direct if paths[k].startswith(f"sensor.{f.sensor}.")]
+                moved = [k for k in range(len(paths)) if not paths[k].startswith("sensor.")]
+                if moved:
+                    sums = sensor._read_sums([[(w, result) for w, result, _ in changed[k]] for k in moved])
+                    most = np.broadcast_to(np.inf if sensor.range is None else sensor.range, sums.shape[2:])
+                    within = np.abs(y) < most[f.component]
+                    found[moved, row] = (sums[:, :, f.component] * within)[:, :: self.every]
+            for k in direct:
+                by = np.array([w * (f(result, made) - y) for w, result, made in changed[k]])
+                found[k, row] = by.sum(axis=0)[:: self.every]
+        return found
 
     @property
     def measured(self) -> Array:
@@ -261,7 +285,8 @@ def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, spec: str) -> Reader
     at = int(component[0]) if component else 0
     if at >= len(parts):
         raise ValueError(f"{where} = '{spec}': this sensor has {len(parts)} components, from 0 on")
-    return Reader(lambda result, setup: _read(setup.sensors[k], result)[:, at], unit(parts[at][1]).si, k, parts[at][0])
+    quantity, own = parts[at]
+    return Reader(lambda result, setup: _read(setup.sensors[k], result)[:, at], unit(own).si, k, quantity, at)
 
 
 def _read(sensor: Any, result: Result) -> Array:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,19 @@ from .._console import seconds
 from ..run.sensitivity import RunStopped
 from .residuals import Residuals
 from .runs import scales
-from .statistics import pseudo_inverse
+from .statistics import pseudo_inverse, upper, whiteness
 
 _ROUNDS = 12  # most updates of the weights
 _SETTLED = 0.01  # relative change of noise in the last update
 _HOLD = 1e-4  # of a derivative's norm: weight that holds a number at the start of a least squares
 _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the number's scale or of its logarithm
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
+_SETTLED_STEP = 0.003  # standard deviations: smaller steps of a least squares do not matter
+_ROUGH_STEP = 0.03  # the same, where steps bring less than half of what derivatives promise: stick and slip has leaps
+_ALIKE = 0.1  # standard deviations: so near derivatives are used again, but at the end
+_COARSE_STEP, _COARSE_MOST = 0.3, 10  # the same, and most iterations, where of several starts one is continued
+_NEAR = 0.1  # of the sum of squares: where steps take less off it, curvature that J^T J leaves out matters
+_LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
@@ -42,6 +48,70 @@ class Found:
     converged: bool = False
     tried: list[float] = field(default_factory=list)
     fitted: dict[int, float] = field(default_factory=dict)
+
+
+class _Ended(Exception):
+    """The end of a least squares, and whether it has converged."""
+
+    def __init__(self, message: str, converged: bool = True) -> None:
+        super().__init__(message)
+        self.converged = converged
+
+
+@dataclass(frozen=True)
+class _Point:
+    """An accepted point of a least squares.
+
+    Attributes:
+        u: it, (n,). r, J: the residuals there, (m,), and their derivatives, (m, n): those at the point `of`, with the
+            residuals r_of; `old` if that is another one. due: whether new ones are due.
+        bend: the curvature that J^T J leaves out, (n, n). told: what the search is told in place of J.
+    """
+
+    u: Array
+    r: Array = field(default_factory=lambda: np.empty(0))
+    J: Array = field(default_factory=lambda: np.empty((0, 0)))
+    of: Array = field(default_factory=lambda: np.empty(0))
+    r_of: Array = field(default_factory=lambda: np.empty(0))
+    bend: Array = field(default_factory=lambda: np.empty((0, 0)))
+    bent: bool = False
+    told: Array = field(default_factory=lambda: np.empty((0, 0)))
+    old: bool = False
+    due: bool = True
+
+    def gain(self, u: Array) -> float:
+        """The part of the sum of squares that is expected to go on the way to u: e^2 / m of it for a step of e standard
+        deviations to its least."""
+        size = np.linalg.norm(self.r)
+        left = np.append(size, np.zeros(len(self.told) - 1)) + self.told @ (u - self.u)
+        return float(1 - left @ left / size**2)
+
+    def near(self, u: Array) -> bool:
+        """Whether u is so near to the point of the derivatives that they serve there, too."""
+        size = float(np.sum((self.J @ (u - self.of)) ** 2) / np.sum(self.r**2))
+        return not self.due and size < _ALIKE**2 / len(self.r)
+
+    def moved(self, u: Array, r: Array) -> _Point:
+        """The point u with residuals r and these derivatives."""
+        told = _slopes_of_size(r, self.J, self.bend if self.bent else 0 * self.bend)
+        return replace(self, u=u.copy(), r=r, told=told, old=True)
+
+    def next(self, u: Array, r: Array, J: Array, bent: bool) -> _Point:
+        """The point u with residuals r and derivatives J. bent: whether to use the further curvature."""
+        bend = self.bend if self.bend.size else np.zeros((len(u), len(u)))
+        if self.of.size and (u != self.of).any():
+            bend = _bent(bend, u - self.of, J.T @ r - self.J.T @ self.r_of, (J - self.J).T @ r)
+        told = _slopes_of_size(r, J, bend if bent else 0 * bend)
+        return _Point(u.copy(), r, J, u.copy(), r, bend, bent, told, old=False, due=False)
+
+
+class _Solved(NamedTuple):
+    """The end of a least squares. pulled: standard deviations by which its weights hold a value back."""
+
+    inner: Array
+    message: str
+    converged: bool
+    pulled: float
 
 
 class Search:
@@ -66,7 +136,7 @@ class Search:
 
     def __call__(self, starts: Array, keep: int, alone: bool) -> Found:
         """The best point from several starts (k, n), of which the best `keep` are fitted. `alone`: from the first only,
-        if that leaves less than a tenth of each column's deviation.
+        if that leaves less than a tenth of each column's deviation, or white noise.
 
         Raises:
             RunStopped: none of them could be simulated.
@@ -80,7 +150,7 @@ class Search:
         if self._explains(found.inner):
             return found
         self._cost = np.inf
-        return min(found, self._from(starts, keep), key=self._minus_log_likelihood)
+        return min(found, self._from(starts, keep, found), key=self._minus_log_likelihood)
 
     # -- progress ------------------------------------------------------------------------------------------------------
 
@@ -104,8 +174,9 @@ class Search:
 
     # -- stages --------------------------------------------------------------------------------------------------------
 
-    def _from(self, starts: Array, keep: int) -> Found:
-        """The best point from these starts, with the first weights; then with weights from the residual noise."""
+    def _from(self, starts: Array, keep: int, first: Found | None = None) -> Found:
+        """The best point from these starts, with the first weights; then with weights from the residual noise. `first`:
+        the end of the first start, if it is known."""
         tried = [np.inf] * len(starts)
         if len(starts) > 1:
             for i, rows in enumerate(self.residuals.many(starts)):
@@ -116,9 +187,11 @@ class Search:
         self._usual = self._iterations + _USUAL * (len(order) + _WEIGHTED)
         ends: dict[int, tuple[float, Array]] = {}
         failed: RunStopped | None = None
+        least, most = (_COARSE_STEP, _COARSE_MOST) if len(order) > 1 else (_SETTLED_STEP, self.most)
         for i in order:
             try:
-                inner, _ = self._fitted(starts[i], self.first)
+                known = first if i == 0 else None
+                inner = known.inner if known else self._fitted(starts[i], self.first, least, most).inner
                 ends[i] = _rms(self.residuals.weighted(inner, self.first)), inner
             except RunStopped as e:
                 failed = e
@@ -128,8 +201,11 @@ class Search:
         inner = min(ends.values(), key=lambda x: x[0])[1]
         return self.weighed(Found(inner, dict(self.first), tried=tried, fitted={k: x[0] for k, x in ends.items()}))
 
-    def _fitted(self, inner: Array, sigma: Mapping[str, float]) -> tuple[Array, Any]:
-        """Solves least squares from one point. Returns the end point and scipy's result.
+    def _fitted(
+        self, inner: Array, sigma: Mapping[str, float], least: float = _SETTLED_STEP, most: int | None = None
+    ) -> _Solved:
+        """Solves least squares from one point, until the next step would move no value by more than `least` of its
+        standard deviation, or derivatives were computed `most` times (None: as often as may be).
 
         A small weight holds each number at its start, so that undetermined combinations stay there (rounding errors
         would move them). The next least squares starts at the end of the last, until nothing changes.
@@ -139,45 +215,73 @@ class Search:
         """
         from scipy.optimize import least_squares  # slow to import
 
-        residuals = self.residuals
+        residuals, most, first = self.residuals, most or self.most, self._iterations
         low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
         high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
+        n = len(inner)
+        hold = np.zeros((n, n))
+        at = _Point(inner)
 
-        def weighted(u: Array) -> Array:
-            r = residuals.weighted(u, sigma)
+        def rows(u: Array) -> Array:
+            return np.append(residuals.weighted(u, sigma), hold @ (u - inner))
+
+        def size(u: Array) -> Array:
+            if at.told.size and at.gain(u) < least**2 / len(at.r):
+                raise _Ended(f"the next step would move no value by {least} of its standard deviation")
+            r = rows(u)
             if np.isfinite(r).all():  # otherwise the step is shortened
-                self._seen(u, float(np.mean(r**2)))
-            return r
-
-        if not np.isfinite(weighted(inner)).all():
-            raise RunStopped(residuals.why, np.nan)
-        norms = np.linalg.norm(residuals.jacobian(inner, sigma), axis=0)
-        hold = np.diag(np.maximum(_HOLD * norms, _HOLD_PRIOR))
+                self._seen(u, float(np.mean(r[:-n] ** 2)))
+            return np.append(np.linalg.norm(r), np.zeros(n))
 
         def slopes(u: Array) -> Array:
-            J = residuals.jacobian(u, sigma)
-            self._iterations += 1
-            return np.vstack([J, hold])
+            nonlocal at
+            r, last = rows(u), at
+            fell = 1 - float(r @ r) / float(last.r @ last.r) if last.r.size else 1.0
+            if last.r.size and fell > 0 and last.near(u):
+                at = last.moved(u, r)
+            elif self._iterations - first == most:
+                raise _Ended(f"it took {most} iterations", False)
+            else:
+                self._iterations += 1
+                at = last.next(u, r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
+            if 0 < fell < _ROUGH_STEP**2 / len(r) and fell < 0.5 * last.gain(u):
+                raise _Ended("steps bring less than derivatives promise, as dry friction makes it")
+            return at.told
 
-        done = least_squares(
-            lambda u: np.append(weighted(u), hold @ (u - inner)), inner, slopes,
-            bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
-        )  # fmt: skip
-        std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
-        pulled = std * np.diag(hold) ** 2 * np.abs(done.x - inner)
-        done.pulled = float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0))
-        return np.asarray(done.x), done
+        if not np.isfinite(rows(inner)).all():
+            raise RunStopped(residuals.why, np.nan)
+        hold = np.diag(np.maximum(_HOLD * np.linalg.norm(residuals.jacobian(inner, sigma), axis=0), _HOLD_PRIOR))
+        message, converged = "", False
+        while not converged and self._iterations - first < most:
+            at = replace(at, old=False, due=True)
+            try:
+                done = least_squares(
+                    size, at.u, slopes, bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9,
+                    gtol=1e-12,
+                )  # fmt: skip
+                message, converged = str(done.message), done.status > 0 and not at.old
+                if not done.status:
+                    break
+            except _Ended as e:
+                message, converged = str(e), e.converged and not at.old
+        if at.old:
+            at = at.next(at.u, at.r, np.vstack([residuals.jacobian(at.u, sigma), hold]), True)
+        end, J = at.u, at.J
+        std = np.sqrt(np.diag(pseudo_inverse(J)))
+        pulled = std * np.diag(hold) ** 2 * np.abs(end - inner)
+        return _Solved(end, message, converged, float(np.max(pulled[std * _HOLD_PRIOR < 0.9], initial=0.0)))
 
     def weighed(self, found: Found) -> Found:
         """Continues from a point with weights from the residual noise, until that settles."""
         first, sigma = dict(found.sigma), self.estimated(found.inner, found.sigma)
         for _ in range(_ROUNDS):
             self._cost = np.inf  # costs change with the weights
-            found.inner, done = self._fitted(found.inner, sigma)
+            done = self._fitted(found.inner, sigma)
+            found.inner = done.inner
             found.sigma, sigma = sigma, self.estimated(found.inner, first)
             if done.pulled < _HOLD_EFFECT and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
                 break
-        found.sigma, found.message, found.converged = sigma, str(done.message), bool(done.status > 0)
+        found.sigma, found.message, found.converged = sigma, done.message, done.converged
         return found
 
     # -- noise ---------------------------------------------------------------------------------------------------------
@@ -197,18 +301,48 @@ class Search:
         return out
 
     def _explains(self, inner: Array) -> bool:
-        """Whether the residuals of all columns are below a tenth of their deviation."""
+        """Whether the residuals of all columns are below a tenth of their deviation, or white noise."""
         found = self.residuals.residuals(inner)
         assert found is not None
-        rows = [np.sqrt((y**2).mean(axis=1)) < _LEFT * run.measured.std(axis=1)
-                for run, y in zip(self.residuals.runs, found, strict=True)]  # fmt: skip
-        return bool(np.concatenate(rows).all())
+        rows = [(r, x) for run, y in zip(self.residuals.runs, found, strict=True)
+                for r, x in zip(y, run.measured, strict=True)]  # fmt: skip
+        return all(_rms(r) < _LEFT * x.std() or whiteness(r).white for r, x in rows)
 
     def _minus_log_likelihood(self, found: Found) -> float:
         """Twice the negative log-likelihood, up to a constant."""
         r = self.residuals.weighted(found.inner, found.sigma)
         count = {name: sum(len(run.data) for run in self.residuals.runs if name in run.outputs) for name in found.sigma}
         return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in self.noise))
+
+
+def _slopes_of_size(r: Array, J: Array, S: Array) -> Array:
+    """Derivatives (n + 1, n) of |r| and of n zeros, for which least squares take the steps that they take for r
+    (m,) with derivatives J (m, n) and the further curvature S (n, n)."""
+    slope = J.T @ r / np.linalg.norm(r)
+    R = upper(J)
+    by = np.linalg.solve(R.T, np.linalg.solve(R.T, S).T)  # in units in which J^T J is 1
+    bend = _at_least(_LEAST_BEND, np.eye(len(R)) + 0.5 * (by + by.T))
+    first = np.linalg.solve(R.T, slope)
+    size, V = np.linalg.eigh(bend - np.outer(first, first))
+    return np.vstack([slope, np.sqrt(np.maximum(size, 0.0))[:, None] * (V.T @ R)])
+
+
+def _at_least(least: float, A: Array) -> Array:
+    """The symmetric matrix with eigenvalues that are too small replaced."""
+    size, V = np.linalg.eigh(A)
+    return np.asarray((V * np.maximum(size, least)) @ V.T)
+
+
+def _bent(S: Array, s: Array, y: Array, rest: Array) -> Array:
+    """The curvature of half the sum of squares that J^T J leaves out, after a step s in which the gradient has changed
+    by y, and by `rest` for that of J (Dennis, Gay & Welsch 1981, ACM Trans. Math. Softw. 7, 348). Without it,
+    steps are too long where large residuals are left."""
+    if not s @ y > 0:
+        return S
+    had, has = abs(float(s @ S @ s)), abs(float(s @ rest))
+    S = S * min(1.0, has / had) if had else S
+    miss, by = rest - S @ s, float(s @ y)
+    return np.asarray(S + (np.outer(miss, y) + np.outer(y, miss)) / by - (s @ miss) / by**2 * np.outer(y, y))
 
 
 def _rms(r: Array) -> float:

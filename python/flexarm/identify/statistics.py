@@ -18,6 +18,7 @@ _SEEN = 2.0  # standard deviations of the data: smaller changes are not visible
 _TRACE = 0.02  # of the largest change in a combination: smaller ones are left out
 _APART = 1e3  # largest condition number for distinct directions
 _MIXES = 5000  # most combinations that are tried
+_BLOCK = 256  # rows
 _RANK = 1e-6  # of the largest singular value: below it derivatives count as dependent
 
 
@@ -105,12 +106,21 @@ def covariance(J: Array, blocks: Sequence[tuple[slice, Array | None]]) -> Array:
     return np.asarray(A @ B @ A)
 
 
+def upper(J: Array) -> Array:
+    """R of J = Q R, for J (m, n) of many rows: in blocks, too small for the threads of a BLAS, which wait longer than
+    they work."""
+    rows = max(_BLOCK, 2 * J.shape[1])
+    while len(J) > 2 * rows:
+        J = np.vstack([np.linalg.qr(J[k : k + rows], mode="r") for k in range(0, len(J), rows)])
+    return np.asarray(np.linalg.qr(J, mode="r"))
+
+
 def pseudo_inverse(J: Array) -> Array:
     """(J^T J)^-1, (n, n), for columns of any scale; inf on the diagonal of columns that are zero or depend on
     others."""
     size = np.linalg.norm(J, axis=0)
     by = np.where(size > 0, size, 1.0)
-    _, s, V = np.linalg.svd(J / by, full_matrices=False)
+    _, s, V = np.linalg.svd(upper(J) / by, full_matrices=False)
     good = s > _RANK * s.max(initial=0.0)
     C = (V[good].T / s[good] ** 2) @ V[good]
     lost = (np.abs(V[~good]) > 1e-3).any(axis=0) if (~good).any() else np.zeros(len(size), bool)
@@ -200,7 +210,7 @@ def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[U
     some = np.flatnonzero(norms).tolist()
     if not some:
         return found
-    R = np.linalg.qr(scaled[:, some] / norms[some], mode="r")
+    R = upper(scaled[:, some] / norms[some])
     _, s, V = np.linalg.svd(R)
     reach = np.abs(V / norms[some]).max(axis=1)  # largest change in each direction
     s = np.append(s, np.zeros(len(V) - len(s)))

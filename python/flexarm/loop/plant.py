@@ -49,7 +49,7 @@ class Plant:
             square = np.abs(1.0 / mu - sigma)
         V = d[:, None] * V
         # where nothing holds some of them they are orthogonal to 1e-4 alone
-        V = la.solve_triangular(la.cholesky(V.T @ M @ V, lower=True), V.T, lower=True).T
+        V = np.linalg.solve(np.linalg.cholesky(V.T @ M @ V), V.T).T
         w = np.maximum(np.sqrt(square), _SLOWEST)
         inverse = V.T @ M
         self.A = finite("the linear model", np.block([

@@ -4,6 +4,7 @@ smaller. The derivative of the equations of motion by a parameter, at a given st
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,18 +68,31 @@ def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core
     return [p.core for p in parameters]
 
 
-#: Steps of a difference, and its weights: of fourth order, central and (at a bound of the parameter) on one side.
-_CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
-_AHEAD = (0, 1, 2, 3, 4), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
-_BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
-STEP = 3e-4  # of a difference, in parts of the parameter's scale
+class Difference(NamedTuple):
+    """A difference quotient. step: in parts of the parameter's scale. ways: places in steps, and weights: central and,
+    at a bound of the parameter, on one side."""
+
+    step: float
+    ways: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]
+
+    @staticmethod
+    def of(step: float, central: tuple[Any, Any], ahead: tuple[float, ...]) -> Difference:
+        places = tuple(range(len(ahead)))
+        behind = tuple(-k for k in places), tuple(-w for w in ahead)
+        return Difference(step, (central, (places, ahead), behind))
+
+
+#: of fourth order; and of second order, with half the neighbours: to about 1e-9
+FOURTH = Difference.of(3e-4, ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4))
+SECOND = Difference.of(3e-5, ((-1, 1), (-0.5, 0.5)), (-1.5, 2.0, -0.5))
+_RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in what they have made
 _LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
 
 def problems(
     setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | str | None, v0: Array | None, tau: Array | None,
-    part: float = STEP, of: tuple[Setup, Mapping[str, Array]] | None = None,
+    by: Difference = FOURTH, of: tuple[Setup, Mapping[str, Array]] | None = None,
 ) -> list[Parameter]:  # fmt: skip
     """The neighbours of a problem by each parameter.
 
@@ -86,7 +100,7 @@ def problems(
         setup: the arm, and the actions on it.
         parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
         t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
-        part: step of the differences, in parts of a parameter's size.
+        by: the differences.
         of: the setup that `setup` was made of, and by which values (1, ...) of parameters: these are the values then,
             such as the scale of a drive, which is 1 in `setup` itself.
 
@@ -96,7 +110,7 @@ def problems(
     check_paths(parameters)
     begin = start_of(setup, float(np.ravel(t)[0]), q0, v0, tau)
     word = q0 if isinstance(q0, str) else None
-    return [_parameter(setup, path, t, begin, tau, part, of, word) for path in parameters]
+    return [_parameter(setup, path, t, begin, tau, by, of, word) for path in parameters]
 
 
 def check_paths(parameters: Sequence[str], least: int = 0) -> None:
@@ -112,23 +126,27 @@ def start_of(setup: Setup, t: float, q0: Array | str | None, v0: Array | None, t
 
 
 def _parameter(
-    setup: Setup, path: str, t: ArrayLike, begin: dict[str, Array], tau: Array | None, part: float,
+    setup: Setup, path: str, t: ArrayLike, begin: dict[str, Array], tau: Array | None, by: Difference,
     of: tuple[Setup, Mapping[str, Array]] | None, word: str | None,
 ) -> Parameter:  # fmt: skip
     value, scale = _value(setup, path, begin)
     others: dict[str, Array] = {}
     if of is not None and path in of[1]:
-        setup, others = of[0], dict(of[1])
-        value = float(others.pop(path)[0])
+        value, root = float(of[1][path][0]), path.partition(".")[0]
         scale = max(abs(value), _LEAST) if value else scale
+        if root in _RELATIVE:
+            setup = replace(setup, **{_RELATIVE[root]: getattr(of[0], _RELATIVE[root])})
+            others = {p: x for p, x in of[1].items() if p != path and p.startswith(root + ".")}
     why: ValueError | None = None
     for smaller in _SMALLER:
-        h = part * scale * smaller
-        for steps, weights in (_CENTRAL, _AHEAD, _BEHIND):
+        h = by.step * scale * smaller
+        for steps, weights in by.ways:
             offsets = h * np.array(steps)
             try:
                 near = Variation(setup, {**others, path: value + offsets}, once=True)
-                found = [_problem(near, i, t, begin, tau, word) for i in range(len(steps))]
+                found = [_problem(near, 0, t, begin, tau, word)]
+                alike = found[0][0] if path.startswith("sensor.") else None  # sensors take no part in a run
+                found += [_problem(near, i, t, begin, tau, word, alike) for i in range(1, len(steps))]
             except ValueError as e:
                 why = why or e
                 continue
@@ -139,10 +157,13 @@ def _parameter(
 
 
 def _problem(
-    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None
-) -> tuple[Problem, Setup]:
-    """`word`: the balance that it begins in, which is its own."""
+    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None,
+    alike: Problem | None = None,
+) -> tuple[Problem, Setup]:  # fmt: skip
+    """`word`: the balance that it begins in, which is its own. `alike`: the problem, if it is known."""
     made = near.scenario(i)
+    if alike is not None:
+        return alike, made
     out = Problem(made.arm, t, word, None, tau, made.drive, made.loads, made.control, None)
     begin = begin if word is None else {**begin, "q0": out.start["q0"].copy()}
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}

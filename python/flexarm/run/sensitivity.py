@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,8 @@ from ..model.acting.sampled import PythonLaw
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
 from .perturbed import (
-    STEP,
+    FOURTH,
+    Difference,
     Neighbour,
     Parameter,
     check_paths,
@@ -100,19 +101,25 @@ class Sensitivities:
         found = []
         base = np.asarray(output(self.result, self._setup), dtype=float)
         for k in range(len(self.parameters)):
-            rates = {name: getattr(self, name)[k] for name in ROWS}
             total = np.zeros(base.shape)
-            for near in self._neighbours[k].neighbours:
-                state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
-                for name in EVENTS if self.t_events is not None else ():
-                    pairs = zip(getattr(self.result, name), getattr(self, name), strict=True)
-                    state[name] = [x + near.offset * by[k] for x, by in pairs]
-                status = self.result.status
-                changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
-                changed.driven = driven_forces(changed.arm, near.setup.drive, changed.t)
-                total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
+            for weight, changed, setup in self._changed(k):
+                total += weight * (np.asarray(output(changed, setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
+
+    def _changed(self, k: int) -> Iterator[tuple[float, Result, Setup]]:
+        """Weights, results and setups of runs with parameter k a little larger and smaller, to first order: the
+        weighted sum of an output of theirs is its derivative."""
+        rates = {name: getattr(self, name)[k] for name in ROWS}
+        for near in self._neighbours[k].neighbours:
+            state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
+            for name in EVENTS if self.t_events is not None else ():
+                pairs = zip(getattr(self.result, name), getattr(self, name), strict=True)
+                state[name] = [x + near.offset * by[k] for x, by in pairs]
+            status = self.result.status
+            result = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
+            result.driven = driven_forces(result.arm, near.setup.drive, result.t)
+            yield near.weight, result, near.setup
 
 
 @dataclass
@@ -125,6 +132,7 @@ class Source:
         integrator: of the run.
         events: as of `simulate`.
         of: the setup that `setup` was made of, and by which values (1, ...) of parameters.
+        by: the differences by parameters.
 
     `workers` of its functions: threads; None: one for each core. `look` is called now and then with the part that is
     done, and with what is being done.
@@ -139,6 +147,7 @@ class Source:
     integrator: Integrator
     of: tuple[Setup, Mapping[str, Array]] | None = None
     events: Any = None
+    by: Difference = FOURTH
 
     def _problem(self) -> Problem:
         s = self.setup
@@ -287,7 +296,7 @@ class Source:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
         if p.start_only or not len(tape.switches):
             return np.zeros((len(tape.switches), 2 * run.both.nv))
-        return repeated(tape, lambda part: self._near([p.path], part)[0], run.core, self._numbers)
+        return repeated(tape, lambda step: self._near([p.path], step)[0], run.core, self._numbers)
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
@@ -296,8 +305,9 @@ class Source:
         whole = {p for p in parameters if p in ("q0", "v0", "tau") or _SAMPLES.fullmatch(p)} if adjoint else set()
         return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 
-    def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
-        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of)
+    def _near(self, paths: list[str], step: float | None = None) -> list[Parameter]:
+        by = self.by._replace(step=step or self.by.step)
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, by, self.of)
 
     def _moved(self, run: Problem, p: Parameter, times: Sequence[float] | Array) -> list[tuple[int, Array]]:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, n) of its q, v and a at times."""

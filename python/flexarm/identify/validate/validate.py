@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..._check import choice, number
-from ..._console import aligned
+from ..._console import aligned, progress_bar
 from ...data.compare import Comparison
 from ...data.draw.trajectory import Curves, plot_recordings
 from ...run.scene.scene import Scene, load
@@ -135,6 +136,8 @@ def latest(judged: Sequence[Judged]) -> list[Curves]:
 
 
 RIGS = ("quanser",)
+_POOR = 0.5  # NRMSE: above it other starts are tried; the model's own errors are well below
+_RUNS = 60  # usual number of runs of a fit
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
 _NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about the model's own errors
 _PER_RUN, _DRIVES = "zeros, gains, cable, level", "drives"
@@ -172,31 +175,47 @@ def validate(
         choice("fit", fit, SHIPPED)
         if calibrate is not None:
             raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
-        return _shipped(scene, fit, progress)
+        with progress_bar(progress, "validating") as bar:
+            return _shipped(scene, fit, _shown(bar, 4))
     sources = list(data) if isinstance(data, (list, tuple)) else [data]
     if not sources:
         raise ValueError("data: an empty list; give at least one recording")
-    validation = Validation([])
-    for recording in [read(source) for source in sources]:
-        _judge(scene, recording, calibrate, validation, progress)
+    validation, recordings = Validation([]), [read(source) for source in sources]
+    with progress_bar(progress, "validating") as bar:
+        shown = _shown(bar, 2 * len(recordings))
+        for recording in recordings:
+            _judge(scene, recording, calibrate, validation, shown)
     return validation
 
 
-def _shipped(scene: Scene, fit: str, progress: Any) -> Validation:
+def _shown(bar: Callable[..., None] | None, fits: int) -> Iterator[Any]:
+    """`progress` of each of the fits, which moves the bar of them all."""
+
+    def tell(k: int, runs: int) -> None:
+        assert bar is not None
+        bar((k + min(1.0, runs / _RUNS)) / fits, f"fit {k + 1} of {fits}")
+
+    for k in range(fits):
+        yield partial(tell, k) if bar else False
+
+
+def _shipped(scene: Scene, fit: str, shown: Iterator[Any]) -> Validation:
     """Fits to one of the shipped recordings and predicts the other."""
     first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
-    done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, progress)
+    done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, next(shown))
     validation = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
-    other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, progress)
+    other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, next(shown))
     validation.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
     validation.calibrations[other.name] = other_fit.values
     validation.notes += [f"{other.name}: {x}." for x in other_fit.loose]
     for recording, one in ((first, done), (other, other_fit)):
-        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, progress)
+        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, next(shown))
     return validation
 
 
-def _judge(scene: Scene, recording: Recording, calibrate: float | None, validation: Validation, progress: Any) -> None:
+def _judge(
+    scene: Scene, recording: Recording, calibrate: float | None, validation: Validation, shown: Iterator[Any]
+) -> None:
     """Judges a recording to which no parameter of the arm was fitted."""
     t = recording.data.t
     until = float(t[-1]) / 2 if calibrate is None else number("calibrate", calibrate)
@@ -207,12 +226,12 @@ def _judge(scene: Scene, recording: Recording, calibrate: float | None, validati
     best, begin = _nearest(moved, recording, "motion", DEFLECTIONS)
     validation.judged.append(best)
     own = PER_RUN if recording.from_rest else {**PER_RUN, **START}
-    done = _fitted(moved, recording, own, DEFLECTIONS, progress, until, begin)
+    done = _fitted(moved, recording, own, DEFLECTIONS, next(shown), until, begin)
     rest = done.validate(recording.data)
     validation.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
     validation.calibrations[recording.name] = done.values
     validation.notes += [f"{recording.name}: {x}." for x in done.loose]
-    _drive(done.scene, recording, until, validation, progress)
+    _drive(done.scene, recording, until, validation, next(shown))
 
 
 def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, progress: Any) -> None:
@@ -250,9 +269,17 @@ def _fitted(
 ) -> Fit:  # fmt: skip
     """The scene fitted to a recording, or to its part before `until` (s)."""
     sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
+
+    def found(starts: int | None) -> Fit:
         return identify(
             scene, recording.data.between(None, until), sought, outputs=outputs(scene, columns), step=_STEP,
-            noise={name: _NOISE[name] for name in columns}, progress=progress,
+            noise={name: _NOISE[name] for name in columns}, starts=starts, progress=progress,
         )  # fmt: skip
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        try:
+            fit = found(1)
+        except FitError:
+            return found(None)
+        return fit if max(fit.nrmse.values()) < _POOR else found(None)

@@ -19,7 +19,7 @@ from ...arm.variation import Setup, Variation
 from ...model.acting.load import Load, at_time
 from ...model.acting.motor import torque_limits
 from ...run.integrators import Integrator
-from ...run.perturbed import Parameter, check_paths, components, problems
+from ...run.perturbed import FOURTH, Parameter, check_paths, components, problems
 from ...run.problem import Problem
 from ...run.sensitivity import repeated
 from .arguments import default_workers, stepping
@@ -251,8 +251,8 @@ class _Rolls:
         by = tape.weigh(of.problem, [p.core for p in of.neighbours.values()], needed, applied, self.workers)
         if len(ends):
 
-            def near(path: str, part: float) -> Parameter:
-                return problems(Setup(of.arm), [path], self.times, None, None, None, part)[0]
+            def near(path: str, step: float) -> Parameter:
+                return problems(Setup(of.arm), [path], self.times, None, None, None, FOURTH._replace(step=step))[0]
 
             by += [(switches * repeated(tape, partial(near, path), of.problem, options)).sum()
                    for path in of.neighbours]  # fmt: skip

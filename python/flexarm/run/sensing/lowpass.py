@@ -118,6 +118,11 @@ def _step(filter: LowPass, h: float, part: float) -> Array:
     return np.asarray(filter.steps(np.array([h]), np.array([part]))[0])
 
 
+@lru_cache(maxsize=64)  # the neighbours of a fit have the same times, and mostly the same filter
+def _steps(filter: LowPass, found: bytes) -> Array:
+    return filter.steps(*np.frombuffer(found).reshape(2, -1))
+
+
 def _recursion(A: Array, inputs: Array) -> Array:
     """x_0 = g_0, x_k = A x_(k-1) + g_k for inputs g (m, n, k), by the complex Schur form of A."""
     from scipy.linalg import schur  # slow to import
@@ -162,9 +167,12 @@ class Filtered:
     def _distinct_steps(self, h: Array, part: Array) -> tuple[Array, Any]:
         """`steps` of the distinct ones, and the index of each into them."""
         scale = 10.0 ** np.floor(np.log10(h))
-        rounded = scale * np.round(h / scale, _DIGITS), np.round(part, _DIGITS)
-        found, which = np.unique(rounded, axis=1, return_inverse=True)
-        return self.filter.steps(*found), np.ravel(which)
+        rounded = np.array([scale * np.round(h / scale, _DIGITS), np.round(part, _DIGITS)])
+        if (rounded == rounded[:, :1]).all():  # sorting them takes longer than all the rest
+            found, which = rounded[:, :1], np.zeros(len(h), dtype=int)
+        else:
+            found, which = np.unique(rounded, axis=1, return_inverse=True)
+        return _steps(self.filter, found.tobytes()), np.ravel(which)
 
     def at(self, t: Array) -> Array:
         """The output at any times (m,) within, (m, k)."""

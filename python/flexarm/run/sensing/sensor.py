@@ -165,20 +165,48 @@ class Sensor(Part):
             raise ValueError(
                 "loads = None: the file does not keep the loads of this result, so reactions are not known"
             )
-        t = self._instants(result.t)
-        at = np.clip(t - self.delay, result.t[0], result.t[-1]) if self.delay or self.rate else None
+        t, found = self._instants(result.t), self._quantity([(1.0, result)])
+        y = found[0]
         if isinstance(self.filter, LowPass):
             coarse = self._coarse_warning(float(np.diff(result.t).max()))
             if coarse:
                 warnings.warn(coarse, stacklevel=outside())
-            state = result.t, result.q, result.v, result.a, result.tau
-            y, middle = (self.measure(arm, *x, loads=result.forces) for x in (state, _midway(arm, *state)))
-            filtered = Filtered(self.filter, result.t, y, middle)
-            y = filtered.states[:, 0] if at is None else filtered.at(at)
-        else:
-            y = self.measure(arm, *_interpolated(result, at), loads=result.forces)
+            y = self._filtered(result.t, found)
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
+
+    def _read_sums(self, groups: Sequence[Sequence[tuple[float, Result]]]) -> Array:
+        """Of each group of weights, whose sum is zero, and results: the weighted sum of their readings without noise,
+        steps and limits, (k, nt, components). The filter passes all of them at once."""
+        found = [self._quantity(group) for group in groups]
+        y = [np.concatenate(x, axis=1) for x in zip(*found, strict=True)]
+        t = groups[0][0][1].t
+        rows = self._filtered(t, y) if isinstance(self.filter, LowPass) else y[0]
+        rows = rows.reshape(len(rows), len(groups), -1).transpose(1, 0, 2)
+        return np.asarray(rows * self._each("gain", rows.shape[2], 1.0))
+
+    def _times(self, t: Array) -> Array | None:
+        """Times of the quantity in the readings of a result at t; None: those of the result."""
+        return np.clip(self._instants(t) - self.delay, t[0], t[-1]) if self.delay or self.rate else None
+
+    def _quantity(self, of: Sequence[tuple[float, Result]]) -> list[Array]:
+        """The weighted sum of the measured quantities of results, (nt, k); with a filter, at the output times and
+        halfway between."""
+        found: list[Any] = []
+        for weight, result in of:
+            arm, state = result.arm, (result.t, result.q, result.v, result.a, result.tau)
+            if isinstance(self.filter, LowPass):
+                states = [state, _midway(arm, *state)]
+            else:
+                states = [_interpolated(result, self._times(result.t))]
+            found.append([weight * self.measure(arm, *x, loads=result.forces) for x in states])
+        return [sum(x) for x in zip(*found, strict=True)]
+
+    def _filtered(self, t: Array, y: list[Array]) -> Array:
+        """Output of the filter for quantities at times t and halfway between, at the times of the readings."""
+        assert isinstance(self.filter, LowPass)
+        filtered, at = Filtered(self.filter, t, *y), self._times(t)
+        return filtered.states[:, 0] if at is None else filtered.at(at)
 
     def sampler(self, arm: Arm, *, loads: Sequence[Load] | None = None) -> Sampler:
         """The instrument inside a control loop; see Sampler."""
