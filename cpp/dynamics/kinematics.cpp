@@ -160,11 +160,13 @@ SliceMotion slice_motion(const Arm&, const Workspace& ws, const PlacedSlice& at)
 }
 
 void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                  StrutMotion& out) {
+                  const Eigen::VectorXd& driven, StrutMotion& out) {
   const Eigen::Index n = static_cast<Eigen::Index>(arm.struts().size());
+  if (driven.size() != n) bad_value("driven", driven.size(), "must be one force for each of the arm's struts");
   out.motion.resize(3, n);
   out.jacobian.resize(arm.nv(), n);
-  if (n > 0) (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), out.motion.data(), out.jacobian.data());
+  if (n > 0)
+    (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), driven.data(), out.motion.data(), out.jacobian.data());
 }
 
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
@@ -180,7 +182,7 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
   }
   if (arm.struts().empty()) return e;
   StrutMotion lines;
-  strut_motion(arm, ws, q, v, lines);
+  strut_motion(arm, ws, q, v, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(arm.struts().size())), lines);
   for (std::size_t k = 0; k < arm.struts().size(); ++k) {
     const Strut& strut = arm.struts()[k];
     const double depth = lines.motion(0, static_cast<Eigen::Index>(k)) - strut.length;

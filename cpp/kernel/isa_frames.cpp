@@ -97,17 +97,16 @@ void sums(void* self, const double* q, const double* v, Sums& out) {
   put(whole.angular, out.momentum + 3);
 }
 
-void struts(void* self, const double* q, const double* v, double* motion, double* by_q) {
+void struts(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q) {
   One& f = of(self);
   set(f, q, v);
   f.place();
-  for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = 0.0;
   ByState<One::C>& lines = *f.chain.by_state;
-  lines.find(f.chain, f.q, f.v);
-  lines.gather(f.chain);
   const int nv = f.chain.layout.nv;
+  lines.find(f.chain, f.q, f.v, driven);
+  lines.gather(f.chain);
   for (int k = 0; k < f.chain.layout.struts; ++k) {
-    for (const double x : {lines.strut[k].length, lines.strut[k].rate, lines.strut[k].force}) *motion++ = x;
+    for (const double x : {lines.strut[k].length, lines.strut[k].rate, lines.force[k]}) *motion++ = x;
     for (int i = 0; i < nv; ++i) by_q[k * nv + i] = lines.G[k * nv + i];
   }
 }

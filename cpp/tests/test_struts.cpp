@@ -36,7 +36,7 @@ TEST_CASE("lengths, rates and energy of struts") {
     flexarm_test::place(arm, 0.4, q, v);
     Workspace ws(arm);
     StrutMotion found;
-    strut_motion(arm, ws, q, v, found);
+    strut_motion(arm, ws, q, v, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(arm.struts().size())), found);
     for (std::size_t k = 0; k < arm.struts().size(); ++k) {
       const auto expected = truth.stretch(arm.struts()[k], q);
       const auto column = static_cast<Eigen::Index>(k);

@@ -240,19 +240,19 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
 void bind_struts(py::class_<PyArm, Arm>& arm) {
   arm.def(
       "strut_motion",
-      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& driven) {
         const auto n = static_cast<py::ssize_t>(self.struts().size());
         Answers out(q, {n, 3}), jacobian(q, {n, self.nv()});
         const auto lent = self.workspace();
         StrutMotion m;
         for_states(self, count(q), 1, [&](Eigen::Index k) {
-          strut_motion(self, *lent, rows(q).row(k), rows(v).row(k), m);
+          strut_motion(self, *lent, rows(q).row(k), rows(v).row(k), rows(driven).row(k), m);
           out[k] = m.motion.transpose();
           jacobian[k] = m.jacobian.transpose();
         });
         return py::make_tuple(out.all(), jacobian.all());
       },
-      py::arg("q"), py::arg("v"));
+      py::arg("q"), py::arg("v"), py::arg("driven"));
 }
 
 /// Of the whole arm, and of its beams.

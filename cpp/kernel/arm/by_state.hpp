@@ -80,7 +80,8 @@ struct alignas(64) ByState {
   }
 
   /// All forces, where the chain has moved to q and v.
-  void find(C& chain, const S* q, const S* v) {
+  /// @param driven_by  of each strut: its force from outside, beside those of loads
+  void find(C& chain, const S* q, const S* v, const S* driven_by = nullptr) {
     const Layout& layout = chain.layout;
     places.find(chain, v);
     const TiedPoint* at = layout.tied;
@@ -88,7 +89,7 @@ struct alignas(64) ByState {
     Pull* p = pull;
     for (int k = 0; k < layout.struts; ++k) {
       stretch(chain, k, at, q, v, points, p);
-      S driven{};
+      S driven = driven_by ? driven_by[k] : S{};
       for (int i = 0; i < layout.loads; ++i)
         if (layout.load[i].strut == k) driven += chain.wrench[6 * i];
       const double* numbers = layout.tied_numbers + layout.strut[k].numbers * W;

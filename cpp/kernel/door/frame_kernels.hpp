@@ -34,8 +34,9 @@ struct FrameKernels {
   void (*reaction)(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
                    const double* q, const double* v, const double* a, double* out);
   void (*sums)(void* self, const double* q, const double* v, Sums& out);
-  /// Of each strut its length, rate and force without that of loads, and dl/dq (nv) behind those of the one before.
-  void (*struts)(void* self, const double* q, const double* v, double* motion, double* by_q);
+  /// Of each strut its length, rate and force, which a driven force adds to, and dl/dq (nv) behind those of the one
+  /// before.
+  void (*struts)(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q);
   std::size_t (*slopes_memory)(const Layout&);
   /// Exact derivatives of [velocity; acceleration] at fixed a, by q (12 x nq) and v (12 x nv), by columns.
   void (*slopes)(const Layout&, const double* arm, void* memory, const Place&, const double* numbers, const double* q,

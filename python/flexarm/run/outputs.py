@@ -85,9 +85,7 @@ class Rows:
         """Length, rate and force of a strut or tendon, by its name or its number in `arm.struts`: `.length` (m),
         `.rate` (m/s), `.force` (N), with which it pushes, and `.tension`, its negative; (nt,) each."""
         k = self.arm._strut(strut)
-        length, rate, _ = (x[:, k] for x in self.arm.strut_motion(self.q, self.v))
-        driven = 0.0 if self.driven is None else self.driven[:, k]
-        return StrutMotion(length, rate, self.arm.struts[k].push(length, rate, self.arm.rest_lengths[k], driven))
+        return StrutMotion(*(x[:, k] for x in self.arm.strut_motion(self.q, self.v, self.driven)))
 
 
 def titles(arm: Arm) -> Titles:

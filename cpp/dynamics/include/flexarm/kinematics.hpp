@@ -90,9 +90,9 @@ struct StrutMotion {
   Eigen::MatrixXd motion;  ///< length (m), rate (m/s) and force, with which it pushes (N), in rows of 3, a column each
   Eigen::MatrixXd jacobian;  ///< of the lengths: dl/dt of strut k is column k times v (nv rows)
 };
-/// Without the forces of loads on struts.
+/// @param driven  the forces of loads on each strut (N)
 void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                  StrutMotion& out);
+                  const Eigen::VectorXd& driven, StrutMotion& out);
 
 struct Energy {
   double kinetic;    ///< J

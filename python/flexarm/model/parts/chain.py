@@ -125,7 +125,8 @@ class Chain:
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
         if any(s.length is None for s in self.struts):
-            at_zero = self._core.strut_motion(self._core.zero, np.zeros(self._core.nv))[0][:, 0].tolist()
+            still, undriven = np.zeros(self._core.nv), np.zeros(len(self.struts))
+            at_zero = self._core.strut_motion(self._core.zero, still, undriven)[0][:, 0].tolist()
             for k, s in enumerate(self.struts):
                 if s.length is None and not at_zero[k] > _LEAST:
                     raise ValueError(f"struts[{k}]: length = None: is zero at q = zero; give the spring's length (m)")
@@ -674,19 +675,29 @@ class Chain:
 
     # -- struts and tendons --------------------------------------------------------------------------------------------
 
-    def strut_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+    def strut_motion(
+        self, q: ArrayLike, v: ArrayLike | None = None, driven: ArrayLike | None = None
+    ) -> tuple[Array, Array, Array]:
         """Length (m), its rate (m/s) and force (N) of each strut and tendon, (..., n) each, by their numbers in
-        `struts`. The force is that with which it pushes its points apart, spring, damper and constant part: of a
-        tendon, its tension is the negative. v is zero if None."""
-        q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
-        found = finite("strut motion", self._core.strut_motion(q, v)[0])
+        `struts`. The force is that with which it pushes its points apart, spring, damper, constant and driven part: of
+        a tendon, its tension is the negative. `driven` (..., n) adds to the force of a Strut and the tension of a
+        Tendon, as drives do; v and driven are zero if None."""
+        found = finite("strut motion", self._strut_motion(q, v, driven)[0])
         return found[..., 0], found[..., 1], found[..., 2]
+
+    def _strut_motion(self, q: ArrayLike, v: ArrayLike | None, driven: ArrayLike | None) -> tuple[Array, Array]:
+        q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
+        sense = np.array([s.sense for s in self.struts])
+        given = array("driven", np.zeros(len(sense)) if driven is None else driven)
+        if given.shape[-1:] != sense.shape:
+            raise ValueError(f"driven: has shape {given.shape}: must be (..., {len(sense)}), a number for each strut")
+        pushed = np.broadcast_to(given * sense, (*q.shape[:-1], len(sense)))
+        return self._core.strut_motion(q, v, np.ascontiguousarray(pushed))
 
     def strut_jacobian(self, q: ArrayLike) -> Array:
         """Jacobian (..., n, nv) of the lengths of struts and tendons: dl/dt = J v. A force f with which they push has
         the generalised forces J^T f."""
-        (q,) = self._batch(q=q)
-        return finite("strut Jacobian", self._core.strut_motion(q, np.zeros((*q.shape[:-1], self.nv)))[1])
+        return finite("strut Jacobian", self._strut_motion(q, None, None)[1])
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from ..._check import Array, choice, finite_number, plain
+from ..._check import choice, finite_number, plain
 from .part import Finite, NotNegative, Part, Place, read_name
 
 WORLD = "world"
 PLACES = ("end", "origin")
-_SETS_IN = 1e-3  # m beyond its length, over which the damper of a rope sets in
 
 
 @dataclass(frozen=True)
@@ -99,11 +96,6 @@ class Strut(Part):
         """`a` and `b`."""
         return self.a, self.b
 
-    def push(self, length: Array, rate: Array, rest: float, driven: Any = 0.0) -> Array:
-        """The force with which it pushes (N), at a length (m) and its rate (m/s), `rest` being that without a force of
-        the spring, beside a driven force."""
-        return np.asarray(self.force + driven - self.stiffness * (length - rest) - self.damping * rate)
-
 
 @dataclass(frozen=True)
 class Tendon(Part):
@@ -144,11 +136,3 @@ class Tendon(Part):
     def force(self) -> float:
         """The constant force with which it pushes (N), as of a Strut: -tension."""
         return -self.tension
-
-    def push(self, length: Array, rate: Array, rest: float, driven: Any = 0.0) -> Array:
-        """The force with which it pushes (N), the negative of its tension; see Strut.push, `driven` being a tension."""
-        long, damper = length - rest, self.damping * rate
-        if not self.tension_only:
-            return np.asarray(-(self.tension + driven + self.stiffness * long + damper))
-        own = np.where(long > 0.0, self.stiffness * long + np.minimum(1.0, long / _SETS_IN) * damper, 0.0)
-        return np.asarray(-np.maximum(self.tension + driven + own, 0.0))
