@@ -144,11 +144,11 @@ class Model:
         local = np.vstack([along, node[0], node[2]]), np.vstack([node[4], -node[3], node[1]])
         return np.vstack([R @ local[0], R @ local[1]])
 
-    def frequencies(self) -> Array:
-        """Those above zero (rad/s)."""
+    def frequencies(self, zeros: int) -> Array:
+        """Those above zero (rad/s); so many are zero."""
         assert self.used == self.size
         square = eigh(self.K, self.M, eigvals_only=True)
-        return np.sqrt(square[square > 1e-6 * square[len(square) // 4]])
+        return np.sqrt(square[zeros:])
 
 
 def hermite(h: float) -> tuple[Array, Array, Array]:
@@ -176,7 +176,7 @@ def by_elements(elements: int) -> Array:
     model.body(shoulder, R, **SHOULDER)
     elbow = model.beam(model.moved(shoulder, R @ np.array(HUB_END)), R, UPPER, elements)
     model.body(model.hinge(elbow, up), turn_z(BENT["shoulder"] + BENT["elbow"]), **FORE)
-    return model.frequencies()
+    return model.frequencies(8)
 
 
 def frequencies() -> list[tuple[float, float, float, float]]:
@@ -202,7 +202,7 @@ def block_by_elements(elements: int) -> Array:
     at = model.beam(np.zeros((6, model.size)), np.eye(3), BOOM | {"length": PLACE}, elements)
     model.body(at, np.eye(3), **BLOCK)
     model.beam(at, np.eye(3), BOOM | {"length": BOOM["length"] - PLACE}, 2 * elements)
-    return model.frequencies()
+    return model.frequencies(0)
 
 
 def on_slice() -> list[tuple[int, float, float]]:

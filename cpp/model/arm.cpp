@@ -76,23 +76,6 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Se
   check_inertia();
 }
 
-void Arm::check(const Strut& strut, const std::string& name) const {
-  if (strut.points.size() < 2)
-    bad_value(name + ".points", std::to_string(strut.points.size()) + " points", "must be two or more");
-  non_negative(name + ".stiffness", strut.stiffness);
-  non_negative(name + ".damping", strut.damping);
-  non_negative(name + ".length", strut.length);
-  if (!std::isfinite(strut.force)) bad_value(name + ".force", strut.force, "must be finite");
-  for (std::size_t i = 0; i < strut.points.size(); ++i) {
-    const Strut::Point& p = strut.points[i];
-    const std::string here = name + ".points[" + std::to_string(i) + "]";
-    finite(here + ".offset", p.offset);
-    if (p.link < kWorld || p.link >= static_cast<int>(size()))
-      bad_value(here + ".link", p.link, "there is no such link");
-    if (p.link != kWorld && p.on == Strut::Point::slice) link(static_cast<std::size_t>(p.link)).slice_at(p.x);
-  }
-}
-
 void Arm::check_seat(std::size_t n) const {
   const int link = parent(n);
   const std::optional<double>& x = at(n);
@@ -108,6 +91,23 @@ void Arm::check_seat(std::size_t n) const {
     std::ostringstream right;
     right << "must be on the parent's beam, above 0 and up to its length, " << beam->length() << " m";
     refuse(right.str());
+  }
+}
+
+void Arm::check(const Strut& strut, const std::string& name) const {
+  if (strut.points.size() < 2)
+    bad_value(name + ".points", std::to_string(strut.points.size()) + " points", "must be two or more");
+  non_negative(name + ".stiffness", strut.stiffness);
+  non_negative(name + ".damping", strut.damping);
+  non_negative(name + ".length", strut.length);
+  if (!std::isfinite(strut.force)) bad_value(name + ".force", strut.force, "must be finite");
+  for (std::size_t i = 0; i < strut.points.size(); ++i) {
+    const Strut::Point& p = strut.points[i];
+    const std::string here = name + ".points[" + std::to_string(i) + "]";
+    finite(here + ".offset", p.offset);
+    if (p.link < kWorld || p.link >= static_cast<int>(size()))
+      bad_value(here + ".link", p.link, "there is no such link");
+    if (p.link != kWorld && p.on == Strut::Point::slice) link(static_cast<std::size_t>(p.link)).slice_at(p.x);
   }
 }
 

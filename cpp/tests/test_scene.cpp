@@ -79,7 +79,7 @@ Scene whole() {
       0.2,
       -0.3,
       true};
-  const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, 0}, {spring, rope});
+  const Arm arm(links, {0.1, 0.0, -9.81}, {-1, 0, {0, 0.25}}, {spring, rope});
   Scene out{Problem(arm)};
   Problem& p = out.problem;
   const int second = arm.first(1), third = arm.first(2);

@@ -74,15 +74,11 @@ def test_a_scene_file_with_links_on_slices(tmp_path: Path) -> None:
 
 
 def test_a_compiled_scene_has_the_parents(tmp_path: Path) -> None:
-    scene().compile(tmp_path / "arm.json")
-    written = json.loads((tmp_path / "arm.json").read_text())
-
-    def found(x: object) -> list[object]:
-        if isinstance(x, dict):
-            return [v for k, y in x.items() for v in ([y] if k == "parents" else found(y))]
-        return [v for y in x for v in found(y)] if isinstance(x, list) else []
-
-    assert found(written) == [[-1, 0, 1, 0, 3]]
+    on_slices = fa.Scene(masts(), t=T), [-1, 0, 0, 0, 0, 3], [None, None, 0.5, 0.2, 0.5, 0.1]
+    for one, parents, at in ((scene(), [-1, 0, 1, 0, 3], [None] * 5), on_slices):
+        one.compile(tmp_path / "arm.json")
+        written = json.loads((tmp_path / "arm.json").read_text())["arm"]
+        assert (written["parents"], written["at"]) == (parents, at)
 
 
 def test_tables_and_figures_have_every_end() -> None:

@@ -121,23 +121,19 @@ struct alignas(64) ByState {
     for_pulls(layout, [&](int column, const Place& place, const Pull& p) {
       S* g = G + column * layout.nv;
       Force<Sp> F = p.on_frame;
-      const Slice<Sp>* on = C::on_end(layout, place) ? &chain.state[place.node].elastic.end : nullptr;
-      if (place.on == Place::slice) {
-        const Node& node = layout.node[place.node];
-        for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
-      }
-      for (int i = place.node;;) {
+      const Slice<Sp>* at = C::on_end(layout, place) ? &chain.state[place.node].elastic.end : nullptr;
+      for (int i = place.node; i >= 0; i = layout.node[i].parent) {
         const Node& node = layout.node[i];
-        if (on) {
-          F = on->frame.turn_back(F);
-          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(on->J[n], F);
-          F = on->frame.shift_back(F);
+        if (at) {
+          F = at->frame.turn_back(F);
+          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(at->J[n], F);
+          F = at->frame.shift_back(F);
+        } else if (place.on == Place::slice && i == place.node) {
+          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
         }
         if (node.kind != Node::fixed) g[node.v] += node.sign * freedom(node, F);
-        if (node.parent < 0) break;
         F = chain.to_parent(i, F);
-        on = chain.seat_of(node).slice;
-        i = node.parent;
+        at = node.parent < 0 ? nullptr : chain.seat_of(node).slice;
       }
     });
   }

@@ -134,10 +134,12 @@ struct Chain {
     return {nullptr, s.w, s.a};
   }
   /// The fork on a slice that a node sits on, or null: it sits on an end, or on the world.
-  const Fork<Sp, P>* slice_under(const Node& node) const {
-    return node.seat >= 0 && layout.fork[node.seat].place.on == Place::slice ? fork + node.seat : nullptr;
+  const Fork<Sp, P>* slice_under(const Node& node) const { return layout.on_slice(node) ? fork + node.seat : nullptr; }
+  template <class Any>
+  static void add(Any& sum, const Any& other) {
+    Fork<Sp, P>::add(sum, other);
   }
-  /// visit(fork) of those on slices of a node's beam.
+  /// visit(fork) of those on slices of a node's beam. Recursions call it out of line, so that chains do without.
   template <class Visit>
   void for_slices(const Node& node, const Visit& visit) const {
     for (int k = 0; k < node.slices; ++k) visit(fork[node.slice[k]]);
@@ -181,7 +183,7 @@ struct Chain {
     if (node.ne > 0) {
       Elastic<Sp>& e = s.elastic;
       bend(node, p, gravity_in(attitude));
-      move_slices(node, q + node.qe, rates ? v + node.ve : none(), s.w);
+      if (node.slices > 0) move_slices(node, q + node.qe, rates ? v + node.ve : none(), s.w);
       w = s.end_w = carry(e.end, s.w);
       if (layout.attitudes) attitude = Sp::times(attitude, e.end.frame.R);
       s.tip_force = Force<Sp>::zero();
@@ -238,7 +240,7 @@ struct Chain {
     return all;
   }
   /// Those of a node's beam that branches sit on, after the beam was bent.
-  void move_slices(const Node& node, const S* q, const S* dq, const Ang& w) {
+  [[gnu::noinline]] void move_slices(const Node& node, const S* q, const S* dq, const Ang& w) {
     for (int k = 0; k < node.slices; ++k) {
       Fork<Sp, P>& f = fork[node.slice[k]];
       const double* p = layout.place_numbers + layout.fork[node.slice[k]].numbers * Lanes<S>::width;
@@ -429,8 +431,12 @@ struct Chain {
     if (node.kind != Node::fixed) freedom(node, a) += node.sign * x[node.v];
     s.a = a;
     if (node.ne == 0) return;
-    for_slices(node, [&](Fork<Sp, P>& f) { f.a = to_slice<true>(node, f.slice, x + node.ve, a); });
+    if (node.slices > 0) accelerate_slices(node, x + node.ve, a);
     s.end_a = a = to_slice<true>(node, s.elastic.end, x + node.ve, a);
+  }
+
+  [[gnu::noinline]] void accelerate_slices(const Node& node, const S* xe, Motion<Sp> a) {
+    for_slices(node, [&](Fork<Sp, P>& f) { f.a = to_slice<true>(node, f.slice, xe, a); });
   }
 
   /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
@@ -458,7 +464,7 @@ struct Chain {
   }
   /// Its articulated inertia likewise.
   void leave_at_fork(const Node& node, typename Sp::Inertia& M) {
-    if (node.seat >= 0) Fork<Sp, P>::add(fork[node.seat].M, M);
+    if (node.seat >= 0) add(fork[node.seat].M, M);
     M = Sp::no_inertia();
   }
   /// F is carried by the node's end, and then goes through its joint, in its axes.
@@ -477,11 +483,7 @@ struct Chain {
         tau[node.ve + k] = sum;
       }
       F = e.end.frame.shift_back(F);
-      for_slices(node, [&](Fork<Sp, P>& f) {
-        const Force<Sp> on = f.slice.frame.turn_back(f.template force<Sp>());
-        for (int k = 0; k < node.ne; ++k) tau[node.ve + k] += dot(f.slice.J[k], on);
-        F += f.slice.frame.shift_back(on);
-      });
+      if (node.slices > 0) F += force_slices(node, tau + node.ve);
       for (int k = 0; k < node.ne; ++k) F += xe[k] * e.M_er[k];
     }
     if (node.body) F += s.body_force + s.body * s.a;
@@ -491,6 +493,16 @@ struct Chain {
     own *= node.sign;
     if (node.passive) own += s.resistance + s.reflected * x[node.v];
     tau[node.v] = own;
+  }
+  /// The forces at slices, on coordinates and about the link's origin.
+  [[gnu::noinline]] Force<Sp> force_slices(const Node& node, S* tau) const {
+    Force<Sp> sum = Force<Sp>::zero();
+    for_slices(node, [&](Fork<Sp, P>& f) {
+      const Force<Sp> on = f.slice.frame.turn_back(f.template force<Sp>());
+      for (int k = 0; k < node.ne; ++k) tau[k] += dot(f.slice.J[k], on);
+      sum += f.slice.frame.shift_back(on);
+    });
+    return sum;
   }
   /// From a node's frame to the end of the frame before it.
   Force<Sp> to_parent(int i, const Force<Sp>& F) const {

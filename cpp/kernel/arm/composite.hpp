@@ -81,15 +81,19 @@ struct Composite {
         put(node.v, {number<S>(node.sign) * Sp::axis(at.R, node.axis), Sp::zero_angular()});
       }
       if (node.ne == 0) continue;
-      for (int k = 0; k < node.slices; ++k) {
-        Frame<Sp> of = at;
-        bend(node, chain.fork[node.slice[k]].slice, column[node.slice[k]], of);
-      }
-      bend(node, s.elastic.end, node.ve, at);
+      if (node.slices > 0) put_slices(chain, node, at);
+      move_on(node, s.elastic.end, node.ve, at);
+    }
+  }
+  template <class C>
+  [[gnu::noinline]] void put_slices(const C& chain, const Node& node, const Frame<Sp> at) {
+    for (int k = 0; k < node.slices; ++k) {
+      Frame<Sp> of = at;
+      move_on(node, chain.fork[node.slice[k]].slice, column[node.slice[k]], of);
     }
   }
   /// From a node's frame to a slice of its beam, with the motion by its coordinates.
-  void bend(const Node& node, const Slice<Sp>& to, int to_column, Frame<Sp>& at) {
+  void move_on(const Node& node, const Slice<Sp>& to, int to_column, Frame<Sp>& at) {
     at.r += Sp::rotate(at.R, to.frame.r);
     for (int k = 0; k < node.ne; ++k) put(to_column + k, at.to_parent(to.J[k]));
     at.R = Sp::times(at.R, to.frame.R);
@@ -180,15 +184,22 @@ struct Composite {
       S* row = M + static_cast<long>(node.ve + k) * nv + node.ve;
       for (int j = 0; j <= k; ++j) row[j] = e.M[packed(k, j)] + dot(end.J[j], F);
       Force<Sp> whole = e.M_er[k] + end.frame.shift_back(F);
-      chain.for_slices(node, [&](auto& f) {
-        const Force<Sp> on = f.body * f.slice.J[k];
-        for (int j = 0; j <= k; ++j) row[j] += dot(f.slice.J[j], on);
-        whole += f.slice.frame.shift_back(on);
-      });
+      if (node.slices > 0) whole += force_slices(chain, node, k, row);
       fill(chain, i, node.ve + k, node.ve, whole, M);
     }
     B = Sp::shift(B, end.frame.r);
     chain.for_slices(node, [&](auto& f) { Sp::add(B, Sp::shift(f.body, f.slice.frame.r)); });
+  }
+  /// Of what sits on slices, by coordinate k: on coordinates, and about the link's origin.
+  template <class C>
+  [[gnu::noinline]] Force<Sp> force_slices(const C& chain, const Node& node, int k, S* row) const {
+    Force<Sp> sum = Force<Sp>::zero();
+    chain.for_slices(node, [&](auto& f) {
+      const Force<Sp> on = f.body * f.slice.J[k];
+      for (int j = 0; j <= k; ++j) row[j] += dot(f.slice.J[j], on);
+      sum += f.slice.frame.shift_back(on);
+    });
+    return sum;
   }
 };
 

@@ -34,9 +34,21 @@ inline void add_carried(const Node& node, const Slice<Sp>& at, const typename Sp
   }
 }
 
+/// Adds the inertias that wait at slices, which are turned into link axes. @return their sum about the link's origin
+template <class C>
+[[gnu::noinline]] typename C::Space::Inertia factor_slices(C& chain, const Node& node, Elastic<typename C::Space>& e) {
+  using Sp = typename C::Space;
+  typename Sp::Inertia sum = Sp::no_inertia();
+  chain.for_slices(node, [&](auto& f) {
+    f.M = Sp::rotate(f.slice.frame.R, f.M);
+    add_carried(node, f.slice, f.M, e.L, e.W, e);
+    f.add(sum, Sp::shift(f.M, f.slice.frame.r));
+  });
+  return sum;
+}
+
 /// Eliminates the elastic coordinates of a node: the inertia M on its end, in link axes, becomes that of the whole link
 /// without these coordinates. M_ee = L D L^T goes into e.L (below the diagonal L, on it 1/D), W = L^-1 M_er into e.W.
-/// Inertias at its slices are turned into link axes.
 template <class C>
 inline void factor_beam(C& chain, const Node& node, State<typename C::Space>& s, typename C::Space::Inertia& M,
                         const Shift& shift, typename C::Mask& good) {
@@ -46,12 +58,8 @@ inline void factor_beam(C& chain, const Node& node, State<typename C::Space>& s,
   const int ne = node.ne;
   add_carried(node, e.end, M, e.M, e.M_er, e);
   M = Sp::shift(M, e.end.frame.r);
-  chain.for_slices(node, [&](auto& f) {
-    f.M = Sp::rotate(f.slice.frame.R, f.M);
-    add_carried(node, f.slice, f.M, e.L, e.W, e);
-    f.add(M, Sp::shift(f.M, f.slice.frame.r));
-  });
   Sp::add(M, s.body);
+  if (node.slices > 0) C::add(M, factor_slices(chain, node, e));
   if (shift.stiffness != 0.0 || shift.damping != 0.0) {
     const double* K = e.constants;
     for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.L[k] += shift.stiffness * next<S>(K);
@@ -127,6 +135,22 @@ inline typename C::Mask factor_recursive(C& chain, const Shift& shift) {
 // --- Forces and accelerations by these factors. V are scalars of the chain or, of one arm, packs of right-hand sides.
 // `biased`: with the forces and accelerations of the motion. ---
 
+/// tau without what forces at slices take of it, into y. @return the sum of these forces about the link's origin
+template <bool biased, class C, class V>
+[[gnu::noinline]] auto apply_slices(const C& chain, const Node& node, const V* tau, V* y) {
+  using Vs = typename SpaceOf<typename C::Space, V>::type;
+  Force<Vs> sum = Force<Vs>::zero();
+  for (int k = 0; k < node.ne; ++k) y[k] = tau[k];
+  chain.for_slices(node, [&](auto& f) {
+    const auto frame = wide<V>(f.slice.frame);
+    Force<Vs> on = frame.turn_back(f.template force<Vs>());
+    if constexpr (biased) on += f.M * f.slice.bias;
+    for (int k = 0; k < node.ne; ++k) y[k] -= dot(wide<V>(f.slice.J[k]), on);
+    sum += frame.shift_back(on);
+  });
+  return sum;
+}
+
 /// Takes a force F on a node's end, in link axes, and those at its slices to the link's origin without the elastic
 /// coordinates, which keep in y the values that `outward` needs.
 template <bool biased, class C, class V>
@@ -135,22 +159,20 @@ inline void apply_beam(const C& chain, const Node& node, const State<typename C:
   using Vs = typename SpaceOf<typename C::Space, V>::type;
   const auto& e = s.elastic;
   const int ne = node.ne;
-  for (int k = 0; k < ne; ++k) y[k] = tau[k] - dot(wide<V>(e.end.J[k]), F);
-  F = wide<V>(e.end.frame).shift_back(F);
-  chain.for_slices(node, [&](auto& f) {
-    const auto frame = wide<V>(f.slice.frame);
-    Force<Vs> on = frame.turn_back(f.template force<Vs>());
-    if constexpr (biased) on += f.M * f.slice.bias;
-    for (int k = 0; k < ne; ++k) y[k] -= dot(wide<V>(f.slice.J[k]), on);
-    F += frame.shift_back(on);
-  });
+  Force<Vs> at_slices;
+  if (node.slices > 0) {
+    at_slices = apply_slices<biased>(chain, node, tau, y);
+    tau = y;
+  }
   for (int k = 0; k < ne; ++k) {
-    V left = y[k];
+    V left = tau[k] - dot(wide<V>(e.end.J[k]), F);
     if constexpr (biased) left -= e.e[k];
     for (int j = 0; j < k; ++j) left -= e.L[packed(k, j)] * y[j];
     y[k] = left;
   }
+  F = wide<V>(e.end.frame).shift_back(F);
   if constexpr (biased) F += s.body_force;
+  if (node.slices > 0) F += at_slices;
   for (int k = 0; k < ne; ++k) {
     y[k] *= e.L[packed(k, k)];
     F += y[k] * wide<V>(e.W[k]);
@@ -168,6 +190,15 @@ inline V apply_joint(const Node& node, const State<Sp>& s, Force<typename SpaceO
   F += u * wide<V>(s.U);
   if (!node.passive) freedom(node, F) = applied;
   return u;
+}
+
+/// The motion of slices, of that of the node's frame.
+template <bool biased, class C, class V>
+[[gnu::noinline]] void leave_at_slices(C& chain, const Node& node, const V* xe,
+                                       Motion<typename SpaceOf<typename C::Space, V>::type> a) {
+  using Vs = typename SpaceOf<typename C::Space, V>::type;
+  chain.for_slices(node,
+                   [&](auto& f) { f.template motion<Vs>() = C::template to_slice<biased>(node, f.slice, xe, a); });
 }
 
 /// Outward (Eq. 92): accelerations, into x, which holds those that are given and, of the others, results of
@@ -192,8 +223,7 @@ inline void outward(C& chain, const Motion<typename SpaceOf<typename C::Space, V
         for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
         xe[k] = value;
       }
-      chain.for_slices(node,
-                       [&](auto& f) { f.template motion<Vs>() = C::template to_slice<biased>(node, f.slice, xe, a); });
+      if (node.slices > 0) leave_at_slices<biased>(chain, node, xe, a);
       if (i + 1 < chain.layout.nodes) a = C::template to_slice<biased>(node, e.end, xe, a);
     }
     if (node.fork >= 0) chain.fork[node.fork].template motion<Vs>() = a;

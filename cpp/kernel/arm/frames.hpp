@@ -39,6 +39,7 @@ struct Frames {
     chain.template move<true, forces>(q, v);
     places.find(chain, v);
   }
+
   /// A place: the frame that it belongs to, and in its axes a slice.
   struct Spot {
     const Node& node;
@@ -98,7 +99,7 @@ struct Frames {
       }
       if (node.parent < 0) return;
       slice = chain.seat_of(node).slice;
-      arm = p - places.seat_of(chain, node).at.r;
+      arm = p - places.seat_of(chain.layout, node).at.r;
     }
   }
 

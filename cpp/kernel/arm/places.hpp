@@ -1,7 +1,7 @@
 // Where the frames of an arm are in the world, and how they move: after the outward pass, for what asks for it.
 #pragma once
 
-#include "arm/forks.hpp"
+#include "arm/state.hpp"
 #include "wide/arena.hpp"
 
 namespace {
@@ -39,25 +39,26 @@ struct Places {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       Moving<Sp>& f = frame[i];
-      if (node.branch) before = node.parent < 0 ? Moving<Sp>::world() : seat_of(chain, node);
+      if (node.branch) before = node.parent < 0 ? Moving<Sp>::world() : seat_of(chain.layout, node);
       f = {before.at * s.frame, {Sp::unrotate(s.frame.R, s.frame.shift(before.u).linear), s.w}};
       if (node.kind == Node::prismatic) Sp::component(f.u.linear, node.axis) += node.sign * v[node.v];
       before = f;
-      const auto of = [&](const Slice<Sp>& e, const typename Sp::Ang& w) -> Moving<Sp> {
-        return {f.at * e.frame, {Sp::unrotate(e.frame.R, (e.frame.shift(f.u) + e.rate).linear), w}};
-      };
       for (int k = 0; k < node.slices; ++k) {
         const auto& at = chain.fork[node.slice[k]];
-        fork[node.slice[k]] = of(at.slice, at.w);
+        fork[node.slice[k]] = carried(f, at.slice, at.w);
       }
-      if (node.ne > 0) before = of(s.elastic.end, s.end_w);
+      if (node.ne > 0) before = carried(f, s.elastic.end, s.end_w);
       end[i] = before;
     }
   }
   /// Where a node sits, not on the world.
-  template <class C>
-  const Moving<Sp>& seat_of(const C& chain, const Node& node) const {
-    return chain.slice_under(node) ? fork[node.seat] : end[node.parent];
+  const Moving<Sp>& seat_of(const flexarm::lanes::Layout& layout, const Node& node) const {
+    return layout.on_slice(node) ? fork[node.seat] : end[node.parent];
+  }
+
+ private:
+  static Moving<Sp> carried(const Moving<Sp>& f, const Slice<Sp>& at, const typename Sp::Ang& w) {
+    return {f.at * at.frame, {Sp::unrotate(at.frame.R, (at.frame.shift(f.u) + at.rate).linear), w}};
   }
 };
 

@@ -84,17 +84,17 @@ struct Place {
   int node = 0;
 };
 
+/// Where branches sit on a node: on its end, or on a slice of its beam, of which it has the numbers.
+struct PlacedFork {
+  Place place;
+  std::size_t numbers = 0, size = 0;  ///< where they begin; how many
+};
+
 /// A force and moment that follow from time, and from the pose (place and axes, by rows) and the velocity of a place.
 struct StateLaw {
   void (*ask)(const void* law, double t, const double* state, double* wrench) = nullptr;
   const void* law = nullptr;
   bool world = true;  ///< the answer is in axes of the world, or else of the place
-};
-
-/// Where branches sit on a node: on its end, or on a slice of its beam, of which it has the numbers.
-struct PlacedFork {
-  Place place;
-  std::size_t numbers = 0, size = 0;  ///< where they begin; how many
 };
 
 /// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
@@ -133,6 +133,8 @@ struct Layout {
   double turning = 1.0;              ///< and the sign of a turn about the third
   int forks = 0;
   const PlacedFork* fork = nullptr;
+  /// Whether a node sits on a slice of its parent's beam, not on its end.
+  bool on_slice(const Node& n) const { return n.seat >= 0 && fork[n.seat].place.on == Place::slice; }
   int loads = 0;
   const PlacedLoad* load = nullptr;
   const double* place_numbers = nullptr;  ///< of forks and loads

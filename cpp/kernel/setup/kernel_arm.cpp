@@ -150,7 +150,11 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.rotary = (node.rotary + width - 1) / width;
   }
   out.place_numbers_.clear();
-  for (PlacedFork& fork : out.forks_) out.group_fork(fork, *this, width);
+  for (PlacedFork& fork : out.forks_) {
+    const double* p = place_numbers_.data() + fork.numbers;
+    fork.numbers = out.place_numbers_.size();
+    out.group_place(fork.place, fork.size, *this, width, p, out.place_numbers_);
+  }
   for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
   out.group_tied(*this, width);
   out.point();
@@ -186,12 +190,6 @@ void KernelArm::group_tied(const KernelArm& alone, int width) {
     for (int i = 0; i < line.points; ++i) move_tied(layout_.planar ? 2 : 3);
   }
   while (at < tied_.size()) move_tied(1);
-}
-
-void KernelArm::group_fork(PlacedFork& fork, const KernelArm& alone, int width) {
-  const double* p = alone.place_numbers_.data() + fork.numbers;
-  fork.numbers = place_numbers_.size();
-  group_place(fork.place, fork.size, alone, width, p, place_numbers_);
 }
 
 void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {

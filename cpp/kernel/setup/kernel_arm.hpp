@@ -68,8 +68,7 @@ class KernelArm {
   /// A slice of a link's beam that does not bend, from the link's last node.
   Placement at_rest(const Link& link, const Seat& seat, const SliceTable& table) const;
   PlacedLoad put_load(const Arm& arm, const Load& load);
-  /// Numbers of a fork or a load of `alone`, for packs of points.
-  void group_fork(PlacedFork& fork, const KernelArm& alone, int width);
+  /// Numbers of a load of `alone`, for packs of points.
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void put_struts(const Arm& arm);
   void put_by_state(const Arm& arm, const Load& load, PlacedLoad& out);

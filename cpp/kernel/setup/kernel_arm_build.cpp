@@ -163,13 +163,10 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
 void ArmBuilder::take_seat(std::size_t n) {
   Placement at;
   parent = -1;
-  height = 0.0;
   if (arm.parent(n) >= 0) {
     const auto on = static_cast<std::size_t>(arm.parent(n));
     const KernelArm::Seat& of = out.seats_[on];
     parent = of.node;
-    height = out.heights_[static_cast<std::size_t>(parent)];
-    if (out.nodes_[static_cast<std::size_t>(parent)].ne > 0) height += arm.link(on).hub().end[axes.z];
     if (!arm.at(n)) {
       at = of.end;
     } else if (const SliceTable slice = arm.link(on).slice_at(*arm.at(n)); arm.link(on).ne() == 0) {
@@ -181,6 +178,11 @@ void ArmBuilder::take_seat(std::size_t n) {
   }
   offset = at.position;
   turn = at.rotation;
+  height = 0.0;
+  if (parent < 0) return;
+  height = out.heights_[static_cast<std::size_t>(parent)];
+  if (out.nodes_[static_cast<std::size_t>(parent)].ne > 0)
+    height += arm.link(static_cast<std::size_t>(arm.parent(n))).hub().end[axes.z];
 }
 
 void ArmBuilder::add_link(std::size_t n) {

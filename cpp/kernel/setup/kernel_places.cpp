@@ -57,6 +57,33 @@ KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTa
   return spot;
 }
 
+KernelArm::Spot KernelArm::seat(const Arm& arm, std::size_t link) const {
+  const auto on = static_cast<std::size_t>(arm.parent(link));
+  const std::optional<double>& at = arm.at(link);
+  return at ? slice(arm, on, arm.link(on).slice_at(*at)) : end(on);
+}
+
+int KernelArm::fork_on(const Spot& spot) {
+  for (std::size_t k = 0; k < forks_.size(); ++k) {
+    const PlacedFork& f = forks_[k];
+    const double* p = place_numbers_.data() + f.numbers;
+    if (f.place.on == spot.place.on && f.place.node == spot.place.node &&
+        std::equal(spot.numbers.begin(), spot.numbers.end(), p, p + f.size))
+      return static_cast<int>(k);
+  }
+  const auto n = static_cast<int>(forks_.size());
+  const auto node = static_cast<std::size_t>(spot.place.node);
+  forks_.push_back({spot.place, place_numbers_.size(), spot.numbers.size()});
+  place_numbers_.insert(place_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
+  if (spot.place.on == Place::slice) {
+    lists_[node].slices.push_back(n);
+    few_[node].sampled.half = 0;  // as in `loaded`
+  } else {
+    nodes_[node].fork = n;
+  }
+  return n;
+}
+
 double KernelArm::height(const Arm& arm, const flexarm::Strut::Point& point) const {
   const Axes axes = axes_of(layout_);
   if (!layout_.planar) return 0.0;
@@ -123,33 +150,6 @@ void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) 
       height(arm, {static_cast<int>(load.link), on_end ? Point::end : Point::slice, 0.0, Eigen::Vector3d::Zero()}));
   put_tied(numbers, on_end ? end(load.link) : slice(arm, load.link, load.points.front().slice));
   ++layout_.state_loads;
-}
-
-KernelArm::Spot KernelArm::seat(const Arm& arm, std::size_t link) const {
-  const auto on = static_cast<std::size_t>(arm.parent(link));
-  const std::optional<double>& at = arm.at(link);
-  return at ? slice(arm, on, arm.link(on).slice_at(*at)) : end(on);
-}
-
-int KernelArm::fork_on(const Spot& spot) {
-  for (std::size_t k = 0; k < forks_.size(); ++k) {
-    const PlacedFork& f = forks_[k];
-    const double* p = place_numbers_.data() + f.numbers;
-    if (f.place.on == spot.place.on && f.place.node == spot.place.node &&
-        std::equal(spot.numbers.begin(), spot.numbers.end(), p, p + f.size))
-      return static_cast<int>(k);
-  }
-  const auto n = static_cast<int>(forks_.size());
-  const auto node = static_cast<std::size_t>(spot.place.node);
-  forks_.push_back({spot.place, place_numbers_.size(), spot.numbers.size()});
-  place_numbers_.insert(place_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
-  if (spot.place.on == Place::slice) {
-    lists_[node].slices.push_back(n);
-    few_[node].sampled.half = 0;  // as in `loaded`
-  } else {
-    nodes_[node].fork = n;
-  }
-  return n;
 }
 
 PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {

@@ -48,7 +48,7 @@ class Arm {
   };
 
   /// @param seats  of each link, that of its joint: on a link before it, or kWorld. Empty: a chain
-  /// @param struts  struts and tendons between points of the links and of the world
+  /// @param struts struts and tendons between points of the links and of the world
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
   explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
                std::vector<Seat> seats = {}, std::vector<Strut> struts = {});
@@ -100,8 +100,8 @@ class Arm {
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
   std::vector<Seat> seats_;
-  std::vector<Strut> struts_;
   std::vector<int> first_, first_q_, coordinate_of_;
+  std::vector<Strut> struts_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;
