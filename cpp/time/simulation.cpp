@@ -252,6 +252,8 @@ void Simulation::set_force(std::size_t drive, double value) {
 
 void Simulation::set_load(std::size_t load, const Vec6<double>& wrench) {
   if (!wrench.allFinite()) bad_value("load", "nan or inf", "must be finite");
+  if (load < motion_->problem.loads.size() && motion_->problem.loads[load].load.by_state)
+    bad_value("load", load, "follows from the state, so that it cannot be set");
   set_input("load", load, motion_->in.load, wrench);
   motion_->change();
 }

@@ -156,5 +156,8 @@ def test_what_it_cannot_be():
         slide().inverse_dynamics(*zero, loads=[fa.Load(0, force=lambda t, pose, velocity: [1.0])])
     with refuses("Load force", "nan"):
         slide().inverse_dynamics(*zero, loads=[fa.Load(0, force=lambda t, pose, velocity: [np.nan] * 3)])
+    run = fa.Simulation(slide(), fa.Implicit(1e-3), loads=[fa.Load(0, force=pull)])
+    with refuses("load", "0"):
+        run.set_load(0, (1.0, 0.0, 0.0))
     with pytest.raises(ZeroDivisionError):
         fa.simulate(slide(), np.linspace(0, 1, 3), [0.1], loads=[fa.Load(0, force=lambda t, pose, velocity: 1 / 0)])
