@@ -31,9 +31,9 @@ NearArm near_of(const Problem& problem, const lanes::KernelArm& run,
     const bool moved = std::any_of(problem.drives.begin(), problem.drives.end(), [&](const Drive& d) {
       return d.motion && d.coordinate >= node.ve && d.coordinate < node.ve + node.ne;
     });
-    out.own.push_back(
-        node.ne > 0 &&  // whose forces have those of loads, or gravity, among them, too
-        (moved || node.loads > 0 || node.slices > 0 || node.body == lanes::Node::cut || !out.arm.same_body(i, run)));
+    out.own.push_back(node.ne > 0 &&  // whose forces have those of loads, or gravity, among them, too
+                      (moved || node.loads > 0 || node.slices > 0 || node.tied || node.body == lanes::Node::cut ||
+                       !out.arm.same_body(i, run)));
   }
   return out;
 }

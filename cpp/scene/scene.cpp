@@ -237,6 +237,7 @@ void fields(Node& a, Load::Point& x) {  // only the place of the slice
 }
 
 void fields(Node& a, LoadDrive& x) {
+  if (x.load.by_state) a.wrong("load", "a function of the state", "cannot be written");
   int link = static_cast<int>(x.load.link);
   a("link", link);
   a("world_axes", x.load.world_axes);

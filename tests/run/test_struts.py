@@ -222,6 +222,35 @@ def test_derivatives_by_numbers_of_struts() -> None:
         made.gradient({"q": np.ones_like(made.q)}, ["drive.lift.samples"])
 
 
+def test_derivatives_by_a_number_at_its_bound() -> None:
+    """Its neighbours lie on one side, and the run itself is one of them, in another pack than theirs."""
+    path = "link.1.joint.damping"
+    bare = crane()
+    free = replace(bare.links[1], joint=fa.Revolute("z", name="knee"))
+    arm = fa.Arm([bare.links[0], free], bare.gravity, bare.struts)
+    pull = fa.Load(0, 0.5, force=lambda t, pose, velocity: [0.0, -3.0 * velocity[1], 0.0])
+    options = {"drive": PUSH, "loads": [pull], "integrator": "gauss", "step": 2e-3}
+    found = fa.simulate(arm, T, **options).sensitivities([path])
+
+    def run(value: float) -> np.ndarray:
+        return fa.simulate_batch(arm, T, parameters={path: [value]}, **options).q[0]
+
+    h = 1e-4
+    slope = (4 * run(h) - 3 * run(0.0) - run(2 * h)) / (2 * h)
+    np.testing.assert_allclose(found.q[0], slope, atol=1e-4 * np.abs(slope).max())
+
+
+def test_the_payload_of_a_filter_moves_with_the_struts() -> None:
+    arm, step = crane(), 1e-3
+    filter = fa.KalmanFilter(arm, [fa.sensors.Encoder(0)], step, force_noise=1.0, estimate={"payload": (2.0, 0.1)})
+    carried = fa.Link(fa.Fixed(), fa.RigidBody(2.0))
+    truth = fa.Simulation(fa.Arm([*arm.links, carried], arm.gravity, arm.struts), fa.Implicit(step))
+    for _ in range(20):
+        filter.predict(np.zeros(arm.nv))
+        truth.step()
+    np.testing.assert_allclose(filter.q, truth.q, atol=1e-5)
+
+
 def test_a_spring_is_identified_from_a_run() -> None:
     made = scene()
     data = made.run().to_data()

@@ -12,7 +12,7 @@ namespace {
 using flexarm::lanes::TiedPoint;
 
 template <class C>
-struct alignas(64) ByState {
+struct ByState {
   using Sp = typename C::Space;
   using S = typename C::S;
   using Lin = typename Sp::Lin;
@@ -33,12 +33,12 @@ struct alignas(64) ByState {
   StrutState<S>* strut;
   StrutPoint<Sp>* point;  ///< of all struts, in order
   Loaded* loaded;
-  Pull* pull;    ///< of each point of a strut, and of each direction of a load
-  S *force, *G;  ///< f; G, by columns of nv
-  S* weight;     ///< of each strut: its part of B
-  S* solved;     ///< (M + shift without these forces)^-1 G
-  S* matrix;     ///< 1 + B G^T solved, factored
-  typename C::Wide* turn;
+  Pull* pull;              ///< of each point of a strut, and of each direction of a load
+  S *force, *G;            ///< f; G, by columns of nv
+  S* weight;               ///< of each strut: its part of B
+  S* solved;               ///< (M + shift without these forces)^-1 G
+  S* matrix;               ///< 1 + B G^T solved, factored
+  typename C::Wide* turn;  ///< scratch: G^T x
 
   static int columns(const Layout& layout) { return layout.struts + kWays * layout.state_loads; }
   static int pulls(const Layout& layout) { return layout.strut_points + kWays * layout.state_loads; }
@@ -174,7 +174,7 @@ struct alignas(64) ByState {
   }
 
   /// Length, rate and directions of strut k.
-  void stretch(C& chain, int k, const TiedPoint* tied, const S* q, const S* v, StrutPoint<Sp>* points, Pull* pulls_) {
+  void stretch(C& chain, int k, const TiedPoint* tied, const S* q, const S* v, StrutPoint<Sp>* points, Pull* found) {
     const Layout& layout = chain.layout;
     const int count = layout.strut[k].points;
     for (int i = 0; i < count; ++i)
@@ -196,9 +196,9 @@ struct alignas(64) ByState {
       const Place& place = tied[i].place;
       if (place.node < 0) continue;
       const Lin f = Sp::unrotate(moving(place).at.R, points[i].along);
-      pulls_[i].on_frame = {f, Sp::moment(points[i].in, f)};
+      found[i].on_frame = {f, Sp::moment(points[i].in, f)};
       if (place.on != Place::slice) continue;
-      for (int j = 0; j < layout.node[place.node].ne; ++j) pulls_[i].on_beam[j] = Sp::dot(points[i].J[j], f);
+      for (int j = 0; j < layout.node[place.node].ne; ++j) found[i].on_beam[j] = Sp::dot(points[i].J[j], f);
     }
   }
   static bool same_beam(const TiedPoint& a, const TiedPoint& b) {
@@ -231,7 +231,7 @@ struct alignas(64) ByState {
     return !Sp::planar ? way : way < 2 ? layout.along[way] : 3 + layout.about;
   }
   /// Asks a load's law. @param f  the answer, in these directions
-  void ask(C& chain, Loaded& one, const TiedPoint& tied, const S* q, const S* v, Pull* pulls_, S* f) {
+  void ask(C& chain, Loaded& one, const TiedPoint& tied, const S* q, const S* v, Pull* found, S* f) {
     const Layout& layout = chain.layout;
     const double* p = layout.tied_numbers + tied.numbers * W;
     const S height = next<S>(p);
@@ -248,9 +248,9 @@ struct alignas(64) ByState {
       unit[world_axis(layout, way)] = number<S>(1.0);
       const Force<Sp> world = read_wrench(Sp{}, layout, unit);
       const Force<Sp> F{Sp::unrotate(on.at.R, world.force), Sp::unrotate_angular(on.at.R, world.moment)};
-      pulls_[way].on_frame = slice.frame.shift_back(F);
+      found[way].on_frame = slice.frame.shift_back(F);
       if (tied.place.on != Place::slice) continue;
-      for (int j = 0; j < layout.node[tied.place.node].ne; ++j) pulls_[way].on_beam[j] = dot(slice.J[j], F);
+      for (int j = 0; j < layout.node[tied.place.node].ne; ++j) found[way].on_beam[j] = dot(slice.J[j], F);
     }
   }
   /// A load's part of B.

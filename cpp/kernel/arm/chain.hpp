@@ -31,8 +31,8 @@ struct Chain {
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
   S* kept;           ///< numbers of a body, while others of the pack are found
   Fork<Sp, P>* fork;
-  ByState<Chain>* by_state;  ///< of an arm that has such forces
-  bool stiffened = false;    ///< whether the factors are those of a matrix with slopes of them
+  ByState<Chain>* by_state = nullptr;  ///< of an arm that has such forces
+  bool stiffened = false;              ///< whether the factors are those of a matrix with slopes of them
 
   Chain(const Layout& layout_, const double* numbers_, Arena& arena) : layout(layout_), numbers(numbers_) {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
@@ -59,8 +59,9 @@ struct Chain {
     arena.take(most_elastic(layout), s.J);
     arena.take_zeros(6 * layout.loads, wrench);
     arena.take(kept_numbers(layout), kept);
-    arena.take(layout.by_state() ? 1 : 0, by_state);
     if (!layout.by_state()) return;
+    by_state = arena.take_lines<ByState<Chain>>(1);
+    arena.take_lines<char>(0);  // what follows begins a line, too
     ByState<Chain> none;
     (arena.counts() ? none : *by_state).lay_out(layout, most_elastic(layout), wide, arena);
   }

@@ -28,7 +28,7 @@ struct Composite {
   Composite(const Layout& layout, Arena& arena) : nv(layout.nv) {
     arena.take(layout.nodes, place);
     arena.take(layout.nodes, first, rates);
-    arena.take(layout.forks, column);
+    arena.take(layout.forks + layout.forks % 2, column);  // numbers of 8 bytes follow
     columns = nv;
     for (int k = 0; k < layout.forks; ++k) {
       const Place& at = layout.fork[k].place;

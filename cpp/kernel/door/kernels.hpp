@@ -115,7 +115,7 @@ struct Kernels {
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
   /// Changes of the forces of joints, beams and struts (nv) where the coordinates change by x (nv, turns of balls),
-  /// by their stiffness as implicit steps take it; after `factor`.
+  /// by their stiffness as implicit steps take it, without loads by state; after `factor` with a shift.
   void (*stiffness_times)(void* self, const double* x, double* out);
   /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
   /// lane l are at i width + l; they and the memory are aligned to 64 bytes. Elastic bodies of nodes that are not

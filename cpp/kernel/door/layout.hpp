@@ -71,7 +71,7 @@ struct Node {
 
   // where its numbers begin: joint and body, the beam's end, its points, the tip body, the bounds of few points
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0, bounds = 0;
-  bool tied = false;          ///< a force by state acts on the end of its beam
+  bool tied = false;          ///< a force by state acts on it, or on its beam
   int loads = 0;              ///< that act on it,
   const int* load = nullptr;  ///< and which
 };

@@ -105,8 +105,7 @@ void KernelArm::put_tied(std::size_t numbers, const Spot& spot) {
   tied_numbers_.insert(tied_numbers_.end(), spot.numbers.begin(), spot.numbers.end());
   structure_.push_back(spot.place.on);
   structure_.push_back(spot.place.node);
-  if (spot.place.node >= 0 && spot.place.on == Place::end)
-    nodes_[static_cast<std::size_t>(spot.place.node)].tied = true;
+  if (spot.place.node >= 0) nodes_[static_cast<std::size_t>(spot.place.node)].tied = true;
 }
 
 void KernelArm::put_struts(const Arm& arm) {
@@ -114,6 +113,7 @@ void KernelArm::put_struts(const Arm& arm) {
   for (const flexarm::Strut& strut : arm.struts()) {
     struts_.push_back({static_cast<int>(strut.points.size()), strut.tension_only, tied_numbers_.size()});
     structure_.push_back(strut.tension_only);
+    structure_.push_back(static_cast<int>(strut.points.size()));
     put_record(tied_numbers_, records::StrutLaw<double>{strut.stiffness, strut.length, strut.damping, strut.force});
     for (std::size_t i = 1; i < strut.points.size(); ++i) {
       const double across = height(arm, strut.points[i]) - height(arm, strut.points[i - 1]);
@@ -142,6 +142,7 @@ void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) 
                   },
                   load.by_state.get(), load.world_axes};
   laws_.push_back(load.by_state);
+  structure_.push_back(load.world_axes);
   const auto id = reinterpret_cast<std::uintptr_t>(load.by_state.get());  // lanes share one law
   structure_.push_back(static_cast<int>(id & 0x7fffffff));
   structure_.push_back(static_cast<int>((id >> 31) & 0x7fffffff));

@@ -106,12 +106,12 @@ def _on_end(arm: Chain, k: int) -> list[int]:
 
 
 def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float]]:
-    """The sizes of force (N) and moment (N m) that loads put on the end of a link's beam, by link."""
+    """The sizes of force (N) and moment (N m) that loads of time put on the end of a link's beam, by link."""
     out: dict[int, tuple[float, float]] = {}
     for load in loads or ():
         k = arm._link(load.link)
         beam = arm.links[k].beam
-        if beam is not None and load.along is None and load.x in (None, beam.length):
+        if beam is not None and not load.by_state and load.along is None and load.x in (None, beam.length):
             most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _INSTANTS)]).max(axis=0)
             force, moment = out.get(k, (0.0, 0.0))
             out[k] = force + float(np.linalg.norm(most[:3])), moment + float(np.linalg.norm(most[3:]))

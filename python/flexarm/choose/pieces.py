@@ -34,10 +34,12 @@ _LEAST = {s: 3 if s.startswith("bending") else 2 for s in STRAINS}  # shape func
 
 def jumps(scene: Scene) -> dict[int, list[float]]:
     """By link, places along its beam (m) where a strain jumps or has a corner: ends of patches that stiffen the beam or
-    are driven, corners of a taper, loads, and ends of struts. Beams with the user's own shapes are not cut."""
+    are driven, corners of a taper, loads, ends of struts, and links on slices. Beams with the user's own shapes are
+    not cut."""
     arm, out = scene.arm, {}
     loads = [(arm._link(load.link), load.along or (load.x,)) for load in scene.loads]
     loads += [(k, (x,)) for points in arm._fastened for k, on, x, _ in points if on == "slice"]
+    loads += [(k, (x,)) for k, x in arm.seats if x is not None]
     for k, link in enumerate(arm.links):
         beam = link.beam
         if beam is None or not beam.ne or any(isinstance(m, tuple) for m in beam.modes.values()):

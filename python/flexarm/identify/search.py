@@ -253,7 +253,7 @@ class Search:
         hold = np.diag(np.maximum(_HOLD * np.linalg.norm(residuals.jacobian(inner, sigma), axis=0), _HOLD_PRIOR))
         message, converged = "", False
         while not converged and self._iterations - first < most:
-            at = replace(at, old=False, due=True)
+            at = replace(at, old=False, due=True, told=np.empty((0, 0)))
             try:
                 done = least_squares(
                     size, at.u, slopes, bounds=(low, high), x_scale="jac", max_nfev=self.most, xtol=1e-9, ftol=1e-9,

@@ -188,8 +188,8 @@ class ClosedLoop:
         """The poles with changed parameters: all of the controllers, or one of the arm."""
         found = Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
         if all(path.startswith("control.") for path in values):  # the arm does not change
-            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.loads).poles()[0]
-        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._options).poles
+            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.forces).poles()[0]
+        return closed_loop(found.arm, list(found.control), loads=found.forces, **self._options).poles
 
     def _poles_over(self, path: str) -> tuple[Any, float]:
         """A callable value -> poles, and the present value."""

@@ -68,6 +68,8 @@ class Rows:
         """The loads, and as loads the driven forces of struts, linear between the rows."""
         if self.driven is None or not len(self.t):
             return self.loads or ()
+        if not np.isfinite(self.driven).all():
+            raise ValueError("driven: this result does not keep what drove its struts")
         t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
         laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
         return (*(self.loads or ()), *(Push(self.arm, *x) for x in zip(self.arm.strut_names, laws, strict=True)))
@@ -80,12 +82,14 @@ class Rows:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
         return self.arm.deflection(self.q, link)
 
-
     def strut(self, strut: int | str = -1) -> StrutMotion:
         """Length, rate and force of a strut or tendon, by its name or its number in `arm.struts`: `.length` (m),
-        `.rate` (m/s), `.force` (N), with which it pushes, and `.tension`, its negative; (nt,) each."""
+        `.rate` (m/s), `.force` (N), with which it pushes, and `.tension`, its negative; (nt,) each. Forces are nan
+        where the result does not keep what drove the struts."""
         k = self.arm._strut(strut)
-        return StrutMotion(*(x[:, k] for x in self.arm.strut_motion(self.q, self.v, self.driven)))
+        known = self.driven is None or np.isfinite(self.driven).all()
+        length, rate, force = self.arm.strut_motion(self.q, self.v, self.driven if known else None)
+        return StrutMotion(length[:, k], rate[:, k], force[:, k] if known else np.full(len(length), np.nan))
 
 
 def titles(arm: Arm) -> Titles:
@@ -114,8 +118,9 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     values["end"] = result.arm.end_places(result.q).reshape(len(result.t), -1)
     if result.arm.struts and np.isfinite(result.v).all():
         moved = [result.strut(k) for k in range(len(result.arm.struts))]
-        names["strut"] = [(f"{name} {what}", of) for name in result.arm.strut_names for what, of in _OF_STRUT]
-        values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)])
+        kept = 3 if all(np.isfinite(s.force).all() for s in moved) else 2  # a file may not know what drove them
+        names["strut"] = [(f"{name} {what}", of) for name in result.arm.strut_names for what, of in _OF_STRUT[:kept]]
+        values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)[:kept]])
     return names, values
 
 

@@ -134,7 +134,7 @@ class Simulation:
         """
         if is_strut(self.arm, key):
             sense = self.arm.struts[self.arm._strut(key)].sense
-            self.set_load(self._force(key), (sense * number("value", value), 0.0, 0.0))
+            self._set_wrench(self._force(key), np.array([sense * number("value", value), *[0.0] * 5]))
             return
         self._core.set_force(self._drive(key), number("value", value))
 
@@ -162,7 +162,11 @@ class Simulation:
 
     def set_load(self, index: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
         """Force (N) and moment (N m) of the load of this number in `loads`, from now on, in place of its law."""
-        wrench = np.concatenate([array("force", force, (3,)), array("moment", moment, (3,))])
+        if not 0 <= index < len(self._problem.loads):
+            raise ValueError(f"index = {index}: must be that of one of the {len(self._problem.loads)} loads")
+        self._set_wrench(index, np.concatenate([array("force", force, (3,)), array("moment", moment, (3,))]))
+
+    def _set_wrench(self, index: int, wrench: Array) -> None:
         self._core.set_load(index, wrench)
 
     def set_reference(self, index: int, reference: float, reference_rate: float = 0.0) -> None:

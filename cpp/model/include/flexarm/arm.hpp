@@ -1,4 +1,4 @@
-// An arm: an immutable tree of links, which is a chain unless parents are given.
+// An arm: an immutable tree of links, which is a chain unless seats are given.
 #pragma once
 
 #include <optional>
@@ -38,7 +38,6 @@ class Arm {
  public:
   static constexpr int kWorld = -1;
 
-  /// @param gravity world axes (m/s^2); a joint on the world sits at its origin, in its axes
   /// What a joint sits on: a link, at its end or on the slice at so many metres along its beam; or the world.
   struct Seat {
     int link;
@@ -47,6 +46,7 @@ class Arm {
     bool operator==(const Seat& other) const { return link == other.link && at == other.at; }
   };
 
+  /// @param gravity  world axes (m/s^2); a joint on the world sits at its origin, in its axes
   /// @param seats  of each link, that of its joint: on a link before it, or kWorld. Empty: a chain
   /// @param struts struts and tendons between points of the links and of the world
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia

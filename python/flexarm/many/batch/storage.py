@@ -18,6 +18,7 @@ from ...arm.variation import Variation
 from ...data.store.files import unsealed, zipped
 from ...data.store.fingerprint import marks
 from ...data.store.scenarios import Column, ScenarioFile, read_scenarios
+from ...model.acting.load import pushes
 from ...run.outputs import titles
 from .arguments import prepared
 from .job import ENDED, FAILED, Job
@@ -86,7 +87,8 @@ def job_marks(job: Job, name: str | None) -> dict[str, str]:
 def about(variation: Variation) -> dict[str, Any]:
     """Description of a saved batch, beside its arrays."""
     setup = variation.setup
-    return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": len(setup.loads)}
+    acting = len(setup.loads) + len(pushes(setup.arm, setup.drive))  # of which the file keeps none
+    return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": acting}
 
 
 def _once(t: Array, variation: Variation) -> dict[str, tuple[Any, Any]]:

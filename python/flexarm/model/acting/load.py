@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -67,7 +69,6 @@ class Load(Law):
             if t is not None or along is not None:
                 raise ValueError("force, moment: a callable of the state acts on one slice, without t and along")
             self.law: Any = _StateWrench(force=force, moment=moment)
-            self._state_law = _core.StateForce(self.law)
             return
         if any(callable(value) for value in (force, moment)):
             if t is not None:
@@ -94,6 +95,24 @@ class Load(Law):
             return np.array([part(t)[0] for part in self.law])
         return np.asarray(self.law(t))
 
+    def scaled(self, factor: float) -> Any:
+        if not self.by_state:
+            return super().scaled(factor)
+        made = copy.copy(self)
+        made.law = _ScaledState(self.law, factor)
+        return made
+
+    def _asked(self) -> _core.StateForce:
+        """The law as the core takes it, the same one each time. The core does not hold the law: this does."""
+        known = self.__dict__.get("_known")
+        if known is None or known[0] is not self.law:
+            law = weakref.ref(self.law)
+            known = self._known = self.law, _core.StateForce(lambda *state: law()(*state))  # type: ignore[misc]
+        return known[1]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_known"}
+
     def numbers(self, t: float) -> Array:
         """What the core takes at time t: [force; moment], or the time alone if they follow from the state."""
         return np.array([t, *[0.0] * 5]) if self.by_state else self(t)
@@ -108,7 +127,7 @@ class Load(Law):
         if self.along is not None:
             return _along(arm._core, n, *self.along, world)
         if self.by_state:
-            return _core.Load.by_state(arm._core, n, self.x, world, self._state_law)
+            return _core.Load.by_state(arm._core, n, self.x, world, self._asked())
         if self.x is not None:
             return _core.Load.at_slice(arm._core, n, self.x, world)
         return _core.Load.at_end(arm._core, n, world)
@@ -210,6 +229,17 @@ class _StateWrench:
                 x = array(f"Load {k} at t = {t}", x(*given), (3,))
             found.extend(float(value) for value in x)
         return found
+
+
+@dataclass
+class _ScaledState:
+    """The same force and moment, `factor` times as large."""
+
+    law: Callable[..., list[float]]
+    factor: float
+
+    def __call__(self, *state: Any) -> list[float]:
+        return [self.factor * x for x in self.law(*state)]
 
 
 def _takes_state(value: Callable[..., Any]) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copyreg import __newobj__  # type: ignore[attr-defined]
 from difflib import get_close_matches
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -153,6 +154,9 @@ class Chain:
         points = [self._fasten_point(f"{field}: {name}", p) for name, p in zip(names, strut.points, strict=True)]
         if len({self._body(*point[:3]) for point in points}) == 1:
             raise ValueError(f"{field}: all its points sit on one rigid body, so that its length cannot change")
+        for i, (here, there) in enumerate(pairwise(points)):
+            if here[:3] == there[:3] and np.array_equal(here[3], there[3]):
+                raise ValueError(f"{field}: {names[i]} and {names[i + 1]} are one point; give different ones")
         return points
 
     def _fasten_point(self, field: str, point: Point) -> _Fastened:

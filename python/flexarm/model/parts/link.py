@@ -31,7 +31,7 @@ class Link(Part):
             joint without a name. No dots, no number; unique in the arm.
         looks: meshes and solids that are drawn for it, besides its beam. Without them each rigid body is
             drawn as the box of the same inertia.
-        parent: the link on whose end the joint sits: the name or the number of one before it in the list, or "world";
+        parent: the link on which the joint sits: the name or the number of one before it in the list, or "world";
             None: the link before it, or the world for the first one. A link that several others name carries branches.
         at: where along the parent's beam the joint sits (m from the beam's start, above 0 and up to its length): on the
             slice there, with which it moves and turns. None: on the parent's end, which is that of its tip.

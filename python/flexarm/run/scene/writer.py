@@ -112,6 +112,8 @@ class _Laws:
         return {**link, **(self.motion(where, law) if moves else {"torque": self.scalar(where, "torque", law)})}
 
     def load(self, where: str, load: Load) -> dict[str, Any]:
+        if load.by_state:
+            raise ValueError(f"{where}: follows from the state by a Python function, which a scene file cannot hold")
         out: dict[str, Any] = {"link": load.link, "x": load.x, "along": load.along, "axes": load.axes}
         if isinstance(load.law, tuple) and load.constant:
             return {**out, "force": load(0.0)[:3], "moment": load(0.0)[3:]}

@@ -199,7 +199,8 @@ class Sensor(Part):
                 states = [state, _midway(arm, *state)]
             else:
                 states = [_interpolated(result, self._times(result.t))]
-            found.append([weight * self.measure(arm, *x, loads=result.forces) for x in states])
+            loads = result.forces if self.feels_loads else ()
+            found.append([weight * self.measure(arm, *x, loads=loads) for x in states])
         return [sum(x) for x in zip(*found, strict=True)]
 
     def _filtered(self, t: Array, y: list[Array]) -> Array:
