@@ -151,11 +151,13 @@ def test_in_batches_it_acts_as_alone():
 def test_scaled_copied_and_checked():
     t = np.linspace(0.0, 0.2, 5)
     scene = fa.Scene(slide(), loads=[fa.Load(0, force=pull)], t=t, q0=[0.1], options={"integrator": "gauss"})
-    batch = fa.simulate_batch(scene.arm, t, [0.1], loads=scene.loads, parameters={"load.0.scale": [1.0, 2.0]}, step=1e-3)
+    scales = {"load.0.scale": [1.0, 2.0]}
+    batch = fa.simulate_batch(scene.arm, t, [0.1], loads=scene.loads, parameters=scales, step=1e-3)
     assert abs(batch.q[0] - batch.q[1]).max() > 1e-3
     np.testing.assert_allclose(batch.q[1], fa.simulate(slide(stiffness=2 * K, damping=2 * C), t, [0.1]).q, atol=1e-4)
     copied = pickle.loads(pickle.dumps(scene.loads[0]))
-    np.testing.assert_array_equal(fa.simulate(slide(), t, [0.1], loads=[copied]).q, scene.run().q)
+    same = (fa.simulate(slide(), t, [0.1], loads=[load]).q for load in (copied, scene.loads[0]))
+    np.testing.assert_array_equal(*same)
     arm = flexible()
     fa.simulate(arm, t, loads=[fa.Load(1, force=drag)], integrator="ida").check()
 

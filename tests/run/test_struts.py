@@ -242,7 +242,8 @@ def test_derivatives_by_a_number_at_its_bound() -> None:
 
 def test_the_payload_of_a_filter_moves_with_the_struts() -> None:
     arm, step = crane(), 1e-3
-    filter = fa.KalmanFilter(arm, [fa.sensors.Encoder(0)], step, force_noise=1.0, estimate={"payload": (2.0, 0.1)})
+    known = {"force_noise": 1.0, "q_std": 0.01, "v_std": 0.01, "estimate": {"payload": (2.0, 0.1)}}
+    filter = fa.KalmanFilter(arm, [fa.sensors.Encoder(0)], step, **known)
     carried = fa.Link(fa.Fixed(), fa.RigidBody(2.0))
     truth = fa.Simulation(fa.Arm([*arm.links, carried], arm.gravity, arm.struts), fa.Implicit(step))
     for _ in range(20):
