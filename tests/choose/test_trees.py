@@ -42,13 +42,14 @@ def test_pieces_take_what_sits_on_slices_along() -> None:
     arm = masts(n=3)
     models = Models(fa.Scene(arm, t=np.linspace(0.0, 0.1, 3), loads=[fa.Load("boom", force=(0, 1, 0), x=0.3)]))
     cut = models.arm(replace(models.given, pieces=True))
-    assert models.jumps == {0: [0.3]}
-    wanted = ((-1, None), (0, None), (1, None), (1, 0.2), (0, 0.2), (1, 0.2), (4, 0.1))
+    assert models.jumps == {0: [0.2, 0.3, 0.5], 3: [0.1]}  # the links on slices, and the load
+    nones = [(n, None) for n in range(-1, 4)]
+    wanted = (*nones, (2, 0.2), (0, 0.2), (6, None), (2, 0.2), (6, 0.1))
     assert [n for n, _ in cut.seats] == [n for n, _ in wanted]
     assert [x for _, x in cut.seats if x] == pytest.approx([x for _, x in wanted if x])
     assert np.allclose(cut.end_places(cut.zero), arm.end_places(arm.zero))
     one, other = (x.modes(lock=x.movable).frequencies[:3] for x in (arm, cut))
-    assert np.allclose(one, other, rtol=0.03) and (other < one).all()  # pieces have more shapes
+    assert np.allclose(one, other, rtol=0.04) and (other < one).all()  # pieces have more shapes
 
 
 def test_a_scene_in_pieces_runs_alike() -> None:

@@ -163,7 +163,7 @@ class Simulation:
     def set_load(self, index: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
         """Force (N) and moment (N m) of the load of this number in `loads`, from now on, in place of its law."""
         if not 0 <= index < len(self._problem.loads):
-            raise ValueError(f"index = {index}: must be that of one of the {len(self._problem.loads)} loads")
+            raise ValueError(f"load = {index}: must be the number, from 0, of one of {len(self._problem.loads)} loads")
         self._set_wrench(index, np.concatenate([array("force", force, (3,)), array("moment", moment, (3,))]))
 
     def _set_wrench(self, index: int, wrench: Array) -> None:
