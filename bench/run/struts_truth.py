@@ -5,7 +5,7 @@
 - `Boom`: two rigid links in a plane, moved by two cylinders: the textbook's equations of a double pendulum, the
   cylinders by virtual work, integrated to 1e-12.
 - `Stayed`: a slender beam that bends without stretch (Euler's elastica) under its weight, held by a stay: shooting.
-- `stayed_frequencies`: small vibration of such a beam between stays: the zeros of a determinant.
+- `Stays`: small vibration of such a beam between stays: the zeros of a determinant.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from hermite import hermite
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -347,12 +348,7 @@ class Stays:
         """The same by Hermite elements of equal length; errors go with the fourth power."""
         h = self.length / elements
         M, K = (np.zeros((2 * elements + 2,) * 2) for _ in range(2))
-        mass = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-                         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]) * h / 420  # fmt: skip
-        slope = np.array([[36, 3 * h, -36, 3 * h], [3 * h, 4 * h * h, -3 * h, -h * h],
-                          [-36, -3 * h, 36, -3 * h], [3 * h, -h * h, -3 * h, 4 * h * h]]) / (30 * h)  # fmt: skip
-        second = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-                           [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
+        mass, slope, second = hermite(h)
         node = round(self.at / h)
         for k in range(elements):
             at = slice(2 * k, 2 * k + 4)

@@ -21,6 +21,7 @@ from typing import Any
 import flexarm as fa
 import matplotlib
 import numpy as np
+from hermite import hermite
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import eigh
@@ -149,17 +150,6 @@ class Model:
         assert self.used == self.size
         square = eigh(self.K, self.M, eigvals_only=True)
         return np.sqrt(square[zeros:])
-
-
-def hermite(h: float) -> tuple[Array, Array, Array]:
-    """Integrals of products of the cubic shapes, of their slopes, and of their second derivatives, on an element."""
-    mass = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-                     [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]) * h / 420  # fmt: skip
-    slope = np.array([[36, 3 * h, -36, 3 * h], [3 * h, 4 * h * h, -3 * h, -h * h],
-                      [-36, -3 * h, 36, -3 * h], [3 * h, -h * h, -3 * h, 4 * h * h]]) / (30 * h)  # fmt: skip
-    second = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-                       [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
-    return mass, slope, second
 
 
 def by_elements(elements: int) -> Array:

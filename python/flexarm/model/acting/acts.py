@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,21 +13,8 @@ from flexarm._core import Feedback
 from ..._check import Array
 from ..parts.chain import Chain
 from .control import Controller, control_laws, extended, padded
-from .drive import Motion, Torque, patch_laws, split_drives, standing
+from .drive import KNOWN, Motion, Torque, patch_laws, split_drives, standing, weak_law
 from .load import Load, at_time, pushes
-
-_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
-_OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_core, "Mpc") else []))
-
-
-def _weak(law: Any) -> Any:
-    """A Python function that something else holds, for an object of the core that its owner may hold: the garbage
-    collector does not see what the core holds, and would keep such a circle for ever."""
-    try:
-        held = None if isinstance(law, (*_KNOWN, *_OF_CORE)) else weakref.ref(law)
-    except TypeError:  # of a class without weak references
-        held = None
-    return law if held is None else lambda *given: held()(*given)  # type: ignore[misc]
 
 
 class Acts:
@@ -87,7 +73,7 @@ class Acts:
 
         def law(x: Any) -> Any:
             taken = standing(x) if onward else self._law(x)
-            return _weak(taken) if weak else taken
+            return weak_law(taken) if weak else taken
 
         drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
                   for d in self.drives]  # fmt: skip
@@ -96,14 +82,14 @@ class Acts:
         return _core.Problem(
             arm=both._core, t=self.times, q0=padded(start["q0"], both.nq), v0=padded(start["v0"], nv),
             tau=padded(start["tau"], nv), drives=drives, loads=loads, feedback=feedback,
-            events=[_core.Event(_weak(e.value), e.terminal, e.direction) for e in events] if weak else list(events),
-            samplers=[_core.Sampler(s.first, s.period, s.delay, _weak(s.law)) for s in self.sampled] if weak
+            events=[_core.Event(weak_law(e.value), e.terminal, e.direction) for e in events] if weak else list(events),
+            samplers=[_core.Sampler(s.first, s.period, s.delay, weak_law(s.law)) for s in self.sampled] if weak
             else self.sampled,
         )  # fmt: skip
 
     def _law(self, law: Any) -> Any:
         """A law of time, as the core takes it."""
-        if self.remembered is None or isinstance(law, _KNOWN):
+        if self.remembered is None or isinstance(law, KNOWN):
             return law
         return self.remembered.setdefault(id(law), _core.Remembered(law))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -15,6 +16,19 @@ import flexarm._core as _core
 
 from ..._check import Array, array, choice, finite_number, instance, positive
 from ..parts.chain import Chain
+
+KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
+_OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_core, "Mpc") else []))
+
+
+def weak_law(law: Any) -> Any:
+    """A Python function that something else holds, for an object of the core that its owner may hold: the garbage
+    collector does not see what the core holds, and would keep such a circle for ever."""
+    try:
+        held = None if isinstance(law, (*KNOWN, *_OF_CORE)) else weakref.ref(law)
+    except TypeError:  # of a class without weak references
+        held = None
+    return law if held is None else lambda *given: held()(*given)  # type: ignore[misc]
 
 
 def sample_times(t: ArrayLike) -> Array:
@@ -30,15 +44,15 @@ def sample_times(t: ArrayLike) -> Array:
 @dataclass(frozen=True)
 class _Changed:
     """A callable law, `factor` times as large, delayed by `delay` (s), its value increased by `offset`, which rates of
-    a motion are not."""
+    a motion are not. It may take a state, too."""
 
-    law: Callable[[float], Any]
+    law: Callable[..., Any]
     factor: float = 1.0
     offset: float = 0.0
     delay: float = 0.0
 
-    def __call__(self, t: float) -> Any:
-        value = self.law(t - self.delay)
+    def __call__(self, t: float, *state: Any) -> Any:
+        value = self.law(t - self.delay, *state)
         if np.ndim(value) == 0:
             return self.factor * value + self.offset
         first, *rest = (self.factor * x for x in value)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +15,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, choice, instance, number
 from ..parts.chain import Chain
-from .drive import Law, Torque, sample_times, split_drives
+from .drive import Law, Torque, sample_times, split_drives, weak_law
 
 Value = ArrayLike | Callable[[float], Any]
 
@@ -95,19 +93,11 @@ class Load(Law):
             return np.array([part(t)[0] for part in self.law])
         return np.asarray(self.law(t))
 
-    def scaled(self, factor: float) -> Any:
-        if not self.by_state:
-            return super().scaled(factor)
-        made = copy.copy(self)
-        made.law = _ScaledState(self.law, factor)
-        return made
-
     def _asked(self) -> _core.StateForce:
         """The law as the core takes it, the same one each time. The core does not hold the law: this does."""
         known = self.__dict__.get("_known")
         if known is None or known[0] is not self.law:
-            law = weakref.ref(self.law)
-            known = self._known = self.law, _core.StateForce(lambda *state: law()(*state))  # type: ignore[misc]
+            known = self._known = self.law, _core.StateForce(weak_law(self.law))
         return known[1]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -229,17 +219,6 @@ class _StateWrench:
                 x = array(f"Load {k} at t = {t}", x(*given), (3,))
             found.extend(float(value) for value in x)
         return found
-
-
-@dataclass
-class _ScaledState:
-    """The same force and moment, `factor` times as large."""
-
-    law: Callable[..., list[float]]
-    factor: float
-
-    def __call__(self, *state: Any) -> list[float]:
-        return [self.factor * x for x in self.law(*state)]
 
 
 def _takes_state(value: Callable[..., Any]) -> bool:
