@@ -40,12 +40,12 @@ class Acts:
         for i, law in arm.by_rate("drive", joints).items():
             self._drive(i, law)
         self.prescribed = [d.rate for d in self.drives if d.moves]
-        at_time(arm, loads, float(times[0]))
+        driven, start = pushes(arm, drive), float(times[0])
+        self._places = [*at_time(arm, loads, start)[0], *at_time(arm, driven, start)[0]]
         self.loads: tuple[Load, ...] = tuple(loads or ())
-        self.forces: tuple[Load, ...] = (*self.loads, *pushes(arm, drive))
+        self.forces: tuple[Load, ...] = (*self.loads, *driven)
         self.force_names = [f"loads[{k}]" for k in range(len(self.loads))]
         self.force_names += [f"drive of '{name}'" for name in self.strut_drives]
-        self._places, _ = at_time(arm, self.forces, float(times[0]))
         for name, force in zip(self.force_names, self.forces, strict=True):
             force.check_span(name, times)
         self.feedback, self.sampled, memory = control_laws(arm, control, times, self.forces, self.prescribed)
