@@ -43,7 +43,7 @@ struct ByState {
   static int columns(const Layout& layout) { return layout.struts + kWays * layout.state_loads; }
   static int pulls(const Layout& layout) { return layout.strut_points + kWays * layout.state_loads; }
 
-  /// @param wide  scratch as wide as right-hand sides, two for each column
+  /// @param wide  scratch as wide as right-hand sides, one for each column
   void lay_out(const Layout& layout, int most_elastic, typename C::Wide* wide, Arena& arena) {
     const int n = columns(layout);
     turn = wide;

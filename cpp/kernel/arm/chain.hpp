@@ -38,7 +38,7 @@ struct Chain {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
     arena.take(layout.forks, fork);
     P* wide;
-    arena.take(2 * ByState<Chain>::columns(layout), wide);
+    arena.take(ByState<Chain>::columns(layout), wide);
     for (int k = 0; k < layout.forks; ++k) {
       Slice<Sp> counted;
       arena.take(layout.node[layout.fork[k].place.node].ne, (arena.counts() ? counted : fork[k].slice).J);

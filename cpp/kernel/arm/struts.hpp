@@ -13,8 +13,8 @@ template <class Sp>
 struct StrutPoint {
   using Lin = typename Sp::Lin;
   Lin at, rate;  ///< in the world
-  Lin in;        ///< in the axes of its frame: where it is, and how far it moves for each coordinate of its beam
-  Lin* J;        ///< (ne)
+  Lin in;        ///< in the axes of its frame
+  Lin* J;        ///< how far it moves in these axes for each coordinate of its beam (ne)
   Lin along;     ///< in the world: sum of the directions of the pieces that push on it
 };
 
