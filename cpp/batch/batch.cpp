@@ -24,6 +24,7 @@ void fill_rows(const BatchProblem& p, const BatchOutput& out, Eigen::Index scena
   };
   fill(out.q, p.row_q());
   for (double* block : {out.v, out.a, out.tau}) fill(block, p.row_v());
+  fill(out.contacts, p.row_contacts());
 }
 
 void throw_again(const BatchProblem& problem, Eigen::Index scenario) {
@@ -178,6 +179,7 @@ class Worker {
     copy(out.v, run.v, p.row_v());
     copy(out.a, run.a, p.row_v());
     copy(out.tau, run.tau, p.row_v());
+    copy(out.contacts, run.contacts, p.row_contacts());
     fill_rows(p, out, b, rows);
     const BatchStatus failed = run.status == Status::ok ? BatchStatus::not_converged : BatchStatus(int(run.status));
     out.status[b] = static_cast<int>(run.failure == kInterrupted ? BatchStatus::not_done

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "flexarm/dry_friction.hpp"
 #include "looks.hpp"
 #include "step_equations.hpp"
 #include "switches.hpp"
@@ -12,6 +13,8 @@ namespace flexarm {
 using namespace taped;
 
 namespace {
+
+constexpr const char* kRuns = "the derivatives of a run";
 
 /// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
 /// @param by_p  of the first columns
@@ -41,6 +44,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
                                        const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
                                        Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
                                        int threads) {
+  refuse_sticking(*of.arm, kRuns);
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -257,6 +261,7 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
+  refuse_sticking(*of.arm, kRuns);
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);

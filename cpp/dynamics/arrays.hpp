@@ -23,7 +23,13 @@ void make_room_for_limits(Workspace& ws);
 /// The part of move_arm that factor_shifted and composite_mass_matrix need.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
-/// Changes of the forces of joints, beams and struts by changes x of the coordinates (nv), see Kernels; after `factor`.
+/// Of a run: contacts with friction go on from this state.
+void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+/// Forces of the contacts on the arm, in the world (3 each), where the chain was moved last.
+void contact_forces(Workspace& ws, double* out);
+
+/// Changes of the forces of joints, beams, struts and contacts by changes x of the coordinates (nv), see Kernels; after
+/// `factor`.
 void stiffness_times(Workspace& ws, const Eigen::VectorXd& x, Eigen::VectorXd& out);
 
 /// E(p) of a ball's quaternion, dp/dt = E w; E^T E is a quarter of the unit matrix.

@@ -15,7 +15,10 @@ class SlopesMemory {
         arm_(KernelArm::of(arm).loaded(arm, loads)),
         grouped_(arm_.grouped(kernels.width, prescribed)),
         memory_(kernels.slopes_memory(of())) {}
-  SlopesOf of() const { return {arm_.layout(), grouped_.layout(), arm_.numbers().data(), grouped_.numbers().data()}; }
+  SlopesOf of() const {
+    return {arm_.layout(), grouped_.layout(), arm_.numbers().data(), grouped_.numbers().data(),
+            remembered.empty() ? nullptr : remembered.data()};
+  }
   void* memory() const { return memory_.get(); }
   void set_wrench(std::size_t load, const Vec6<double>& wrench) {
     Eigen::Map<Vec6<double>>(wrenches.data() + 6 * load) = wrench;
@@ -23,6 +26,7 @@ class SlopesMemory {
 
   const Kernels& kernels = best_kernels();
   std::vector<double> wrenches;
+  std::vector<double> remembered;  ///< see Workspace
 
  private:
   KernelArm arm_, grouped_;
@@ -37,6 +41,8 @@ InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& 
       memory_(new lanes::SlopesMemory(arm, loads, {})) {}
 
 void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) { memory_->set_wrench(load, wrench); }
+
+void InverseDerivatives::recall(const Workspace& ws) { memory_->remembered = ws.remembered; }
 
 void InverseDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a, bool by_v) {

@@ -1,5 +1,8 @@
 #include "flexarm/kinematics.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "setup/single.hpp"
@@ -169,6 +172,12 @@ void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q,
     (*ws.frames)->struts(ws.frames->self(), q.data(), v.data(), driven.data(), out.motion.data(), out.jacobian.data());
 }
 
+void contact_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                    Eigen::Matrix3Xd& out) {
+  out.resize(3, static_cast<Eigen::Index>(arm.contacts().size()));
+  if (out.size() > 0) (*ws.frames)->contacts(ws.frames->self(), q.data(), v.data(), out.data());
+}
+
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   lanes::Sums sums;
   (*ws.frames)->sums(ws.frames->self(), q.data(), v.data(), sums);
@@ -179,6 +188,13 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     if (!link.beam()) continue;
     const auto qe = q.segment(arm.first_q(n) + link.joint().nq(), link.ne());
     e.potential += 0.5 * qe.dot(link.beam()->stiffness().lazyProduct(qe));
+  }
+  Eigen::Matrix3Xd touching;
+  contact_motion(arm, ws, q, v, touching);
+  for (Eigen::Index k = 0; k < touching.cols(); ++k) {
+    const Contact& contact = arm.contacts()[static_cast<std::size_t>(k)];
+    const double depth = std::max(0.0, -touching(0, k)), power = contact.exponent + 1.0;
+    e.potential += contact.stiffness * std::pow(depth, power) / power;
   }
   if (arm.struts().empty()) return e;
   StrutMotion lines;

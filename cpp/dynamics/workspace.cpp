@@ -61,8 +61,18 @@ lanes::Single& Workspace::chain() {
     for (std::size_t i = 0; i < loads.size(); ++i) Eigen::Map<Vec6<double>>(wrenches_.data() + 6 * i) = loads[i].wrench;
     chain_->load(wrenches_.data());
   }
+  if (!remembered.empty()) chain_->recall(remembered.data());
   return *chain_;
 }
+
+void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  if (!arm.sticks()) return;
+  ws.remembered.resize(lanes::kRemembered * arm.contacts().size());
+  ws.chain_to_move().move(q.data(), v.data());
+  ws.chain().contacts(ws.remembered.data(), nullptr);
+}
+
+void contact_forces(Workspace& ws, double* out) { ws.chain().contacts(nullptr, out); }
 
 void Workspace::feed_back(const std::vector<Feedback>& laws) {
   for (const Feedback& law : laws)

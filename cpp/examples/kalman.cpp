@@ -56,7 +56,8 @@ Arm arm_of(const std::string& scene) {
   if (scene.empty()) return Arm(strips());
 #ifdef FLEXARM_SCENES
   const Problem problem = load_problem(scene);
-  return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->seats(), problem.arm->struts());
+  return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->seats(), problem.arm->struts(),
+             problem.arm->contacts());
 #else
   throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif

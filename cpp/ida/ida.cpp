@@ -7,6 +7,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "friction.hpp"
 #include "ida_linear.hpp"
 #include "ida_tangents.hpp"
@@ -310,13 +311,15 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
   int look = 1;
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
-    IDASetStopTime(solver.memory, stop_time(s, out.reached, t, functions));
+    const bool sticks = s.arm.sticks();  // then each step counts by itself
+    const double stop = stop_time(s, out.reached, t, functions);
+    IDASetStopTime(solver.memory, sticks ? std::min(stop, goal) : stop);
     check_flag(IDASetMaxNumSteps(solver.memory, look));
     sunrealtype now = out.reached;
     long before = 0, after = 0;
     IDAGetNumSteps(solver.memory, &before);
     const auto clock = std::chrono::steady_clock::now();
-    const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
+    const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, sticks ? IDA_ONE_STEP : IDA_NORMAL);
     out.reached = now;
     if (s.thrown) std::rethrow_exception(s.thrown);
     IDAGetNumSteps(solver.memory, &after);
@@ -328,6 +331,7 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
       s.set(now, N_VGetArrayPointer(solver.y), nullptr);
       out.failure = "the motion ran away: " + s.arm.farthest_out(s.q, s.v) + " and grows: look for what drives it";
     } else if (flag >= 0) {
+      if (sticks) s.remember(now, N_VGetArrayPointer(solver.y));
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
       if (flag == IDA_ROOT_RETURN && s.tangents) {
         solver.tangents->get(solver.memory, s);
@@ -363,6 +367,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   Trajectory out = empty_trajectory(*problem.arm, t, events, parameters.size());
   if (!parameters.empty()) s.tangents.emplace(s, parameters);
   s.drive(t[0], problem.q0, problem.v0);
+  s.System::remember();
   sample_all(s, t[0]);
   if (!record(s, t[0], out)) return out;
   if (s.size() == 0) {
@@ -397,7 +402,9 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
   const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>& by) {
     return simulate_smooth(of, times, options, alive, control, by);
   };
+  if (!parameters.empty()) refuse_sticking(*problem.arm, "the derivatives of a run");
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
+  refuse_sticking(*problem.arm, "\"ida\", beside dry friction of joints,");
   return simulate_with_friction(problem, t, part, control, parameters);
 }
 

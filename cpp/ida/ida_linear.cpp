@@ -22,6 +22,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
     DenseJacobian& d = *s.dense;
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     for (std::size_t k = 0; k < s.ws.loads.size(); ++k) d.derivatives.set_wrench(k, s.ws.loads[k].wrench);
+    d.derivatives.recall(s.ws);
     d.derivatives(s.arm, s.q, s.v, s.a);
     add_feedback_slopes(s.ws.feedback, s.ws.limits, s.q, s.v, d.derivatives.dq, d.derivatives.dv);
     composite_mass_matrix(s.arm, s.ws, s.q);

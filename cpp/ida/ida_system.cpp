@@ -15,6 +15,7 @@ bool ChainInverse::factor(const System& s, double cj) {
   const Eigen::VectorXd &q = s.q, &v = s.v;
   ws_.feedback = s.ws.feedback;  // with their present offsets, which tell the laws at their limits
   ws_.limits = s.ws.limits;
+  ws_.remembered = s.ws.remembered;
   move_chain(ws_, q, v);
   for (std::size_t n = 0; n < arm_->size(); ++n)
     if (const Joint& joint = arm_->link(n).joint(); joint.has_ball())
@@ -54,6 +55,11 @@ void IdaSystem::set(double t, const double* y, const double* yp) {
     v[i] = y[n_q() + k];
     if (yp) a[i] = yp[n_q() + k];
   }
+}
+
+void IdaSystem::remember(double t, const double* y) {
+  set(t, y, nullptr);
+  System::remember();
 }
 
 bool IdaSystem::within_reach(const double* y) const {

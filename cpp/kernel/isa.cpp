@@ -94,6 +94,20 @@ void mass_matrix(void* self, double* M) {
   on(self, [&](auto& chain) { fill(chain, static_cast<Head*>(self)->composite, M); });
 }
 
+void contacts(void* self, double* remembered, double* force) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.contacts == 0) return;
+    if (remembered) chain.by_state->put_now(chain.layout, remembered);
+    if (force) chain.by_state->put_contact_forces(chain.layout, force);
+  });
+}
+
+void recall(void* self, const double* remembered) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.contacts > 0) chain.by_state->recall(chain.layout, remembered);
+  });
+}
+
 Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
@@ -118,13 +132,7 @@ void stiffness_times(void* self, const double* x, double* out) {
       }
     }
     if (!chain.layout.by_state()) return;
-    const auto& lines = *chain.by_state;
-    for (int k = 0; k < chain.layout.struts; ++k) {
-      const double* g = lines.G + k * chain.layout.nv;
-      double sum = 0.0;
-      for (int i = 0; i < chain.layout.nv; ++i) sum += g[i] * x[i];
-      for (int i = 0; i < chain.layout.nv; ++i) out[i] += lines.strut[k].by_length * sum * g[i];
-    }
+    chain.by_state->add_stiffness(chain.layout, x, out);
   });
 }
 
@@ -231,6 +239,8 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   move,
                                                   forces,
                                                   mass_matrix,
+                                                  contacts,
+                                                  recall,
                                                   factor,
                                                   solve,
                                                   stiffness_times,

@@ -97,6 +97,18 @@ void sums(void* self, const double* q, const double* v, Sums& out) {
   put(whole.angular, out.momentum + 3);
 }
 
+void contacts(void* self, const double* q, const double* v, double* motion) {
+  One& f = of(self);
+  set(f, q, v);
+  f.place();
+  ByState<One::C>& found = *f.chain.by_state;
+  found.find(f.chain, f.q, f.v);
+  for (int k = 0; k < f.chain.layout.contacts; ++k) {
+    const auto& c = found.touched[k].state;
+    for (const double x : {c.gap, c.rate, c.push}) *motion++ = x;
+  }
+}
+
 void struts(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q) {
   One& f = of(self);
   set(f, q, v);
@@ -170,9 +182,9 @@ namespace flexarm {
 namespace lanes {
 
 extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
-const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory,        begin,  place,        accelerate, pose,
-                                                      jacobian,      motion, reaction,     sums,       struts,
-                                                      slopes_memory, slopes, jacobian_rate};
+const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory,   begin,         place,    accelerate,   pose,
+                                                      jacobian, motion,        reaction, sums,         contacts,
+                                                      struts,   slopes_memory, slopes,   jacobian_rate};
 
 }  // namespace lanes
 }  // namespace flexarm

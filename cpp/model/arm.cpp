@@ -37,11 +37,13 @@ double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact :
 
 }  // namespace
 
-Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Seat> seats, std::vector<Strut> struts)
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Seat> seats, std::vector<Strut> struts,
+         std::vector<Contact> contacts)
     : links_(std::move(links)),
       gravity_(finite("gravity", gravity)),
       seats_(std::move(seats)),
-      struts_(std::move(struts)) {
+      struts_(std::move(struts)),
+      contacts_(std::move(contacts)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
   if (seats_.empty())
     for (int n = 0; n < static_cast<int>(size()); ++n) seats_.emplace_back(n - 1);
@@ -73,6 +75,7 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Se
             .cwiseMin(std::numeric_limits<double>::max());
   }
   for (std::size_t k = 0; k < struts_.size(); ++k) check(struts_[k], "struts[" + std::to_string(k) + "]");
+  for (std::size_t k = 0; k < contacts_.size(); ++k) check(contacts_[k], "contacts[" + std::to_string(k) + "]");
   check_inertia();
 }
 
@@ -101,14 +104,42 @@ void Arm::check(const Strut& strut, const std::string& name) const {
   non_negative(name + ".damping", strut.damping);
   non_negative(name + ".length", strut.length);
   if (!std::isfinite(strut.force)) bad_value(name + ".force", strut.force, "must be finite");
-  for (std::size_t i = 0; i < strut.points.size(); ++i) {
-    const Strut::Point& p = strut.points[i];
-    const std::string here = name + ".points[" + std::to_string(i) + "]";
-    finite(here + ".offset", p.offset);
-    if (p.link < kWorld || p.link >= static_cast<int>(size()))
-      bad_value(here + ".link", p.link, "there is no such link");
-    if (p.link != kWorld && p.on == Strut::Point::slice) link(static_cast<std::size_t>(p.link)).slice_at(p.x);
-  }
+  for (std::size_t i = 0; i < strut.points.size(); ++i)
+    check(strut.points[i], name + ".points[" + std::to_string(i) + "]");
+}
+
+void Arm::check(const Strut::Point& point, const std::string& name) const {
+  finite(name + ".offset", point.offset);
+  if (point.link < kWorld || point.link >= static_cast<int>(size()))
+    bad_value(name + ".link", point.link, "there is no such link");
+  if (point.link != kWorld && point.on == Strut::Point::slice)
+    link(static_cast<std::size_t>(point.link)).slice_at(point.x);
+}
+
+void Arm::check(const Contact& contact, const std::string& name) const {
+  check(contact.point, name + ".point");
+  check(contact.against.at, name + ".against.at");
+  if (contact.point.link == kWorld) bad_value(name + ".point.link", kWorld, "must be a link, not the world");
+  positive(name + ".stiffness", contact.stiffness);
+  for (const auto& [field, value] : {std::pair<const char*, double>{".radius", contact.radius},
+                                     {".damping", contact.damping},
+                                     {".coulomb", contact.coulomb},
+                                     {".tangential_stiffness", contact.tangential_stiffness}})
+    non_negative(name + field, value);
+  if (contact.exponent != 1.0 && contact.exponent != 1.5)
+    bad_value(name + ".exponent", contact.exponent, "must be 1 or 1.5");
+  if (contact.coulomb > 0.0) positive(name + ".tangential_stiffness", contact.tangential_stiffness);
+  const Surface& on = contact.against;
+  finite(name + ".against.size", on.size);
+  for (int i = 0; i < (on.kind == Surface::box ? 3 : on.kind == Surface::sphere ? 1 : 0); ++i)
+    positive(name + ".against.size[" + std::to_string(i) + "]", on.size[i]);
+  const double off = (on.axes.transpose() * on.axes - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(off < 1e-9) || on.axes.determinant() < 0.0)
+    bad_value(name + ".against.axes", off, "off a rotation matrix: its columns must be right-handed unit axes");
+}
+
+bool Arm::sticks() const {
+  return std::any_of(contacts_.begin(), contacts_.end(), [](const Contact& c) { return c.coulomb > 0.0; });
 }
 
 bool Arm::is_chain() const {

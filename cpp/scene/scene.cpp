@@ -18,8 +18,9 @@ namespace flexarm {
 namespace {
 
 constexpr const char* kFormat = "flexarm scene";
-constexpr int kVersion = 4;
+constexpr int kVersion = 5;
 constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
+constexpr const char* kSurfaces[] = {"plane", "sphere", "box"};           // in the order of Surface::Kind
 constexpr const char* kPlaces[] = {"origin", "end", "slice"};             // in the order of Strut::Point::On
 
 }  // namespace
@@ -160,15 +161,35 @@ void fields(Node& a, Strut& x) {
   a("tension_only", x.tension_only);
 }
 
+void fields(Node& a, Contact& x) {
+  std::string kind = kSurfaces[x.against.kind];
+  a("point", x.point);
+  a("radius", x.radius);
+  a("kind", kind);
+  a("at", x.against.at);
+  a("axes", x.against.axes);
+  a("size", x.against.size);
+  a("stiffness", x.stiffness);
+  a("exponent", x.exponent);
+  a("damping", x.damping);
+  a("coulomb", x.coulomb);
+  a("tangential_stiffness", x.tangential_stiffness);
+  const auto* found = std::find(std::begin(kSurfaces), std::end(kSurfaces), kind);
+  if (found == std::end(kSurfaces)) a.wrong("kind", kind, "must be \"plane\", \"sphere\" or \"box\"");
+  x.against.kind = static_cast<Surface::Kind>(found - std::begin(kSurfaces));
+}
+
 void fields(Node& a, std::optional<Arm>& x) {
   Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
   std::vector<int> parents;
   std::vector<std::optional<double>> at;
   std::vector<Strut> struts;
+  std::vector<Contact> contacts;
   if (x) {
     links = x->links();
     struts = x->struts();
+    contacts = x->contacts();
     for (const Arm::Seat& seat : x->seats()) {
       parents.push_back(seat.link);
       at.push_back(seat.at);
@@ -181,10 +202,11 @@ void fields(Node& a, std::optional<Arm>& x) {
   if (at.size() != parents.size())
     a.wrong("at", std::to_string(at.size()) + " places", "must be one for each of the parents, or null");
   a("struts", struts);
+  a("contacts", contacts);
   a.make(x, [&] {
     std::vector<Arm::Seat> seats;
     for (std::size_t n = 0; n < parents.size(); ++n) seats.emplace_back(parents[n], at[n]);
-    return Arm(std::move(links), gravity, std::move(seats), std::move(struts));
+    return Arm(std::move(links), gravity, std::move(seats), std::move(struts), std::move(contacts));
   });
 }
 

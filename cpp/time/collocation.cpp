@@ -223,6 +223,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   as_ = a_.col(middle);
   for (std::size_t k = 0; k < ws.loads.size(); ++k)
     derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
+  derivatives_->recall(ws);
   (*derivatives_)(*arm_, qs_, vs_, as_);
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
     ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), middle);

@@ -133,6 +133,7 @@ struct Simulation::Motion {
       }
     way.reached = events.reached;
     way.s.drive(way.reached);
+    way.s.remember();
     const Status begun = way.jump();
     if (status == Status::ok) status = begun;
     seen.start(way.reached);
@@ -160,7 +161,7 @@ struct Simulation::Motion {
     f(anchor);
     for (Eigen::VectorXd* x : {&s.q, &s.v, &s.a, &s.constant_tau, &s.ws.a, &s.ws.feedback_numbers})
       for (double& number : *x) f(number);
-    for (std::vector<double>* x : {&in.force, &in.reference})
+    for (std::vector<double>* x : {&in.force, &in.reference, &s.ws.remembered})
       for (double& number : *x) f(number);
     for (Vec6<double>& x : in.load)
       for (double& number : x) f(number);

@@ -131,6 +131,7 @@ void Stepper::begin() {
   for (const Contact& c : contacts_)
     if (std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
+  s.remember();
   look();
 }
 

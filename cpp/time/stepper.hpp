@@ -120,6 +120,7 @@ class Stepper {
       ++steps;
       found = seen(from, share * h);
     }
+    if (share > 0.0 && found == Status::ok && !enough) s.remember();
     return found == Status::ok && switched_ ? settle() : found;
   }
   /// `advance` by steps whose error is allowed.

@@ -125,6 +125,7 @@ bool System::record(Trajectory& out) {
   out.a.row(out.done) = a;
   out.tau.row(out.done) = ws.total;
   out.friction.row(out.done) = friction;
+  if (out.contacts.cols() > 0) contact_forces(ws, out.contacts.row(out.done).data());
   ++out.done;
   return true;
 }
@@ -157,6 +158,7 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
   out.events.resize(events.size());
   out.q.resize(t.size(), arm.nq());
   for (Trajectory::Rows* x : {&out.v, &out.a, &out.tau, &out.friction}) x->resize(t.size(), arm.nv());
+  out.contacts.resize(t.size(), 3 * static_cast<Eigen::Index>(arm.contacts().size()));
   out.reached = t[0];
   return out;
 }

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "arrays.hpp"
 #include "flexarm/problem.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
@@ -37,6 +38,8 @@ struct System {
     v = at_v;
     drive(t);
   }
+  /// Contacts with friction go on from the current state.
+  void remember() { remember_contacts(arm, ws, q, v); }
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
   Status accelerate(bool between = false);
   /// Runs the sampled controllers that are due up to time t, at the current state.

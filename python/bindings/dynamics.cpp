@@ -255,6 +255,24 @@ void bind_struts(py::class_<PyArm, Arm>& arm) {
       py::arg("q"), py::arg("v"), py::arg("driven"));
 }
 
+/// Of its contacts.
+void bind_contacts(py::class_<PyArm, Arm>& arm) {
+  arm.def(
+      "contact_motion",
+      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+        const auto n = static_cast<py::ssize_t>(self.contacts().size());
+        Answers out(q, {n, 3});
+        const auto lent = self.workspace();
+        Eigen::Matrix3Xd m;
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          contact_motion(self, *lent, rows(q).row(k), rows(v).row(k), m);
+          out[k] = m.transpose();
+        });
+        return out.all();
+      },
+      py::arg("q"), py::arg("v"));
+}
+
 /// Of the whole arm, and of its beams.
 void bind_sums(py::class_<PyArm, Arm>& arm) {
   arm.def(
@@ -316,5 +334,6 @@ void bind_dynamics(py::class_<PyArm, Arm>& arm) {
   bind_forces(arm);
   bind_motion(arm);
   bind_struts(arm);
+  bind_contacts(arm);
   bind_sums(arm);
 }

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "evaluation.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
@@ -262,6 +264,16 @@ void bind_links(py::module_& m) {
       .def_property_readonly("mass", &Link::mass);
 }
 
+/// A point of a strut or a contact: a link, "origin", "end" or "slice" of it, the slice's place, and the offset.
+using PyPoint = std::tuple<int, std::string, double, Eigen::Vector3d>;
+Strut::Point point_of(const PyPoint& from) {
+  const auto& [link, on, x, offset] = from;
+  const std::string places[] = {"origin", "end", "slice"};
+  const auto found = std::find(std::begin(places), std::end(places), on) - std::begin(places);
+  if (found == 3) bad_value("on", "\"" + on + "\"", "must be \"origin\", \"end\" or \"slice\"");
+  return {link, static_cast<Strut::Point::On>(found), x, offset};
+}
+
 std::vector<Arm::Seat> seats_of(const std::vector<std::pair<int, std::optional<double>>>& seats) {
   std::vector<Arm::Seat> out;
   for (const auto& [link, at] : seats) out.emplace_back(link, at);
@@ -296,27 +308,41 @@ void bind_model(py::module_& m) {
       .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
                   py::arg("world_axes"));
   py::class_<Strut>(m, "Strut")
-      .def(py::init([](const std::vector<std::tuple<int, std::string, double, Eigen::Vector3d>>& points,
-                       double stiffness, double damping, double length, double force, bool tension_only) {
+      .def(py::init([](const std::vector<PyPoint>& points, double stiffness, double damping, double length,
+                       double force, bool tension_only) {
              Strut strut{{}, stiffness, damping, length, force, tension_only};
-             for (const auto& [link, on, x, offset] : points) {
-               if (on != "origin" && on != "end" && on != "slice")
-                 bad_value("on", "\"" + on + "\"", "must be \"origin\", \"end\" or \"slice\"");
-               strut.points.push_back({link,
-                                       on == "origin" ? Strut::Point::origin
-                                       : on == "end"  ? Strut::Point::end
-                                                      : Strut::Point::slice,
-                                       x, offset});
-             }
+             for (const PyPoint& point : points) strut.points.push_back(point_of(point));
              return strut;
            }),
            py::arg("points"), py::arg("stiffness"), py::arg("damping"), py::arg("length"), py::arg("force"),
            py::arg("tension_only"));
+  py::class_<Contact>(m, "Contact")
+      .def(py::init([](const PyPoint& point, double radius, const std::string& kind, const PyPoint& at,
+                       const Eigen::Matrix3d& axes, const Eigen::Vector3d& size, double stiffness, double exponent,
+                       double damping, double coulomb, double tangential_stiffness) {
+             const std::string kinds[] = {"plane", "sphere", "box"};
+             const auto found = std::find(std::begin(kinds), std::end(kinds), kind) - std::begin(kinds);
+             if (found == 3) bad_value("kind", "\"" + kind + "\"", "must be \"plane\", \"sphere\" or \"box\"");
+             return Contact{point_of(point),
+                            radius,
+                            {static_cast<Surface::Kind>(found), point_of(at), axes, size},
+                            stiffness,
+                            exponent,
+                            damping,
+                            coulomb,
+                            tangential_stiffness};
+           }),
+           py::arg("point"), py::arg("radius"), py::arg("kind"), py::arg("at"), py::arg("axes"), py::arg("size"),
+           py::arg("stiffness"), py::arg("exponent"), py::arg("damping"), py::arg("coulomb"),
+           py::arg("tangential_stiffness"));
   arm.def(py::init([](std::vector<Link> links, const Eigen::Vector3d& gravity,
-                      const std::vector<std::pair<int, std::optional<double>>>& seats, std::vector<Strut> struts) {
-            return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats), std::move(struts));
+                      const std::vector<std::pair<int, std::optional<double>>>& seats, std::vector<Strut> struts,
+                      std::vector<Contact> contacts) {
+            return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats), std::move(struts),
+                                           std::move(contacts));
           }),
-          py::arg("links"), py::arg("gravity"), py::arg("seats"), py::arg("struts") = std::vector<Strut>{})
+          py::arg("links"), py::arg("gravity"), py::arg("seats"), py::arg("struts") = std::vector<Strut>{},
+          py::arg("contacts") = std::vector<Contact>{})
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

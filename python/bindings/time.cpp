@@ -50,6 +50,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["a"] = head(r.a);
   out["tau"] = head(r.tau);
   out["friction"] = r.rubs ? py::cast(head(r.friction)) : py::none();
+  out["contacts"] = head(r.contacts);
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;

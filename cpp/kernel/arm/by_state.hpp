@@ -1,8 +1,10 @@
-// Forces that follow from how several parts of an arm move: struts, and loads by their state. They act after the
-// outward pass: G f, a column of G for each strut's length, or for each direction in which the place of a load moves.
+// Forces that follow from how several parts of an arm move: struts, contacts, and loads by their state. They act after
+// the outward pass: G f, a column of G for each strut's length, or for each direction in which a contact, or the place
+// of a load, moves.
 // In the matrix of an implicit step, M + shift, they are G B G^T, B of their slopes, by Woodbury's formula.
 #pragma once
 
+#include "arm/contacts.hpp"
 #include "arm/state_loads.hpp"
 #include "arm/struts.hpp"
 #include "wide/small.hpp"
@@ -23,6 +25,10 @@ struct ByState {
     Force<Sp> on_frame;  ///< of the place, in its axes
     S* on_beam;          ///< on the coordinates of the beam that it is a slice of (ne)
   };
+  struct Touched {
+    ContactState<S> state;
+    S weights[Sp::linear * Sp::linear];  ///< its part of B
+  };
   struct Loaded {
     int load;
     S asked[kAsked + 1];       ///< what its law is asked with, and the time
@@ -32,16 +38,22 @@ struct ByState {
   Places<Sp> places;
   StrutState<S>* strut;
   StrutPoint<Sp>* point;  ///< of all struts, in order
+  Touched* touched;
+  ContactMemory<S>* memory;  ///< of contacts
   Loaded* loaded;
-  Pull* pull;              ///< of each point of a strut, and of each direction of a load
-  S *force, *G;            ///< f; G, by columns of nv
-  S* weight;               ///< of each strut: its part of B
-  S* solved;               ///< (M + shift without these forces)^-1 G
-  S* matrix;               ///< 1 + B G^T solved, factored
+  Pull* pull;    ///< of each point of a strut, and of each direction of both sides of a contact, and of a load
+  S *force, *G;  ///< f; G, by columns of nv
+  S* weight;     ///< of each strut: its part of B
+  S* solved;     ///< (M + shift without these forces)^-1 G
+  S* matrix;     ///< 1 + B G^T solved, factored
   typename C::Wide* turn;  ///< scratch: G^T x
 
-  static int columns(const Layout& layout) { return layout.struts + kWays * layout.state_loads; }
-  static int pulls(const Layout& layout) { return layout.strut_points + kWays * layout.state_loads; }
+  static int columns(const Layout& layout) {
+    return layout.struts + Sp::linear * layout.contacts + kWays * layout.state_loads;
+  }
+  static int pulls(const Layout& layout) {
+    return layout.strut_points + 2 * Sp::linear * layout.contacts + kWays * layout.state_loads;
+  }
 
   /// @param wide  scratch as wide as right-hand sides, one for each column
   void lay_out(const Layout& layout, int most_elastic, typename C::Wide* wide, Arena& arena) {
@@ -50,6 +62,8 @@ struct ByState {
     places.lay_out(layout, arena);
     arena.take(layout.struts, strut);
     arena.take(layout.strut_points, point);
+    arena.take(layout.contacts, touched);
+    arena.take_zeros(layout.contacts, memory);
     arena.take(layout.state_loads, loaded);
     arena.take(pulls(layout), pull);
     arena.take(n, force, weight);
@@ -76,7 +90,13 @@ struct ByState {
     for (int k = 0; k < layout.struts; ++k)
       for (int i = 0; i < layout.strut[k].points; ++i, ++at, ++p)
         if (at->place.node >= 0) visit(k, at->place, *p);
-    for (int k = layout.struts; k < columns(layout); ++k, ++p) visit(k, at[(k - layout.struts) / kWays].place, *p);
+    int column = layout.struts;
+    for (int k = 0; k < layout.contacts; ++k, column += Sp::linear)
+      for (int side = 0; side < 2; ++side, ++at)
+        for (int way = 0; way < Sp::linear; ++way, ++p)
+          if (at->place.node >= 0) visit(column + way, at->place, *p);
+    for (int k = 0; k < layout.state_loads; ++k, ++at)
+      for (int way = 0; way < kWays; ++way, ++p) visit(column++, at->place, *p);
   }
 
   /// All forces, where the chain has moved to q and v.
@@ -99,8 +119,36 @@ struct ByState {
       points += layout.strut[k].points;
       p += layout.strut[k].points;
     }
-    for (int k = 0; k < layout.state_loads; ++k, p += kWays)
-      ask(chain, loaded[k], at[k], q, v, p, force + layout.struts + k * kWays);
+    S* f = force + layout.struts;
+    for (int k = 0; k < layout.contacts; ++k, at += 2, p += 2 * Sp::linear, f += Sp::linear)
+      touch(chain, k, at, q, v, p, f);
+    for (int k = 0; k < layout.state_loads; ++k, p += kWays, f += kWays) ask(chain, loaded[k], at[k], q, v, p, f);
+  }
+  /// Contacts go on from where they were found.
+  template <class Mask>
+  void remember(const Layout& layout, const Mask& where) {
+    for (int k = 0; k < layout.contacts; ++k) {
+      S* to = view<S>(&memory[k]);
+      const S* from = view<const S>(&touched[k].state.now);
+      for (int i = 0; i < flexarm::lanes::kRemembered; ++i) to[i] = Lanes<S>::select(where, from[i], to[i]);
+    }
+  }
+  /// Of one arm: what it would remember.
+  void put_now(const Layout& layout, double* out) const {
+    for (int k = 0; k < layout.contacts; ++k, out += flexarm::lanes::kRemembered)
+      __builtin_memcpy(out, &touched[k].state.now, sizeof(memory[k]));
+  }
+  void recall(const Layout& layout, const double* remembered) {
+    S* to = view<S>(memory);
+    for (int i = 0; i < layout.contacts * flexarm::lanes::kRemembered; ++i) to[i] = number<S>(remembered[i]);
+  }
+  /// By three numbers each: on the arm, in the world.
+  template <class T>
+  void put_contact_forces(const Layout& layout, T* out) const {
+    for (int k = 0; k < layout.contacts; ++k) {
+      const auto f = touched[k].state.force();
+      for (const S& x : {f.x, f.y, f.z}) *out++ = x;
+    }
   }
 
   /// Adds `part` of them to the forces that bodies need.
@@ -147,6 +195,8 @@ struct ByState {
     for (int k = 0; k < n; ++k) solve(G + k * nv, solved + k * nv);
     for (int k = 0; k < layout.struts; ++k)
       weight[k] = shift.stiffness * strut[k].by_length + shift.damping * strut[k].by_rate;
+    for (int k = 0; k < layout.contacts; ++k)
+      weigh(layout, shift.stiffness, shift.damping, touched[k].state, touched[k].weights);
     for (int k = 0; k < layout.state_loads; ++k) weigh(layout, shift, loaded[k]);
     for (int j = 0; j < n; ++j) {
       S* column = view<S>(turn);
@@ -155,6 +205,20 @@ struct ByState {
       for (int i = 0; i < n; ++i) matrix[i * n + j] = column[i] + (i == j ? 1.0 : 0.0);
     }
     factor_small(matrix, n);
+  }
+  /// Adds G times the changes of the forces of struts and contacts where the coordinates change by x.
+  void add_stiffness(const Layout& layout, const S* x, S* out) const {
+    const int n = layout.struts + Sp::linear * layout.contacts, nv = layout.nv;
+    S* y = view<S>(turn);
+    times_G(nv, n, x, y);
+    for (int k = 0; k < layout.struts; ++k) y[k] *= strut[k].by_length;
+    S weights[Sp::linear * Sp::linear];
+    for (int k = 0; k < layout.contacts; ++k) {
+      weigh(layout, 1.0, 0.0, touched[k].state, weights);
+      times_block<Sp::linear>(weights, y + layout.struts + k * Sp::linear);
+    }
+    for (int k = 0; k < n; ++k)
+      for (int i = 0; i < nv; ++i) out[i] += G[k * nv + i] * y[k];
   }
   /// x = (M + shift)^-1 r, of one without these forces.
   template <class V>
@@ -226,6 +290,73 @@ struct ByState {
       out.J[k] = slice.J[k].linear + Sp::cross(slice.J[k].angular, across);
   }
 
+  /// Pose and velocity in the world of a place, of which `p` are the numbers but the first: its height across the
+  /// plane.
+  struct Stand {
+    Frame<Space<S>> frame;
+    Motion<Space<S>> u;
+  };
+  Stand stand(const Layout& layout, const Place& place, const Slice<Sp>& slice, const S& height) const {
+    const Moving<Sp>& on = moving(place);
+    S x[kAsked];
+    put_world(layout, on.at * slice.frame, on.in_world(slice.frame.shift(on.u) + slice.rate), height, x);
+    return {{{x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11]}, {x[0], x[1], x[2]}},
+            {{x[12], x[13], x[14]}, {x[15], x[16], x[17]}}};
+  }
+  static Stand world() {
+    const S o{}, one = number<S>(1.0);
+    return {{{one, o, o, o, one, o, o, o, one}, {o, o, o}}, Motion<Space<S>>::zero()};
+  }
+  /// Contact k of two sides. @param f  its force on the arm, in the directions of the world
+  void touch(C& chain, int k, const TiedPoint* sides, const S* q, const S* v, Pull* found, S* f) {
+    const Layout& layout = chain.layout;
+    const double* law = layout.tied_numbers + layout.contact[k].numbers * W;
+    const double *p = layout.tied_numbers + sides[0].numbers * W, *r = layout.tied_numbers + sides[1].numbers * W;
+    const S height = next<S>(p), across = next<S>(r);
+    const auto sphere = read<records::ContactSphere<Space<S>>>(p);
+    const auto surface = read<records::ContactSurface<Space<S>>>(r);
+    const Stand on = sides[1].place.node < 0
+                         ? world()
+                         : stand(layout, sides[1].place, chain.slice_of(sides[1].place, r, q, v), across);
+    const Slice<Sp>& slice = chain.slice_of(sides[0].place, p, q, v);
+    const Stand arm = stand(layout, sides[0].place, slice, height);
+    ContactState<S>& state = touched[k].state;
+    state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
+               layout.sticks ? memory + k : nullptr);
+    const auto pushed = state.force();
+    const S all[3] = {pushed.x, pushed.y, pushed.z};
+    for (int way = 0; way < Sp::linear; ++way) f[way] = all[world_axis(layout, way)];
+    pull_at(layout, sides[0].place, slice, state.at - arm.frame.r, 1.0, found);
+    if (sides[1].place.node >= 0)
+      pull_at(layout, sides[1].place, chain.slice_of(sides[1].place, r, q, v), state.at - on.frame.r, -1.0,
+              found + Sp::linear);
+  }
+  /// Unit forces along the world's axes on a point that a slice carries. @param arm  from the slice to it, in the world
+  void pull_at(const Layout& layout, const Place& place, const Slice<Sp>& slice, const typename Space<S>::Lin& arm,
+               double sign, Pull* found) const {
+    const S lever[6] = {arm.x, arm.y, arm.z};
+    const Lin r = read_wrench(Sp{}, layout, lever).force;
+    for (int way = 0; way < Sp::linear; ++way) {
+      Force<Sp> world = unit_force(layout, way, sign);
+      world.moment = Sp::moment(r, world.force);
+      pull_slice(layout, place, slice, world, found[way]);
+    }
+  }
+  static Force<Sp> unit_force(const Layout& layout, int way, double size = 1.0) {
+    S unit[6]{};
+    unit[world_axis(layout, way)] = number<S>(size);
+    return read_wrench(Sp{}, layout, unit);
+  }
+  /// A force on a slice, in the world's axes.
+  void pull_slice(const Layout& layout, const Place& place, const Slice<Sp>& slice, const Force<Sp>& world,
+                  Pull& found) const {
+    const Moving<Sp>& on = moving(place);
+    const Force<Sp> F{Sp::unrotate(on.at.R, world.force), Sp::unrotate_angular(on.at.R, world.moment)};
+    found.on_frame = slice.frame.shift_back(F);
+    if (place.on != Place::slice) return;
+    for (int j = 0; j < layout.node[place.node].ne; ++j) found.on_beam[j] = dot(slice.J[j], F);
+  }
+
   /// The world's axis of a direction of a load: 0 to 2 along, 3 to 5 about.
   static int world_axis(const Layout& layout, int way) {
     return !Sp::planar ? way : way < 2 ? layout.along[way] : 3 + layout.about;
@@ -237,20 +368,23 @@ struct ByState {
     const S height = next<S>(p);
     const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v);
     const Moving<Sp>& on = moving(tied.place);
-    const Frame<Sp> at = on.at * slice.frame;
-    put_world(layout, at, on.in_world(slice.frame.shift(on.u) + slice.rate), height, one.asked);
+    put_world(layout, on.at * slice.frame, on.in_world(slice.frame.shift(on.u) + slice.rate), height, one.asked);
     one.asked[kAsked] = chain.wrench[6 * one.load];
     S wrench[6];
     StateAnswers<S>::values(layout.load[one.load].by_state, one.asked, wrench);
     for (int way = 0; way < kWays; ++way) {
       f[way] = wrench[world_axis(layout, way)];
-      S unit[6]{};
-      unit[world_axis(layout, way)] = number<S>(1.0);
-      const Force<Sp> world = read_wrench(Sp{}, layout, unit);
-      const Force<Sp> F{Sp::unrotate(on.at.R, world.force), Sp::unrotate_angular(on.at.R, world.moment)};
-      found[way].on_frame = slice.frame.shift_back(F);
-      if (tied.place.on != Place::slice) continue;
-      for (int j = 0; j < layout.node[tied.place.node].ne; ++j) found[way].on_beam[j] = dot(slice.J[j], F);
+      pull_slice(layout, tied.place, slice, unit_force(layout, way), found[way]);
+    }
+  }
+  /// The part of B of a contact, where its place moves by s x, at d x.
+  static void weigh(const Layout& layout, double s, double d, const ContactState<S>& state, S* weights) {
+    for (int j = 0; j < Sp::linear; ++j) {
+      S unit[3]{};
+      unit[world_axis(layout, j)] = number<S>(1.0);
+      const auto fall = state.fall(s, d, {unit[0], unit[1], unit[2]});
+      const S all[3] = {fall.x, fall.y, fall.z};
+      for (int i = 0; i < Sp::linear; ++i) weights[i * Sp::linear + j] = all[world_axis(layout, i)];
     }
   }
   /// A load's part of B.
@@ -278,13 +412,16 @@ struct ByState {
   void times_B(const Layout& layout, V* y) const {
     for (int k = 0; k < layout.struts; ++k) y[k] = weight[k] * y[k];
     y += layout.struts;
-    for (int k = 0; k < layout.state_loads; ++k, y += kWays) {
-      V x[kWays];
-      for (int i = 0; i < kWays; ++i) x[i] = y[i];
-      for (int i = 0; i < kWays; ++i) {
-        y[i] = V{};
-        for (int j = 0; j < kWays; ++j) y[i] += loaded[k].weights[i * kWays + j] * x[j];
-      }
+    for (int k = 0; k < layout.contacts; ++k, y += Sp::linear) times_block<Sp::linear>(touched[k].weights, y);
+    for (int k = 0; k < layout.state_loads; ++k, y += kWays) times_block<kWays>(loaded[k].weights, y);
+  }
+  template <int n, class V>
+  static void times_block(const S* weights, V* y) {
+    V x[n];
+    for (int i = 0; i < n; ++i) x[i] = y[i];
+    for (int i = 0; i < n; ++i) {
+      y[i] = V{};
+      for (int j = 0; j < n; ++j) y[i] += weights[i * n + j] * x[j];
     }
   }
 };

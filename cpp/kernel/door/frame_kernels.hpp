@@ -34,6 +34,8 @@ struct FrameKernels {
   void (*reaction)(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
                    const double* q, const double* v, const double* a, double* out);
   void (*sums)(void* self, const double* q, const double* v, Sums& out);
+  /// Of each contact its gap and rate, and the normal force.
+  void (*contacts)(void* self, const double* q, const double* v, double* motion);
   /// Of each strut its length, rate and force, which a driven force adds to, and dl/dq (nv) behind those of the one
   /// before.
   void (*struts)(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q);

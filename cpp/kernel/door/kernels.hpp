@@ -42,7 +42,8 @@ class Scenarios {
   virtual bool look(long step, const double* q, const double* v, double* ended) = 0;
   /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
   virtual int wanted(long step) = 0;
-  virtual void row(const double* q, const double* v, const double* a, const double* tau, const int* status) = 0;
+  virtual void row(const double* q, const double* v, const double* a, const double* tau, const double* contacts,
+                   const int* status) = 0;
   /// Whether to go on.
   virtual bool alive(long step) = 0;
 
@@ -85,6 +86,7 @@ struct Roll {
 struct SlopesOf {
   const Layout &layout, &grouped;
   const double *numbers, *grouped_numbers;
+  const double* remembered;  ///< of contacts, in a run; or null
 };
 
 /// Outcome of a factorisation.
@@ -110,6 +112,10 @@ struct Kernels {
   void (*forces)(void* self, const double* a, double* tau);
   /// The mass matrix (nv x nv) where the chain is.
   void (*mass_matrix)(void* self, double* M);
+  /// What runs remember of contacts (kRemembered numbers each), and each one's force on the arm, in the world (3),
+  /// where the chain was moved last; null: not asked. `recall` sets what is remembered.
+  void (*contacts)(void* self, double* remembered, double* force);
+  void (*recall)(void* self, const double* remembered);
   /// Factors M + shift where the chain is, at rates v, and gives v^T M v.
   Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.

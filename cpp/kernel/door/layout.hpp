@@ -110,9 +110,9 @@ struct PlacedLoad {
   StateLaw by_state;
 };
 
-/// A place that is tied to others by a force: a point of a strut (node -1: of the world), whose first numbers are where
-/// it is in the axes of the place, or the place of a load by state, whose first number is its height across the plane;
-/// then those of the place.
+/// A place that is tied to others by a force (node -1: of the world): a point of a strut, whose first numbers are where
+/// it is in the axes of the place; or the place of a load by state, whose first number is its height across the plane;
+/// or one side of a contact: its height, and then those of its record. Behind these come the numbers of the place.
 struct TiedPoint {
   Place place;
   std::size_t numbers = 0;
@@ -122,6 +122,15 @@ struct StrutLine {
   bool tension_only = false;
   std::size_t numbers = 0;  ///< where its own begin (records::StrutLaw)
 };
+
+/// A sphere on the arm against a surface, as tied points one behind the other.
+struct ContactPair {
+  enum Kind { plane, sphere, box };
+  Kind kind = plane;
+  bool hertz = false;       ///< exponent 3/2, else 1
+  std::size_t numbers = 0;  ///< where its own begin (records::ContactLaw)
+};
+constexpr int kRemembered = 16;  ///< numbers that a run remembers of a contact, see ContactMemory
 
 struct Layout {
   bool planar = false;
@@ -140,10 +149,13 @@ struct Layout {
   const double* place_numbers = nullptr;  ///< of forks and loads
   int struts = 0, strut_points = 0, state_loads = 0;
   const StrutLine* strut = nullptr;
-  const TiedPoint* tied = nullptr;  ///< the points of all struts, and then the places of loads by state
+  int contacts = 0;
+  const ContactPair* contact = nullptr;
+  bool sticks = false;              ///< whether any contact has friction, so that runs remember it
+  const TiedPoint* tied = nullptr;  ///< the points of all struts, the sides of all contacts, places of loads by state
   const double* tied_numbers = nullptr;
   /// Whether there are forces by state (arm/by_state.hpp).
-  bool by_state() const { return struts > 0 || state_loads > 0; }
+  bool by_state() const { return struts > 0 || contacts > 0 || state_loads > 0; }
 };
 
 /// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.

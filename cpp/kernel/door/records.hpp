@@ -43,6 +43,26 @@ struct StrutLaw {
 };
 constexpr int kStrutLaw = 4;  ///< its numbers
 
+/// Of a contact (see Contact), and its two sides: the sphere's centre on the arm; where the surface is, its axes, and
+/// half its size.
+template <class T>
+struct ContactLaw {
+  using Number = T;
+  T stiffness, damping, coulomb, tangential, radius;
+};
+template <class Sp>
+struct ContactSphere {
+  using Number = typename Sp::Scalar;
+  typename Sp::Lin offset;
+};
+template <class Sp>
+struct ContactSurface {
+  using Number = typename Sp::Scalar;
+  typename Sp::Lin at;
+  typename Sp::Rot axes;
+  typename Sp::Lin half;
+};
+
 /// Where something sits on a frame, and how it is turned there.
 template <class Sp>
 struct Seat {

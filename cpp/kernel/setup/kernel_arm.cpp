@@ -4,6 +4,7 @@
 
 #include "door/records.hpp"
 #include "setup/sampled_tables.hpp"
+#include "space/space.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -61,6 +62,8 @@ void KernelArm::point() {
   layout_.place_numbers = place_numbers_.data();
   layout_.struts = static_cast<int>(struts_.size());
   layout_.strut = struts_.data();
+  layout_.contacts = static_cast<int>(contacts_.size());
+  layout_.contact = contacts_.data();
   layout_.tied = tied_.data();
   layout_.tied_numbers = tied_numbers_.data();
 }
@@ -84,6 +87,7 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   place_numbers_ = other.place_numbers_;
   heights_ = other.heights_;
   struts_ = other.struts_;
+  contacts_ = other.contacts_;
   tied_ = other.tied_;
   tied_sizes_ = other.tied_sizes_;
   tied_numbers_ = other.tied_numbers_;
@@ -171,6 +175,7 @@ void KernelArm::group_place(const Place& place, std::size_t size, const KernelAr
 }
 
 void KernelArm::group_tied(const KernelArm& alone, int width) {
+  using Sp = ::Space<double>;
   const double* p = alone.tied_numbers_.data();
   std::size_t at = 0;
   tied_numbers_.clear();
@@ -188,6 +193,12 @@ void KernelArm::group_tied(const KernelArm& alone, int width) {
     line.numbers = tied_numbers_.size();
     move(static_cast<std::size_t>(records::kStrutLaw + line.points - 1));
     for (int i = 0; i < line.points; ++i) move_tied(layout_.planar ? 2 : 3);
+  }
+  for (ContactPair& pair : contacts_) {
+    pair.numbers = tied_numbers_.size();
+    move(sizeof(records::ContactLaw<double>) / sizeof(double));
+    move_tied(1 + sizeof(records::ContactSphere<Sp>) / sizeof(double));
+    move_tied(1 + sizeof(records::ContactSurface<Sp>) / sizeof(double));
   }
   while (at < tied_.size()) move_tied(1);
 }

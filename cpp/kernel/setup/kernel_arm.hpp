@@ -71,6 +71,8 @@ class KernelArm {
   /// Numbers of a load of `alone`, for packs of points.
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void put_struts(const Arm& arm);
+  void put_contacts(const Arm& arm);
+  void put_point(const Arm& arm, const flexarm::Strut::Point& point, std::size_t numbers);
   void put_by_state(const Arm& arm, const Load& load, PlacedLoad& out);
   /// Behind the numbers that a tied point has of its own.
   void put_tied(std::size_t numbers, const Spot& spot);
@@ -99,6 +101,7 @@ class KernelArm {
   Numbers place_numbers_;        ///< of forks and loads
   std::vector<double> heights_;  ///< of each node across the plane
   std::vector<StrutLine> struts_;
+  std::vector<ContactPair> contacts_;
   std::vector<TiedPoint> tied_;          ///< see Layout
   std::vector<std::size_t> tied_sizes_;  ///< how many numbers the place of each has
   Numbers tied_numbers_;

@@ -284,6 +284,7 @@ KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   for (std::size_t n = 0; n < arm.size(); ++n) b.add_link(n);
   b.out.find_branches();
   b.out.put_struts(arm);
+  b.out.put_contacts(arm);
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

@@ -120,14 +120,47 @@ void KernelArm::put_struts(const Arm& arm) {
       tied_numbers_.push_back(across * across);
     }
     for (const Point& point : strut.points) {
-      const std::size_t numbers = tied_numbers_.size(), link = static_cast<std::size_t>(point.link);
+      const std::size_t numbers = tied_numbers_.size();
       in_axes(axes_of(layout_), [&](auto to) { put_record(tied_numbers_, to.lin(point.offset)); });
-      put_tied(numbers, point.link < 0              ? Spot{{Place::frame, -1}, {}}
-                        : point.on == Point::origin ? origin(link)
-                        : point.on == Point::end    ? end(link)
-                                                    : slice(arm, link, arm.link(link).slice_at(point.x)));
+      put_point(arm, point, numbers);
     }
     layout_.strut_points += static_cast<int>(strut.points.size());
+  }
+}
+
+void KernelArm::put_point(const Arm& arm, const flexarm::Strut::Point& point, std::size_t numbers) {
+  using Point = flexarm::Strut::Point;
+  const std::size_t link = static_cast<std::size_t>(point.link);
+  put_tied(numbers, point.link < 0              ? Spot{{Place::frame, -1}, {}}
+                    : point.on == Point::origin ? origin(link)
+                    : point.on == Point::end    ? end(link)
+                                                : slice(arm, link, arm.link(link).slice_at(point.x)));
+}
+
+void KernelArm::put_contacts(const Arm& arm) {
+  using Sp = ::Space<double>;
+  const Written<Sp> to{Axes{}};
+  const auto height_of = [&](flexarm::Strut::Point point) {
+    point.offset.setZero();
+    return height(arm, point);
+  };
+  for (const flexarm::Contact& c : arm.contacts()) {
+    const Surface& on = c.against;
+    const auto kind = static_cast<ContactPair::Kind>(on.kind);
+    contacts_.push_back({kind, c.exponent != 1.0, tied_numbers_.size()});
+    for (int x : {int(kind), int(contacts_.back().hertz), int(c.coulomb > 0.0)}) structure_.push_back(x);
+    put_record(tied_numbers_,
+               records::ContactLaw<double>{c.stiffness, c.damping, c.coulomb, c.tangential_stiffness, c.radius});
+    layout_.sticks = layout_.sticks || c.coulomb > 0.0;
+    std::size_t numbers = tied_numbers_.size();
+    tied_numbers_.push_back(height_of(c.point));
+    put_record(tied_numbers_, records::ContactSphere<Sp>{to.lin(c.point.offset)});
+    put_point(arm, c.point, numbers);
+    numbers = tied_numbers_.size();
+    tied_numbers_.push_back(height_of(on.at));
+    put_record(tied_numbers_, records::ContactSurface<Sp>{to.lin(on.at.offset), to.rot(on.axes),
+                                                          to.lin((on.kind == Surface::box ? 0.5 : 1.0) * on.size)});
+    put_point(arm, on.at, numbers);
   }
 }
 

@@ -99,6 +99,10 @@ class Slopes {
         motion_((layout_.attitudes ? 3 : 2) * Sp::angular + Sp::linear) {
     dual_ = make_chain<C>(layout_, of.numbers, arena);
     value_ = make_chain<Value>(of.grouped, of.grouped_numbers, arena);
+    if (of.remembered && !arena.counts()) {
+      dual_->by_state->recall(layout_, of.remembered);
+      value_->by_state->recall(layout_, of.remembered);
+    }
     bodies_ = arena.take_lines<BodySlopes<Sp>>(1);
     BodySlopes<Sp> bodies(of, arena);
     if (bodies_) new (bodies_) BodySlopes<Sp>(bodies);

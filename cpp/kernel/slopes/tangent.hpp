@@ -110,6 +110,11 @@ Dual<T, D, count> widen(const Dual<T, D, count>& x, const Dual<T, D, count>&) {
 template <class T, class D, int count>
 void sum_lanes(const Dual<T, D, count>*, int, const Dual<T, D, count>*) {}
 
+template <class T, class D, int count>
+Dual<T, D, count> constant(const Dual<T, D, count>& x) {
+  return Dual<T, D, count>{} + x.x;
+}
+
 // --- A direction in each lane. ---
 
 using LaneDual = Dual<double, Pack, (FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1)>;

@@ -73,6 +73,12 @@ struct Rolled {
     ::solve(chain, r, x);
     return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
+  /// What a run remembers of contacts goes on from here.
+  void remember(const S* q, const S* v, const Mask& where) {
+    if (!chain.layout.sticks) return;
+    chain.move(q, v);
+    chain.by_state->remember(chain.layout, where);
+  }
   /// Accelerations into x, which holds those that are given.
   Mask accelerate(const S* q, const S* v, const S* tau, S* x) {
     for (int i = 0; i < nv; ++i) total[i] = tau[i];
@@ -95,7 +101,7 @@ struct Roller {
   Roll& job;
   Arms arms;
   Method method;
-  S *q, *v, *tau, *x, *y, *forces, *changed;
+  S *q, *v, *tau, *x, *y, *forces, *touched, *changed;
   Mask lost = L::everywhere(false);
 
   Roller(Roll& j, Arena& arena) : job(j), arms(j, arena) {
@@ -103,6 +109,7 @@ struct Roller {
     arena.take(nq, q);
     arena.take(nv, v, tau, y, forces);
     arena.take_zeros(nv, x);
+    arena.take(3 * j.layout->contacts, touched);
     arena.take(1, changed);
     arms.laws.given = tau;
     method.lay_out(arena, nq, nv, j.rubbing, j.rubs, j.options);
@@ -151,6 +158,7 @@ struct Roller {
     lose(bad & L::none_of(finite(tau)), flexarm::lanes::not_finite, step);
     lose(bad, Method::unsolved, step);
     const Mask other = method.accept(h, v, x, good);
+    arms.remember(q, v, good);
     if (L::any(other)) begin(other, step);
   }
 
@@ -188,7 +196,9 @@ struct Roller {
         forces[job.rubbing[c]] += L::select(speed > 0.0, most, L::select(speed < 0.0, -most, S{}));
       }
     }
-    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), job.status);
+    if (wanted > 1 && arms.chain.layout.contacts > 0)
+      arms.chain.by_state->put_contact_forces(arms.chain.layout, touched);
+    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), raw(touched), job.status);
   }
 
   /// From the state in `memory` (see isa.cpp).
@@ -197,6 +207,7 @@ struct Roller {
     for (int i = 0; i < arms.nv; ++i) v[i] = arms.of(v0, i);
     arms.normalise(q);
     set(0);
+    arms.remember(q, v, L::everywhere(true));
     change(0);
     begin(L::everywhere(true), 0);
     if (job.watched) job.scenarios->look(0, raw(q), raw(v), raw(changed));

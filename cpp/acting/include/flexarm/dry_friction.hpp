@@ -1,6 +1,7 @@
 // Dry friction of an arm's joints, and its treatment by methods without it. Its law is that of JointForce.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "flexarm/arm.hpp"
@@ -19,5 +20,8 @@ struct Rub {
 std::vector<Rub> rubs(const Arm& arm);
 /// @throws std::invalid_argument where the arm has dry friction, naming the joint and the value
 void refuse_friction(const Arm& arm, const char* method);
+
+/// @throws std::invalid_argument for contacts with friction, whose past `what` does not know
+void refuse_sticking(const Arm& arm, const std::string& what);
 
 }  // namespace flexarm

@@ -41,6 +41,7 @@ struct BatchProblem {
 
   int row_q() const { return nq > 0 ? nq : problems[0]->arm->nq(); }
   int row_v() const { return nv > 0 ? nv : problems[0]->arm->nv(); }
+  int row_contacts() const { return 3 * static_cast<int>(problems[0]->arm->contacts().size()); }
   Eigen::Index rows() const { return (t.size() - 1) / every + 1; }
   const Problem& of(Eigen::Index scenario) const {
     return *problems[problems.size() == 1 ? 0 : static_cast<std::size_t>(scenario)];
@@ -59,10 +60,11 @@ enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done
 /// failure or a terminal event are nan.
 struct BatchOutput {
   double *q = nullptr, *v = nullptr, *a = nullptr, *tau = nullptr;  ///< nq, nv, nv, nv
-  int* status = nullptr;                                            ///< BatchStatus of each scenario
-  double* reached = nullptr;                                        ///< time reached (s) of each
-  std::vector<EventLog>* events = nullptr;                          ///< of each: the occurrences of each of its events
-  std::string* failure = nullptr;                                   ///< of each run of an integrator: why it ended
+  double* contacts = nullptr;               ///< forces of the contacts on the arm, in the world: three numbers each
+  int* status = nullptr;                    ///< BatchStatus of each scenario
+  double* reached = nullptr;                ///< time reached (s) of each
+  std::vector<EventLog>* events = nullptr;  ///< of each: the occurrences of each of its events
+  std::string* failure = nullptr;           ///< of each run of an integrator: why it ended
   /// Of each; of the kernels' scenarios steps, failed_steps and doubt.
   SimulationStats* stats = nullptr;
 };

@@ -94,6 +94,10 @@ struct StrutMotion {
 void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                   const Eigen::VectorXd& driven, StrutMotion& out);
 
+/// Of each of the arm's contacts, a column: gap (m), its rate (m/s), and the normal force (N).
+void contact_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                    Eigen::Matrix3Xd& out);
+
 struct Energy {
   double kinetic;    ///< J
   double potential;  ///< elastic, less sum of m g . p from the world's origin (J)

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "flexarm/contact.hpp"
 #include "flexarm/link.hpp"
 #include "flexarm/made_once.hpp"
 #include "flexarm/strut.hpp"
@@ -49,9 +50,10 @@ class Arm {
   /// @param gravity  world axes (m/s^2); a joint on the world sits at its origin, in its axes
   /// @param seats  of each link, that of its joint: on a link before it, or kWorld. Empty: a chain
   /// @param struts struts and tendons between points of the links and of the world
+  /// @param contacts of points of the links with surfaces
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
   explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
-               std::vector<Seat> seats = {}, std::vector<Strut> struts = {});
+               std::vector<Seat> seats = {}, std::vector<Strut> struts = {}, std::vector<Contact> contacts = {});
 
   const std::vector<Link>& links() const { return links_; }
   std::size_t size() const { return links_.size(); }
@@ -62,6 +64,9 @@ class Arm {
   const std::optional<double>& at(std::size_t n) const { return seats_[n].at; }
   const std::vector<Seat>& seats() const { return seats_; }
   const std::vector<Strut>& struts() const { return struts_; }
+  const std::vector<Contact>& contacts() const { return contacts_; }
+  /// Whether any contact has friction, which depends on the way that it has come.
+  bool sticks() const;
   /// Whether every link sits on the end of the one before it.
   bool is_chain() const;
   const Eigen::Vector3d& gravity() const { return gravity_; }
@@ -92,7 +97,9 @@ class Arm {
   const MadeOnce& kept() const { return kept_; }
 
  private:
+  void check(const Strut::Point& point, const std::string& name) const;
   void check(const Strut& strut, const std::string& name) const;
+  void check(const Contact& contact, const std::string& name) const;
   void check_seat(std::size_t n) const;
   /// Every coordinate must move some inertia, or no force law gives its acceleration.
   void check_inertia() const;  // inertia_check.cpp
@@ -102,6 +109,7 @@ class Arm {
   std::vector<Seat> seats_;
   std::vector<int> first_, first_q_, coordinate_of_;
   std::vector<Strut> struts_;
+  std::vector<Contact> contacts_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;

@@ -39,6 +39,7 @@ struct Trajectory {
   Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
   Rows friction;      ///< forces of dry friction
   bool rubs = false;  ///< whether there is any
+  Rows contacts;      ///< forces of the contacts on the arm, in the world: three numbers each
   Eigen::Index done = 0;
   double reached = 0.0;          ///< time reached (s)
   std::string failure;           ///< empty when all is done

@@ -1,0 +1,171 @@
+// Contacts of spheres on an arm with surfaces (see Contact): always in space, though the arm may move in a plane.
+#pragma once
+
+#include "arm/state_loads.hpp"
+#include "door/records.hpp"
+
+namespace {
+
+using flexarm::lanes::ContactPair;
+
+constexpr double kNoLength = 1e-60;  // added to the square of a length, so that it has a direction where it is zero
+
+/// What a contact remembers from the last step that counts on: its bristles, how far they are bent, in the axes of the
+/// surface; and the frame on the arm, as the surface saw it. Not of a run, there is no `known`: then they begin unbent.
+template <class S>
+struct ContactMemory {
+  using Sp = Space<S>;
+  S known;
+  typename Sp::Lin bent;
+  Frame<Sp> frame;
+};
+static_assert(sizeof(ContactMemory<double>) == flexarm::lanes::kRemembered * sizeof(double), "what runs remember");
+
+/// Without derivatives, if these are dual numbers (slopes/tangent.hpp).
+template <class S>
+S constant(const S& x) {
+  return x;
+}
+
+/// A contact where the arm is. Vectors are in the axes of the surface, but for those of the world.
+template <class S>
+struct ContactState {
+  using L = Lanes<S>;
+  using Sp = Space<S>;
+  using Lin = typename Sp::Lin;
+  using Rot = typename Sp::Rot;
+
+  Rot axes;           ///< of the surface, in the world
+  Lin at;             ///< where it touches, in the world
+  S gap, rate, push;  ///< m, m/s; the normal force (N)
+  S by_gap, by_rate;  ///< by which the push falls
+  Lin normal, slip;   ///< away from the surface; velocity along it
+  Lin drag;           ///< friction, less its sign
+  ContactMemory<S> now;
+  S coulomb, stiffness, damping;  ///< of friction; zero where there is none
+  S damping_by_push, bend_by_push;
+  S bends, drags;              ///< parts of a change that are left across the directions below, where
+  S bent_most, drag_most;      ///< the spring, or the whole, is at its limit (1, else 0)
+  Lin bent_along, drag_along;  ///< in which spring and drag have their limits
+
+  /// @param arm, on  the places of the sphere and of the surface in the world, and velocities of their origins
+  void find(const ContactPair& pair, const records::ContactLaw<S>& law, const records::ContactSphere<Sp>& sphere,
+            const records::ContactSurface<Sp>& surface, const Frame<Sp>& arm, const Motion<Sp>& arm_u,
+            const Frame<Sp>& on, const Motion<Sp>& on_u, const ContactMemory<S>* memory) {
+    axes = Sp::times(on.R, surface.axes);
+    const Lin origin = on.r + Sp::rotate(on.R, surface.at);
+    now.frame = {Sp::times(transposed(axes), arm.R), Sp::unrotate(axes, arm.r - origin)};
+    const Lin centre = now.frame.r + Sp::rotate(now.frame.R, sphere.offset);
+    look(pair.kind, surface.half, law.radius, centre);
+    const Lin touch = centre - law.radius * normal;
+    at = origin + Sp::rotate(axes, touch);
+    const Lin u =
+        arm_u.linear + Sp::cross(arm_u.angular, at - arm.r) - on_u.linear - Sp::cross(on_u.angular, at - on.r);
+    slip = Sp::unrotate(axes, u);
+    rate = Sp::dot(normal, slip);
+    slip = across(slip);
+    press(pair.hertz, law);
+    const ContactMemory<S> before = begin(memory);
+    const Lin in = Sp::unrotate(now.frame.R, touch - now.frame.r);  // on the arm
+    rub(law, before.bent + touch - before.frame.r - Sp::rotate(before.frame.R, in));
+  }
+
+  /// On the arm, in the world.
+  Lin force() const { return Sp::rotate(axes, push * normal - drag); }
+
+  /// By which it falls where the arm's point moves by s x, at d x; in the world.
+  Lin fall(double s, double d, const Lin& world) const {
+    const Lin x = Sp::unrotate(axes, world), along = across(x);
+    const S more = -(s * by_gap + d * by_rate) * Sp::dot(normal, x);  // push
+    const Lin bent = (s * bends) * (along - (bent_most * Sp::dot(bent_along, along)) * bent_along) +
+                     (bent_most * bend_by_push * more) * bent_along;
+    const Lin free = stiffness * bent + (d * damping) * along + (damping_by_push * more) * slip;
+    const Lin held = drags * (free - (drag_most * Sp::dot(drag_along, free)) * drag_along) +
+                     (drag_most * coulomb * more) * drag_along;
+    return Sp::rotate(axes, held - more * normal);
+  }
+
+ private:
+  static Rot transposed(const Rot& R) { return {R.xx, R.yx, R.zx, R.xy, R.yy, R.zy, R.xz, R.yz, R.zz}; }
+  Lin across(const Lin& x) const { return x - Sp::dot(normal, x) * normal; }
+  static S length(const Lin& x) { return L::root(Sp::dot(x, x) + kNoLength); }
+
+  /// Gap and normal of a sphere whose centre is at y.
+  void look(ContactPair::Kind kind, const Lin& half, const S& radius, const Lin& y) {
+    const S one = number<S>(1.0), o{};
+    if (kind == ContactPair::plane) {
+      gap = y.z - radius;
+      normal = {o, o, one};
+      return;
+    }
+    if (kind == ContactPair::sphere) {
+      const S far = length(y);
+      gap = far - half.x - radius;
+      normal = (1.0 / far) * y;
+      return;
+    }
+    const auto side = [&](const S& x) { return L::select(x < 0.0, -one, one); };
+    const Lin beyond{L::size(y.x) - half.x, L::size(y.y) - half.y, L::size(y.z) - half.z};
+    const Lin out{side(y.x) * L::larger(beyond.x, o), side(y.y) * L::larger(beyond.y, o),
+                  side(y.z) * L::larger(beyond.z, o)};
+    const S far = length(out), near = L::larger(beyond.x, L::larger(beyond.y, beyond.z));
+    const auto inside = near < 0.0;  // then the nearest face
+    const auto by_x = (beyond.x > beyond.y) & (beyond.x > beyond.z), by_y = L::none_of(by_x) & (beyond.y > beyond.z);
+    const auto by_z = L::none_of(by_x | by_y);
+    gap = L::select(inside, near, far) - radius;
+    const Lin away = (1.0 / far) * out;
+    normal = {L::select(inside, L::select(by_x, side(y.x), o), away.x),
+              L::select(inside, L::select(by_y, side(y.y), o), away.y),
+              L::select(inside, L::select(by_z, side(y.z), o), away.z)};
+  }
+
+  /// The normal force.
+  void press(bool hertz, const records::ContactLaw<S>& law) {
+    const S o{}, depth = L::larger(-gap, o), root = hertz ? L::root(depth + kNoLength) : number<S>(1.0);
+    const S spring = law.stiffness * depth * root, damped = 1.0 - law.damping * rate;
+    push = spring * damped;
+    const auto acts = push > 0.0;
+    push = L::select(acts, push, o);
+    by_gap = L::select(acts, ((hertz ? 1.5 : 1.0) * law.stiffness) * root * damped, o);
+    by_rate = L::select(acts, spring * law.damping, o);
+  }
+
+  /// Of a run, what it remembers.
+  ContactMemory<S> begin(const ContactMemory<S>* memory) const {
+    ContactMemory<S> out = now;
+    S* x = view<S>(&out);
+    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = i < 4 ? S{} : constant(x[i]);
+    if (!memory) return out;
+    const S* kept = view<const S>(memory);
+    const auto known = kept[0] > 0.5;
+    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = L::select(known, kept[i], x[i]);
+    return out;
+  }
+
+  /// Friction. @param bent  the spring, if it did not give way
+  void rub(const records::ContactLaw<S>& law, const Lin& bent) {
+    const S one = number<S>(1.0), o{};
+    const auto rubs = law.coulomb > 0.0;
+    coulomb = law.coulomb;
+    stiffness = L::select(rubs, law.tangential, o);
+    damping_by_push = L::select(rubs, law.damping, o);
+    damping = damping_by_push * push;
+    bend_by_push = coulomb / L::select(rubs, law.tangential, one);
+    const auto limit = [&](const Lin& x, const S& most, S& left, S& limited, Lin& along) {
+      const S size = length(x);
+      const auto beyond = size > most;
+      left = L::select(beyond, most / size, one);
+      limited = L::select(beyond, one, o);
+      along = (1.0 / size) * x;
+    };
+    now.known = one;
+    now.bent = across(bent);
+    limit(now.bent, bend_by_push * push, bends, bent_most, bent_along);
+    now.bent = bends * now.bent;
+    drag = stiffness * now.bent + damping * slip;
+    limit(drag, coulomb * push, drags, drag_most, drag_along);
+    drag = drags * drag;
+  }
+};
+
+}  // namespace
