@@ -30,6 +30,7 @@ from .model.parts.patch import Patch as Patch, Piezo as Piezo
 from .model.parts.split import split as split
 from .model.parts.look import Look as Look
 from .model.parts.strut import Point as Point, Strut as Strut, Tendon as Tendon
+from .model.parts.contact import Contact as Contact, Plane as Plane, Sphere as Sphere, Box as Box
 from .robots.chain import Flexible as Flexible
 from .model.acting.drive import Motion as Motion, Torque as Torque
 from .model.acting.drive import Voltage as Voltage
@@ -47,6 +48,7 @@ from .run.scene.robot import from_urdf as from_urdf, from_mjcf as from_mjcf
 from .run.simulation import simulate as simulate, SimulationError as SimulationError
 from .run.result import Result as Result
 from .run.stepping import Simulation as Simulation
+from .run.touch import Touch as Touch, Release as Release
 from .run.integrators import Ida as Ida, Implicit as Implicit, Gauss as Gauss, RK4 as RK4
 from .run.watch import Watch as Watch
 from .loop.closed_loop import closed_loop as closed_loop

@@ -241,6 +241,7 @@ class Arm(ArmAlone):
         gravity: ArrayLike,
         seats: Sequence[tuple[int, float | None]],
         struts: Sequence[Strut] = ...,
+        contacts: Sequence[Contact] = ...,
     ) -> None: ...
     @property
     def nq(self) -> int: ...
@@ -318,6 +319,23 @@ class Arm(ArmAlone):
     def deflection(self, q: ArrayLike, link: int, x: float) -> _Array: ...
     def strain(self, q: ArrayLike, link: int, x: float) -> _Array: ...
     def strut_motion(self, q: ArrayLike, v: ArrayLike, driven: ArrayLike) -> tuple[_Array, _Array]: ...
+    def contact_motion(self, q: ArrayLike, v: ArrayLike) -> _Array: ...
+
+class Contact:
+    def __init__(
+        self,
+        point: tuple[int, str, float, ArrayLike],
+        radius: float,
+        kind: str,
+        at: tuple[int, str, float, ArrayLike],
+        axes: ArrayLike,
+        size: ArrayLike,
+        stiffness: float,
+        exponent: float,
+        damping: float,
+        coulomb: float,
+        tangential_stiffness: float,
+    ) -> None: ...
 
 class Strut:
     def __init__(

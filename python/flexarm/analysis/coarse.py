@@ -60,7 +60,7 @@ _MOVES = {
 
 
 def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int]:
-    """The rates of joints that something drives or holds, struts too. Others pass no force on."""
+    """The rates of joints that something drives or holds, struts and contacts too. Others pass no force on."""
     if control:
         return frozenset(range(arm.nv))
     held = set(arm.by_rate("drive", split_drives(arm, drive)[0]))
@@ -70,6 +70,8 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
             held |= set(arm.joint_rates(k))
     if arm.struts:
         held |= set(np.flatnonzero(arm.strut_jacobian(arm.zero).any(axis=0)).tolist())
+    if arm.contacts:
+        held |= set(np.flatnonzero(arm.contact_jacobian(arm.zero).any(axis=0)).tolist())
     return frozenset(held)
 
 
@@ -85,7 +87,7 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     for j, n in list(at.items())[1:]:
         link, parent = arm.links[j], at[arm.parents[j]]
         links.append(link if link.parent is None and parent == n - 1 else replace(link, parent=parent))
-    rest = arm._alike(links, struts=())
+    rest = arm._alike(links, struts=(), contacts=())
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [
@@ -105,9 +107,17 @@ def _on_end(arm: Chain, k: int) -> list[int]:
     return [j for j in arm.children(k) if arm.seats[j][1] is None]
 
 
-def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float]]:
-    """The sizes of force (N) and moment (N m) that loads of time put on the end of a link's beam, by link."""
+def _end_loads(arm: Chain, loads: Any, run: tuple[Array, Array, Array]) -> dict[int, tuple[float, float]]:
+    """The sizes of force (N) and moment (N m) that loads of time, and contacts, put on the end of a link's beam, by
+    link."""
     out: dict[int, tuple[float, float]] = {}
+    t, q, v = run
+    if arm.contacts and len(q):
+        for sides, most in zip(arm._touching, arm.contact_motion(q, v)[2].max(axis=0).tolist(), strict=True):
+            for k, on, x, _ in sides:
+                beam = arm.links[k].beam if k >= 0 else None
+                if beam is not None and (on == "end" or (on == "slice" and x == beam.length)):
+                    out[k] = out.get(k, (0.0, 0.0))[0] + most, 0.0
     for load in loads or ():
         k = arm._link(load.link)
         beam = arm.links[k].beam
@@ -186,7 +196,7 @@ def coarse(
     or the part left out under a force on the end, is more than `_TIP_ERROR` of the beam's length. A strain that stays
     zero while the arm moves is right.
     """
-    pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
+    pulls = _end_loads(arm, loads, run) if run is not None and (loads or arm.contacts) else {}
     with suppress(ValueError):  # their loads are beyond rounding
         for s in _all_stiffened(arm, _held_rates(arm, drive, control, tau), pulls):
             yield from _findings(arm, s, run)

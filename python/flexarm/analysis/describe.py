@@ -10,15 +10,20 @@ import numpy as np
 from .._console import aligned
 from ..model.parts.beam import Beam
 from ..model.parts.chain import Chain
+from ..model.parts.contact import Box, Plane, Sphere
 from ..model.parts.joints import Fixed
-from ..model.parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
+from ..model.parts.sections import Box as BoxSection
+from ..model.parts.sections import Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
 from ..model.parts.shapes import curvature_at
-from ..model.parts.strut import WORLD, Point, Tendon
+from ..model.parts.strut import WORLD, Tendon
 from ..model.parts.taper import Taper
 from .modes import locked_modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
 _STRUT_HEADS = ("strut", "kind", "between", "at zero (m)", "unstressed (m)", "N/m", "N s/m", "force (N)")
+_CONTACT_HEADS = (
+    "contact", "point", "radius (m)", "against", "gap at zero (m)", "stiffness", "damping (s/m)", "coulomb",
+)  # fmt: skip
 
 
 def _size(beam: Beam) -> str:
@@ -36,7 +41,7 @@ def _section(beam: Beam) -> str:
     section = beam.section
     if isinstance(section, Taper):
         words = f"taper of {len(section.x)}"
-    elif isinstance(section, (Rectangle, Ellipse, Box, IBeam)):
+    elif isinstance(section, (Rectangle, Ellipse, BoxSection, IBeam)):
         name = "" if isinstance(section, Rectangle) else section.type.replace("i_beam", "I-beam") + " "
         words = f"{name}{section.y:.4g} x {section.z:.4g}"
     elif isinstance(section, (Circle, Tube)):
@@ -73,7 +78,7 @@ def _row(k: int, arm: Chain) -> list[str]:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     try:  # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)], struts=())
+        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)], struts=(), contacts=())
         clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
     except ValueError:  # it has no inertia of its own
         clamped = "-"
@@ -92,8 +97,33 @@ def _strut_rows(arm: Chain) -> list[Sequence[str]]:
     return rows
 
 
-def _point(point: Point, arm: Chain) -> str:
-    offset = f"({', '.join(f'{x:.3g}' for x in point.offset)})"
+def _contact_rows(arm: Chain) -> list[Sequence[str]]:
+    gaps = arm.contact_motion(arm.zero)[0]
+    rows: list[Sequence[str]] = [_CONTACT_HEADS]
+    for k, c in enumerate(arm.contacts):
+        unit = "N/m" if c.exponent == 1.0 else f"N/m^{c.exponent:g}"
+        rows.append(
+            [f"{k} {c.name or ''}".rstrip(), _point(c.point, arm), f"{c.radius:.4g}", _surface(c.against, arm),
+             f"{gaps[k]:.4g}", f"{c.stiffness:.4g} {unit}", f"{c.damping:.4g}", f"{c.coulomb:.4g}"]
+        )  # fmt: skip
+    return rows
+
+
+def _surface(surface: Plane | Sphere | Box, arm: Chain) -> str:
+    where = f"{surface.type}, {_point(surface.at, arm)}"
+    if isinstance(surface, Plane):
+        return f"{where}, normal {_triple(surface.normal)}"
+    if isinstance(surface, Sphere):
+        return f"{where}, radius {surface.radius:.4g}"
+    return f"{where}, {' x '.join(f'{x:.4g}' for x in surface.size)}"
+
+
+def _triple(numbers: Sequence[float]) -> str:
+    return f"({', '.join(f'{x:.3g}' for x in numbers)})"
+
+
+def _point(point: Any, arm: Chain) -> str:
+    offset = _triple(point.offset)
     if point.link == WORLD:
         return f"world {offset}"
     at = point.at if isinstance(point.at, str) else f"{point.at:.4g} m"
@@ -119,6 +149,7 @@ def describe(arm: Chain) -> str:
         *aligned(rows),
         "",
         *([*aligned(_strut_rows(arm)), ""] if arm.struts else []),
+        *([*aligned(_contact_rows(arm)), ""] if arm.contacts else []),
         f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
         + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),
         f"mass            {mass:.6g} kg",

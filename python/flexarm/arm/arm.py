@@ -43,6 +43,7 @@ class Arm(Chain):
         gravity: world axes (m/s^2).
         struts: struts and tendons between points of the links and of the world. `arm.struts` has the struts ahead of
             the tendons, numbered from 0.
+        contacts: spheres and points of links that touch surfaces of the world or of other links, numbered from 0.
 
     `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
     g mm², a short thick beam without shear; and beams with too few shape functions for their payload.
@@ -50,13 +51,13 @@ class Arm(Chain):
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
-        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}, and "strut"
-        and "tendon" likewise."""
+        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}, and "strut",
+        "tendon" and "contact" likewise."""
         return Arm._read(read_file(ArmFile, d))
 
     @classmethod
     def _read(cls, file: ArmFile) -> Arm:
-        return cls(file.link, file.gravity, [*file.strut, *file.tendon])
+        return cls(file.link, file.gravity, [*file.strut, *file.tendon], file.contact)
 
     def __str__(self) -> str:
         return self.describe()
@@ -65,7 +66,8 @@ class Arm(Chain):
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
         frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
         ratios with all joints locked at zero, without gravity; of each strut and tendon its points, length, spring,
-        damper and constant force."""
+        damper and constant force; of each contact its point, its surface, its gap at zero and the numbers of its
+        forces."""
         return describe(self)
 
     def show(
@@ -182,7 +184,8 @@ class Arm(Chain):
         Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
         There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
-        or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. A tree
+        or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. Contacts
+        are left out: MuJoCo's have other laws. A tree
         of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
         links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
         link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
@@ -295,13 +298,13 @@ class Arm(Chain):
         """
         q = None if q is None else self._single(q=q)[0]
         links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
-        return Arm(links, self.gravity, self.struts)
+        return Arm(links, self.gravity, self.struts, self.contacts)
 
     def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
         """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
         of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
         frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
-        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity, self.struts)
+        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity, self.struts, self.contacts)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
 

@@ -48,6 +48,7 @@ class Setup:
     def known(self) -> list[str]:
         """Paths of everything that can vary."""
         out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link"), *_leaves(self.arm.struts, "strut")]
+        out += _leaves(self.arm.contacts, "contact")
         for key, law in self.drive.items():
             out += _leaves(law, f"drive.{drive_name(key)}")
         for parts, name in ((self.loads, "load"), (self.control, "control"), (self.sensors, "sensor")):
@@ -69,7 +70,7 @@ def _numeric(value: Any) -> bool:
 #: fields that are None where nothing is given, but can be given numbers
 _OPTIONAL = (
     "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit",
-    "torque_limit", "x", "length",
+    "torque_limit", "x", "length", "tangential_stiffness",
 )  # fmt: skip
 
 
@@ -110,13 +111,14 @@ def drive_name(key: Any) -> str:
 
 
 def numbered(setup: Setup, path: str) -> str:
-    """A path with the number of a link or a strut where it has its name: "link.elbow.tip.mass", and that of a drive
-    likewise."""
+    """A path with the number of a link, a strut or a contact where it has its name: "link.elbow.tip.mass", and that of
+    a drive likewise."""
     arm, (root, *words) = setup.arm, str(path).split(".")
-    if not words or words[0] not in (arm.strut_names if root == "strut" else arm._numbers):
+    known: Mapping[str, Any] = {"strut": arm.strut_names, "contact": arm.contact_names}
+    if not words or words[0] not in known.get(root, arm._numbers):
         return str(path)
-    if root == "strut":
-        words[0] = str(arm._strut(words[0]))
+    if root in known:
+        words[0] = str(known[root].index(words[0]))
     elif root == "link":
         words[0] = str(arm._link(words[0], f"'{path}': link"))
     elif root == "drive":
@@ -134,7 +136,7 @@ def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> 
     like: Any = None
     tree: dict[str, Any] = {
         "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity, "strut": setup.arm.struts, **(more or {}),
+        "gravity": setup.arm.gravity, "strut": setup.arm.struts, "contact": setup.arm.contacts, **(more or {}),
     }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
@@ -153,8 +155,8 @@ def can_vary(at: str, known: Sequence[str]) -> bool:
     return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
 
 
-_OF_ARM = ("link", "gravity", "strut")
-_ROOTS = (*_OF_ARM, "drive", "load", "control", "sensor")
+OF_ARM = ("link", "gravity", "strut", "contact")
+_ROOTS = (*OF_ARM, "drive", "load", "control", "sensor")
 
 
 class Variation:
@@ -219,7 +221,7 @@ class Variation:
     def scenario(self, i: int) -> Setup:
         """The setup of scenario i."""
         base = self.setup
-        arm = self._memo("arm", {root: self._trees[root] for root in _OF_ARM}, i, self._arm)
+        arm = self._memo("arm", {root: self._trees[root] for root in OF_ARM}, i, self._arm)
         drive = base.drive
         if self._trees["drive"]:
             drive = {k: self._rebuilt(f"drive.{drive_name(k)}", law, self._below("drive", drive_name(k)), i)
@@ -263,9 +265,11 @@ class Variation:
         links = self._rebuilt("link", base.links, self._trees["link"], i)
         gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
         struts = self._rebuilt("strut", base.struts, self._trees["strut"], i)
+        contacts = self._rebuilt("contact", base.contacts, self._trees["contact"], i)
         try:
             same = links is base.links and gravity is base.gravity and struts is base.struts
-            return base if same else Arm._varied(base, links, gravity, struts)
+            same = same and contacts is base.contacts
+            return base if same else Arm._varied(base, links, gravity, struts, contacts)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 

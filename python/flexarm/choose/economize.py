@@ -391,6 +391,7 @@ def economize(
     """
     limit = _checked(tolerance, atol, budget)
     scene = read_scene(scene)
+    scene.arm.refuse_rubbing("economize: scene.arm")
     measure = Measure(scene, quantity, atol)
     allowed = Budget(math.inf if budget is None else budget)
     with progress_bar(progress, "deciding", None) as bar:

@@ -83,6 +83,9 @@ def excited(scene: Scene) -> NDArray[np.bool_]:
             pushed = wrenches * rng.uniform(0.5, 1.0, wrenches.shape)
             r = np.abs(arm._core.inverse_dynamics(np.tile(q, (2, 1)), *rows, places, pushed))
             more |= r[0] > 1e-9 * np.maximum(r[1], 1e-12 * r[1].max())
+            if arm.contacts:  # wherever they might touch
+                J = np.abs(arm.contact_jacobian(q))
+                more |= (J > 1e-9 * J.max()).any(axis=0)
         if (more == active).all():
             break
         active = more

@@ -39,8 +39,8 @@ def thinned(result: Result, t: Array) -> Result:
     rows = np.searchsorted(result.t, t - 1e-12 * max(1.0, float(abs(t[-1]))))
     if len(rows) == len(result.t):
         return result
-    tau = result.tau[rows]
-    return replace(result, t=result.t[rows], q=result.q[rows], v=result.v[rows], a=result.a[rows], tau=tau)
+    names = ("t", "q", "v", "a", "tau", "friction", "driven", "contacts")
+    return replace(result, **{name: x[rows] for name in names if (x := getattr(result, name)) is not None})
 
 
 def between(result: Result, t: Array) -> Result:
@@ -68,8 +68,9 @@ def between(result: Result, t: Array) -> Result:
     q[:, at] = through(result.q[:, at], result.v[:, of], result.a[:, of])
     for _, ball in arm.quaternions():
         q[:, ball] /= np.linalg.norm(q[:, ball], axis=1, keepdims=True)
-    line = [x[k] + u * (x[k + 1] - x[k]) for x in (result.a, result.tau)]
-    return replace(result, t=t, q=q, v=through(result.v, result.a, None), a=line[0], tau=line[1], friction=None)
+    given = {"a": result.a, "tau": result.tau, "driven": result.driven}
+    line: dict[str, Any] = {name: x[k] + u * (x[k + 1] - x[k]) for name, x in given.items() if x is not None}
+    return replace(result, t=t, q=q, v=through(result.v, result.a, None), friction=None, contacts=None, **line)
 
 
 def probes(scene: Scene) -> Array:

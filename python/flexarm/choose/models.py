@@ -321,7 +321,8 @@ class Models:
                     for feature in left:
                         made[key] = feature.leave_out(made[key])
                 links.append(made[key])
-            self._arms[model] = Arm(links, self.scene.arm.gravity, self.scene.arm.struts)
+            whole = self.scene.arm
+            self._arms[model] = Arm(links, whole.gravity, whole.struts, whole.contacts)
         return self._arms[model]
 
     def _in_pieces(self, model: Model) -> Pieces:

@@ -18,6 +18,7 @@ from ..model.acting.drive import is_patch, is_strut
 from ..model.acting.load import Load
 from ..model.acting.sampled import Sampled
 from ..model.parts.beam import STRAINS, Beam
+from ..model.parts.contact import Contact
 from ..model.parts.joints import Fixed
 from ..model.parts.link import Link
 from ..model.parts.sections import SectionMatrix
@@ -34,11 +35,11 @@ _LEAST = {s: 3 if s.startswith("bending") else 2 for s in STRAINS}  # shape func
 
 def jumps(scene: Scene) -> dict[int, list[float]]:
     """By link, places along its beam (m) where a strain jumps or has a corner: ends of patches that stiffen the beam or
-    are driven, corners of a taper, loads, ends of struts, and links on slices. Beams with the user's own shapes are
-    not cut."""
+    are driven, corners of a taper, loads, ends of struts, contacts, and links on slices. Beams with the user's own
+    shapes are not cut."""
     arm, out = scene.arm, {}
     loads = [(arm._link(load.link), load.along or (load.x,)) for load in scene.loads]
-    loads += [(k, (x,)) for points in arm._fastened for k, on, x, _ in points if on == "slice"]
+    loads += [(k, (x,)) for points in (*arm._fastened, *arm._touching) for k, on, x, _ in points if on == "slice"]
     loads += [(k, (x,)) for k, x in arm.seats if x is not None]
     for k, link in enumerate(arm.links):
         beam = link.beam
@@ -107,7 +108,8 @@ class Pieces:
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
             last[k] = len(links) - 1
         out = cls(whole, Arm(links, whole.gravity), first, starts)
-        return replace(out, arm=Arm(links, whole.gravity, [out._strut(s) for s in whole.struts]))
+        struts, contacts = [out._strut(s) for s in whole.struts], [out._contact(c) for c in whole.contacts]
+        return replace(out, arm=Arm(links, whole.gravity, struts, contacts))
 
     @property
     def parts(self) -> list[list[tuple[int, float]]]:
@@ -133,6 +135,12 @@ class Pieces:
         given: Sequence[Any] = strut.points
         points = [self._point(p) for p in given]
         return replace(strut, a=points[0], b=points[1]) if isinstance(strut, Strut) else replace(strut, points=points)
+
+    def _contact(self, contact: Contact) -> Contact:
+        """A contact of the pieces."""
+        surface: Any = contact.against
+        moved = replace(surface, **{surface.on: self._point(surface.at)})
+        return replace(contact, point=self._point(contact.point), against=moved)  # type: ignore[arg-type]
 
     def _point(self, point: Point) -> Point:
         if point.link == WORLD:

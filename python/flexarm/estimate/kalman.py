@@ -58,7 +58,7 @@ class KalmanFilter:
     actions of `drive`, `loads` and `control` are known functions of time; the clock starts at `t`.
 
     Args:
-        arm: the arm.
+        arm: the arm; its contacts without friction.
         sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). The variance of each is noise^2 + step^2 /
             12, with its `noise` and the step of its resolution or pulses. Its `gain` and `offset` are used; a `filter`
             adds one or two states to the model; readings at its `range` or beyond are ignored; a `delay` raises
@@ -104,7 +104,7 @@ class KalmanFilter:
         t: float = 0.0,
         friction_speed: float = 0.01,
     ) -> None:
-        instance("arm", arm, Arm)
+        instance("arm", arm, Arm).refuse_rubbing("KalmanFilter: arm")
         if not isinstance(sensors, (list, tuple)):
             raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
         self.arm, self.sensors, self.step = arm, tuple(sensors), positive("step", step, "s")

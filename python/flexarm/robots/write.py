@@ -369,15 +369,16 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
     ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
     slack = _note("the end of a tendon's damping where it is slack", ropes)
-    return _written(path, ".xml", mjcf(cut, arm), cut, missing_features(cut, _MJCF) + name + slack)
+    left_out = missing_features(cut, _MJCF) + name + slack + _note("contacts", arm.contact_names)
+    return _written(path, ".xml", mjcf(cut, arm), cut, left_out)
 
 
 def to_urdf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_urdf."""
     cut = segmented(arm, segments)
     gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
-    struts = _note("struts and tendons", arm.strut_names)
-    return _written(path, ".urdf", urdf(cut), cut, missing_features(cut, _URDF) + gravity + struts)
+    more = _note("struts and tendons", arm.strut_names) + _note("contacts", arm.contact_names)
+    return _written(path, ".urdf", urdf(cut), cut, missing_features(cut, _URDF) + gravity + more)
 
 
 def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[str]) -> str:

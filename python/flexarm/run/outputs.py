@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array, array, choice
 from ..analysis.findings import RunWarning
@@ -21,6 +22,7 @@ from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rat
 
 Titles = dict[str, list[tuple[str, str]]]
 _OF_STRUT = (("length", "m"), ("rate", "m/s"), ("force", "N"))
+_OF_CONTACT = (("gap", "m"), ("rate", "m/s"), ("normal", "N"), *((f"force {x}", "N") for x in "xyz"))
 
 
 @dataclass
@@ -42,6 +44,32 @@ class StrutMotion:
         return -self.force
 
 
+@dataclass
+class ContactMotion:
+    """A contact over time, (nt,) each.
+
+    Attributes:
+        gap: m; below zero where it touches. rate: of the gap (m/s).
+        normal: force along the surface's normal (N).
+        force: the whole force on its link, with friction, in world axes (N), (nt, 3); nan where that is not known.
+    """
+
+    gap: Array
+    rate: Array
+    normal: Array
+    force: Array
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Whether it touches."""
+        return self.gap < 0.0
+
+    @property
+    def friction(self) -> Array:
+        """The size of the force of friction (N)."""
+        return np.asarray(np.sqrt(np.maximum(np.sum(self.force**2, axis=1) - self.normal**2, 0.0)))
+
+
 @dataclass(repr=False)
 class Rows:
     """The data of a Result, where its attributes are explained."""
@@ -60,19 +88,32 @@ class Rows:
     status: int = 0
     friction: Array | None = None
     driven: Array | None = None
+    contacts: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
     @property
     def forces(self) -> tuple[Load, ...]:
-        """The loads, and as loads the driven forces of struts, linear between the rows."""
-        if self.driven is None or not len(self.t):
-            return self.loads or ()
-        if not np.isfinite(self.driven).all():
-            raise ValueError("driven: this result does not keep what drove its struts")
+        """The loads, and as loads the driven forces of struts and the friction of contacts, linear between the rows."""
+        out, arm = [*(self.loads or ())], self.arm
+        if not len(self.t):
+            return tuple(out)
         t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
-        laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
-        return (*(self.loads or ()), *(Push(self.arm, *x) for x in zip(self.arm.strut_names, laws, strict=True)))
+        if self.driven is not None:
+            if not np.isfinite(self.driven).all():
+                raise ValueError("driven: this result does not keep what drove its struts")
+            laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
+            out += [Push(arm, *x) for x in zip(arm.strut_names, laws, strict=True)]
+        if arm.rubbing:
+            if self.contacts is None:
+                raise ValueError(f"contacts: this result does not keep the friction of {', '.join(arm.rubbing)}")
+            at, normal = arm.contact_places(self.q)
+            rubs = self.contacts - arm.contact_motion(self.q, self.v)[2][..., None] * normal
+            for k, (point, surface) in enumerate(arm._touching):
+                out.append(_pull(arm, t, self.q, point, rubs[:, k], at[:, k]))
+                if surface[0] >= 0:
+                    out.append(_pull(arm, t, self.q, surface, -rubs[:, k], at[:, k]))
+        return tuple(out)
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
@@ -91,6 +132,29 @@ class Rows:
         length, rate, force = self.arm.strut_motion(self.q, self.v, self.driven if known else None)
         return StrutMotion(length[:, k], rate[:, k], force[:, k] if known else np.full(len(length), np.nan))
 
+    def contact(self, contact: int | str = -1) -> ContactMotion:
+        """Gap, rate and forces of a contact, by its name or its number in `arm.contacts`: `.gap` (m), `.rate` (m/s),
+        `.normal` (N), `.friction` (N), `.touching`, (nt,) each; `.force` (N), (nt, 3), world axes. The last two are nan
+        where there is friction that the result does not have."""
+        k = self.arm._contact(contact)
+        gap, rate, normal = (x[:, k] for x in self.arm.contact_motion(self.q, self.v))
+        if self.contacts is not None:
+            force = self.contacts[:, k]
+        elif self.arm.contacts[k].coulomb:
+            force = np.full((len(gap), 3), np.nan)
+        else:
+            force = normal[:, None] * self.arm.contact_places(self.q)[1][:, k]
+        return ContactMotion(gap, rate, normal, force)
+
+
+def _pull(arm: Arm, t: Array, q: Array, on: Any, force: Array, at: Array) -> Load:
+    """A force (N) at places `at` in the world (m), on the body of a point of a contact, at the rows."""
+    link, where, x, _ = on
+    x = x if where == "slice" else 0.0 if where == "origin" and arm.links[link].beam is not None else None
+    moment = np.cross(at - arm.frame(q, link, x)[0], force)
+    shape = (len(t), 3)
+    return Load(link, x, force=np.broadcast_to(force, shape), moment=np.broadcast_to(moment, shape), t=t)
+
 
 def titles(arm: Arm) -> Titles:
     """Name and unit of each column of q, v, a, tau and friction."""
@@ -107,7 +171,7 @@ def titles(arm: Arm) -> Titles:
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections, the places of the ends, and
-    the lengths of struts, with their forces where v is known. None without q."""
+    the lengths of struts and the gaps of contacts, with their forces, where v is known. None without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -121,6 +185,11 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
         kept = 3 if all(np.isfinite(s.force).all() for s in moved) else 2  # a file may not know what drove them
         names["strut"] = [(f"{name} {what}", of) for name in result.arm.strut_names for what, of in _OF_STRUT[:kept]]
         values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)[:kept]])
+    if result.arm.contacts and np.isfinite(result.v).all():
+        touched = [result.contact(k) for k in range(len(result.arm.contacts))]
+        kept = 3 if result.contacts is None else 6
+        names["contact"] = [(f"{n} {what}", of) for n in result.arm.contact_names for what, of in _OF_CONTACT[:kept]]
+        values["contact"] = np.column_stack([x for c in touched for x in (c.gap, c.rate, c.normal, *c.force.T)[:kept]])
     return names, values
 
 

@@ -22,6 +22,7 @@ from ..model.parts.labels import joint_rates
 from .result import Result
 from .start import start
 from .steps import missed
+from .touch import OfContact, bound
 
 _LOOKS = 201  # at a command
 
@@ -69,7 +70,7 @@ class Problem(Acts):
 
     def _of_arm(self, event: Callable[..., Any]) -> Callable[..., Any]:
         """The event, of the arm's part of q and v."""
-        nq, nv = self.arm.nq, self.arm.nv
+        nq, nv, event = self.arm.nq, self.arm.nv, bound(event, self.arm)
         return lambda t, q, v: event(t, q[:nq], v[:nv])
 
     def unstable(self, time: float, failed: bool) -> LoopWarning | None:
@@ -107,7 +108,7 @@ class Problem(Acts):
             kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
         status = int(out["terminated"])
         found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
-        found.driven = driven_forces(arm, self.strut_drives, found.t)
+        found.driven, found.contacts = driven_forces(arm, self.strut_drives, found.t), out.get("contacts")
         if self.events:
             found.t_events, q, v = out["events"]
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
@@ -159,14 +160,15 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
 
 
 def read_events(events: Any) -> list[tuple[Any, int, int]]:
-    """(callable, occurrence that ends the run or 0, direction) of each event."""
-    given = [] if events is None else [events] if callable(events) else events
+    """(callable or event of a contact, occurrence that ends the run or 0, direction) of each event."""
+    given = [] if events is None else [events] if callable(events) or isinstance(events, OfContact) else events
+    must = "must be a callable (t, q, v) -> float, a Touch or a Release"
     if not isinstance(given, (list, tuple)):
-        raise ValueError(f"events = {events!r}: must be a callable (t, q, v) -> float, or a list of them")
+        raise ValueError(f"events = {events!r}: {must}, or a list of them")
     out = []
     for k, f in enumerate(given):
-        if not callable(f):
-            raise ValueError(f"events[{k}] = {f!r}: must be a callable (t, q, v) -> float")
+        if not callable(f) and not isinstance(f, OfContact):
+            raise ValueError(f"events[{k}] = {f!r}: {must}")
         terminal, direction = getattr(f, "terminal", False), getattr(f, "direction", 0)
         count = int(terminal) if isinstance(terminal, (bool, np.bool_)) else whole(f"events[{k}].terminal", terminal)
         if count < 0:

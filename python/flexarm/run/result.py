@@ -38,6 +38,8 @@ class Result(outputs.Rows):
             where no joint has any.
         driven: what drives add to the force of each strut, and to the tension of each tendon (N), (nt, n); None where
             none is driven.
+        contacts: the whole force of each contact on its link (N), friction included, world axes, (nt, n, 3); None where
+            there is none, or it is not kept.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES),
             failed_steps (whose equations were not solved, or whose error was too large), switches (of joints between
@@ -66,10 +68,11 @@ class Result(outputs.Rows):
             raise ValueError(
                 "loads = None: the file does not keep the loads of this result, so its reactions are not known"
             )
-        if not self.forces:
+        forces = self.forces
+        if not forces:
             return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
-        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.forces, t=t) for q, v, a, t in rows])
+        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=forces, t=t) for q, v, a, t in rows])
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
@@ -81,7 +84,7 @@ class Result(outputs.Rows):
 
     def plot(self) -> Figure:
         """A figure of the joint coordinates, the tip deflections, the torques and forces of the joints that are driven,
-        and the forces of struts and tendons, over time."""
+        the forces of struts and tendons, and the normal forces of contacts, over time."""
         arm, t = self.arm, self.t
         joints = joint_coordinates(arm)
         panels: list[tuple[str, list[tuple[str, Array]]]] = []
@@ -105,6 +108,9 @@ class Result(outputs.Rows):
                 panels.append((name, forces))
         if arm.struts:
             panels.append(("Strut force (N)", [(name, self.strut(name).force) for name in arm.strut_names]))
+        if arm.contacts:
+            forces = [(name, self.contact(name).normal) for name in arm.contact_names]
+            panels.append(("Normal force (N)", forces))
         return plot_panels(t, panels)
 
     def animate(
@@ -137,8 +143,9 @@ class Result(outputs.Rows):
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
         of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
-        and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N). Units are those of joints; elastic
-        coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are left out.
+        and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N); of contacts "NAME gap" (m), "NAME
+        rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N). Units are those of joints; elastic coordinates
+        have "", since theirs depend on the beam's basis. Rows that a batch did not keep are left out.
 
         Raises:
             ValueError: no rows.
@@ -158,7 +165,7 @@ class Result(outputs.Rows):
 
         Raises:
             ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
-                go through: dry friction together with balls; laws in Python that remember;
+                go through: dry friction together with balls; contacts with friction; laws in Python that remember;
                 sensors of controllers that read in steps; of a result that is not one of `simulate`.
         """
         with progress_bar(progress, "deriving") as look:
@@ -257,6 +264,8 @@ class Result(outputs.Rows):
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         more |= {k: x for k in ("friction", "driven") if (x := getattr(self, k)) is not None}
+        if self.contacts is not None:
+            more["contacts"] = self.contacts.reshape(len(self.t), 3 * len(self.arm.contacts))
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
         return {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}, about
@@ -276,18 +285,21 @@ class Result(outputs.Rows):
             about, arrays = read_arrays(Path(path).read_bytes())
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq, "driven": len(arm.struts)}
+            wide["contacts"] = 3 * len(arm.contacts)
             if any(x.dtype != float for x in arrays.values()):
                 raise ValueError("an array has no numbers")
             found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
-            found |= {k: arrays.pop(k, None) for k in ("friction", "driven")}
+            found |= {k: arrays.pop(k, None) for k in ("friction", "driven", "contacts")}
             if count is not None:
                 found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
             loads, status = None if about["loads"] else (), int(about.get("status", 0))
             result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
-            for name in ("q", "v", "a", "tau", "friction", "driven"):
+            for name in ("q", "v", "a", "tau", "friction", "driven", "contacts"):
                 value = getattr(result, name)
                 if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
                     raise ValueError(f"{name} has shape {value.shape}")
-            if not set(arrays) <= {"deflection", "end", "strut"} or (np.diff(result.t) < 0).any():
+            if not set(arrays) <= {"deflection", "end", "strut", "contact"} or (np.diff(result.t) < 0).any():
                 raise ValueError("other arrays, or times that do not increase")
+            if result.contacts is not None:
+                result.contacts = result.contacts.reshape(len(result.t), len(arm.contacts), 3)
             return result

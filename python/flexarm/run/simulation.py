@@ -155,7 +155,8 @@ def simulate(
             FeedForward, LinearController) are part of the equations; those with a rate (Sampled, LinearController,
             ComputedTorque, MPC) hold their force from sample to sample. `Result.tau` has them. A step ends at each
             sample; then the fixed-step integrators continue, while "ida" starts again.
-        events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
+        events: `fa.Touch` and `fa.Release` of contacts, and callables (t, q, v) -> float whose zeros are sought, one
+            or several, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
             is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the

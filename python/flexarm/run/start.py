@@ -11,6 +11,7 @@ import numpy as np
 from .._check import Array, array, choice, outside
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
+from ..arm.variation import OF_ARM
 from ..model.acting.drive import Motion, is_patch, is_strut, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time, pushes
 
@@ -78,7 +79,7 @@ def warn_of_one_balance(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
 ) -> None:
     """StateWarning where runs that differ in these parameters all start from the balance of one of them."""
-    moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load", "strut")]
+    moved = [path for path in paths if path.split(".")[0] in (*OF_ARM, "load")]
     if q0 is None or isinstance(q0, (str, Mapping)) or np.ndim(q0) != 1 or not moved:
         return
     q, v = state(arm, q0, None, drive, loads, t)

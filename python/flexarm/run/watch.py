@@ -18,6 +18,7 @@ from ..analysis.validity import range_warning, rotation, worst_range
 from ..arm.arm import Arm
 from ..model.acting.drive import Motion
 from ..model.acting.motor import torque_limits
+from ..model.parts.contact import Box
 from .outputs import Rows
 from .steps import short_steps
 
@@ -31,6 +32,8 @@ KINDS = MappingProxyType(
         "spin": ("", "turns at {:.3g} of the arm's first frequency", "take order = 2"),
     }
 )
+_GRAVITY, _CRUSHED = 9.81, 100.0  # m/s^2; weights of the arm, by which nothing begins to be pushed
+_FOLLOWED = 1.0  # step times frequency of a contact, above which steps do not follow it
 _DEFAULTS = {"top": 0.01, "spin": 0.5}  # of a beam with modes to spare; where order 1 has lost a tenth of its frequency
 
 
@@ -49,6 +52,36 @@ def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator
         remedy = "move more slowly, or command the joint by a controller"
         where = f"the motion of '{arm.coordinates[i]}'"
         yield Finding(where, what, float(size[k]), float(most[i]), "N m, N", remedy)
+
+
+def _in_contacts(result: Rows, step: float) -> Iterator[Finding]:
+    """Contacts that begin far inside a surface, that get as deep as half of what touches, or that vibrate too fast for
+    steps (s; 0: they are chosen)."""
+    arm = result.arm
+    gap, _, normal = arm.contact_motion(result.q, result.v)
+    weight = _GRAVITY * sum(link.mass for link in arm.links)
+    for k, c in enumerate(arm.contacts):
+        where, sizes = f"contact[{k}]", [c.radius, getattr(c.against, "radius", 0.0)]
+        sizes += [0.5 * min(c.against.size)] if isinstance(c.against, Box) else []
+        thin = 0.5 * min([x for x in sizes if x] or [np.inf])
+        row = int(normal[:, k].argmax())
+        depth, most = -float(gap[row, k]), float(normal[row, k])
+        if normal[0, k] > _CRUSHED * weight:
+            push = float(normal[0, k])
+            what = f"begins {-gap[0, k]:.3g} m inside its surface, which pushes with {push:.3g} N"
+            yield Finding(where, what, push, _CRUSHED * weight, "N", "on which side of it is the arm?")
+        elif most and depth > thin:
+            what = f"gets {depth:.3g} m deep, at t = {result.t[row]:.4g} s: more than half the size of what touches"
+            yield Finding(f"{where}.stiffness", what, depth, thin, "m", "is its unit N/m? Take a stiffer one")
+        if not most or not step:
+            continue
+        J = arm.contact_jacobian(result.q[row])[k]
+        give = float(J @ np.linalg.lstsq(arm.mass_matrix(result.q[row]), J)[0])
+        w = float(np.sqrt(c.exponent * c.stiffness * depth ** (c.exponent - 1.0) * give))
+        if w * step > _FOLLOWED:
+            what = f"bounces within {np.pi / w:.2g} s (half a period of {w:.3g} rad/s), in steps of {step:g} s"
+            remedy = f"take steps below {_FOLLOWED / w:.2g} s, or chosen ones"
+            yield Finding(where, what, w * step, _FOLLOWED, "", remedy)
 
 
 def first_frequency(arm: Arm) -> float:
@@ -167,6 +200,8 @@ def check(result: Rows, watch: Watch | None) -> Findings:
     if source is not None:
         moved = [arm.joint_rate(key) for key, law in drive.items() if isinstance(law, Motion)]
         found += _beyond_motor(arm, result, moved)
+        if arm.contacts:
+            found += _in_contacts(result, getattr(source.integrator, "step", None) or 0.0)
         if source.integrator.name == "ida":
             found += short_steps(arm, int(result.stats.get("steps", 0)), float(np.ptp(result.t)))
     return Findings(found)

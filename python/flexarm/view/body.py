@@ -17,6 +17,7 @@ from .._check import Array
 from ..model.acting.load import Load
 from ..model.parts.beam import Beam, RigidBody, inertia_matrix
 from ..model.parts.chain import Chain
+from ..model.parts.contact import Contact, Plane, Sphere
 from ..model.parts.joints import Joint, Placement
 from ..model.parts.link import Link
 from ..model.parts.patch import Patch
@@ -25,6 +26,7 @@ from ..model.parts.strut import Tendon
 from .meshes import LOOK_COLOUR, Mesh, meshes_of
 
 _ROUND = 28  # corners of a circle
+_THIN = 2e-3  # of the arm's length: of planes
 _DENSITY = 7800.0  # kg/m^3, of a point mass that is drawn as a ball
 
 
@@ -39,7 +41,7 @@ class Body:
             "part": "beam", whose colour is strain, or "patch", a piezo patch}.
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
                 sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. "under":
-                it is hidden where meshes are drawn; "colour": its own.
+                it is hidden where meshes are drawn; "colour": its own. Of contacts, "surface" and "toucher" are parts.
         meshes: triangles of the links' looks.
         bars: {"ends": two of (node, at) with a straight piece between, "part": "rod", a rail of a sliding joint, or
             "strut" or "tendon", a piece of one}.
@@ -230,6 +232,20 @@ def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius:
     axis["length"] = max([axis["length"], *(end + place @ turn @ d + 3 * radius for end in ends)])
 
 
+def _contact(body: Body, contact: Contact, point: tuple[int, Array], on: tuple[int, Array]) -> None:
+    """The sphere of a contact, or a small one at its point, and its surface; of a plane a square around its point."""
+    (node, at), surface = on, contact.against
+    axes, size = surface._core
+    if isinstance(surface, Plane):
+        thick = _THIN * body.size
+        body.solid("surface", node, "box", at - 0.5 * thick * axes[:, 2], axes, (body.size, body.size, thick))
+    elif isinstance(surface, Sphere):
+        body.solid("surface", node, "ball", at, axes, (surface.radius,))
+    else:
+        body.solid("surface", node, "box", at, axes, size.tolist())
+    body.solid("toucher", point[0], "ball", point[1], np.eye(3), (max(contact.radius, 0.01 * body.size),))
+
+
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
     """The body of an arm; `slices` is the number of slices of each link's beam."""
     body = Body(length(arm))
@@ -268,15 +284,20 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _lengthen(body, link.joint, node, body.axes[axes], radius)
         ends[k] = (last, tip_end)
     body.tips = [ends[k] for k in arm.ends]
+
+    def placed(point: Any) -> tuple[int, Array]:
+        n, on, along_beam, offset = point
+        node, at = ends[n]
+        if on != "end":
+            node, at = body.node(n, along_beam) if on == "slice" else origins[n], np.zeros(3)
+        return node, at + offset
+
     for strut, points in zip(arm.struts, arm._fastened, strict=True):
-        way: list[tuple[int, Array]] = []
-        for n, on, along_beam, offset in points:
-            node, at = ends[n]
-            if on != "end":
-                node, at = body.node(n, along_beam) if on == "slice" else origins[n], np.zeros(3)
-            way.append((node, at + offset))
+        way = [placed(point) for point in points]
         part = "tendon" if isinstance(strut, Tendon) else "strut"
         body.bars += [{"ends": list(pair), "part": part} for pair in pairwise(way)]
+    for contact, sides in zip(arm.contacts, arm._touching, strict=True):
+        _contact(body, contact, *map(placed, sides))
     for load in loads:
         n = arm._link(load.link)
         x = load.x if load.along is None else sum(load.along) / 2

@@ -15,8 +15,10 @@ from .track import Track
 COLOURS = np.array([(59, 76, 192), (124, 159, 249), (221, 221, 221), (245, 156, 125), (180, 4, 38)]) / 255
 PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47"}
 PART_COLOURS |= {"patch": "#D9A300", "goal": GREEN, "strut": "#6B5B95", "tendon": "#A0522D"}
+PART_COLOURS |= {"surface": "#C9C2B4", "toucher": "#7A6A53"}
 SYMBOL_COLOURS = {"axis": ORANGE, "force": GREEN, "moment": PURPLE, "trace": BLUE}
 BARS = {"rod": 0.5, "strut": 0.5, "tendon": 0.2}  # their radii, in the radius of an arrow's head
+_LARGE = 1.5  # of the arm's length: larger surfaces may lie outside a picture
 FIELD = 28.0  # degrees, from the picture's lower edge to its upper
 
 
@@ -78,7 +80,7 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
 
 def _points(track: Track) -> Array:
     """Six points about each node in each frame, at the distance that solids and sections reach there, the corners of
-    meshes, and the points of struts in the world, (n, 3)."""
+    meshes, the points of struts in the world, and surfaces there that are not far larger than the arm, (n, 3)."""
     from scipy.spatial.transform import Rotation
 
     reach = np.full(track.position.shape[1], 0.02 * track.body.size)
@@ -93,6 +95,10 @@ def _points(track: Track) -> Array:
     some = track.position[::stride, 1:]  # without the world
     parts = [(some[:, :, None] + offsets[1:]).reshape(-1, 3)]
     fixed = [at for bar in track.body.bars for node, at in bar["ends"] if not node]
+    for solid in track.body.solids:
+        if not solid["node"] and solid["part"] == "surface" and max(solid["size"]) <= _LARGE * track.body.size:
+            sides = np.array(solid["size"] if len(solid["size"]) == 3 else [2 * solid["size"][0]] * 3)
+            fixed += list(solid["at"] + _corners(np.array([-0.5 * sides, 0.5 * sides])) @ np.array(solid["axes"]).T)
     parts.append(np.reshape(fixed, (-1, 3)))
     for mesh in track.body.meshes:
         turns = Rotation.from_quat(track.quaternion[::stride, mesh.node]).as_matrix()

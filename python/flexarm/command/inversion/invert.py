@@ -160,6 +160,7 @@ def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -
     if arm.nq != arm.nv:
         name = arm.joint_names[arm.quaternions()[0][0]]
         raise ValueError(f"arm: joint {name} is a ball; take three rotations in its place (Axes, Universal)")
+    arm.refuse_rubbing("invert: arm")
     free, locked, dry = _rates(arm, "passive", passive), _rates(arm, "lock", lock), by_freedom(arm, "coulomb")
     for i in free:
         if i in locked:

@@ -100,6 +100,7 @@ def plan_move(
         MoveWarning: the remaining vibration is above `residual`, or a limit is passed.
     """
     driven = Driven.of(arm)
+    arm.refuse_rubbing("plan_move: arm")
     choice("method", method, METHODS)
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:

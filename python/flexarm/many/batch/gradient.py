@@ -76,7 +76,7 @@ def step_derivatives(
     step that begins anew, as in a `rollout` whose forces change at every step.
 
     Args:
-        arm: without ball joints or dry friction.
+        arm: without ball joints or dry friction, and contacts without friction.
         q, v, tau: states and the forces (N, N m) held over the step, (nq,) and (nv,) or (..., nq) and (..., nv).
         step: its length (s).
         integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`.
@@ -87,6 +87,7 @@ def step_derivatives(
         ValueError: naming the field and the value; where a step has no solution.
     """
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
+    arm.refuse_rubbing("step_derivatives: arm")
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
@@ -128,7 +129,8 @@ def rollout_gradient(
     derivatives are exact but for rounding: of the method's own equations, which begin anew where the forces change.
 
     Args:
-        arm: without ball joints; with dry friction for "implicit" alone. Or an arm for each scenario, in their order.
+        arm: without ball joints; with dry friction for "implicit" alone; contacts without friction. Or an arm for each
+            scenario, in their order.
         q, v: of the `rollout` with every=1, (..., nstep + 1, nq) and (..., nstep + 1, nv).
         tau: its forces, (..., nstep, nv).
         by_q, by_v: derivatives of the number by these rows, of the shapes of q and v; None: zero.
@@ -147,6 +149,8 @@ def rollout_gradient(
     q, v, tau = array("q", q), array("v", v), array("tau", tau)
     arms = [arm] if isinstance(arm, Arm) else list(arm)
     one = arms[0]
+    for each_arm in arms:
+        each_arm.refuse_rubbing("rollout_gradient: arm")
     if q.ndim < 2 or q.shape[-1] != one.nq or q.shape[:-1] != v.shape[:-1] or v.shape[-1] != one.nv:
         raise ValueError(f"q has shape {q.shape} and v {v.shape}: must be (..., nstep + 1, {one.nq}) and as many rates")
     if tau.shape != (*v.shape[:-2], v.shape[-2] - 1, one.nv):

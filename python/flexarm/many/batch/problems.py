@@ -24,6 +24,7 @@ from ...model.acting.drive import is_patch
 from ...run.integrators import Integrator
 from ...run.problem import Problem
 from ...run.steps import FAST_JOINTS, Pace, Struck, beyond_explicit, failed_steps, switches_too_often
+from ...run.touch import of_contacts
 from .job import renamed
 
 _REASONS = {
@@ -66,7 +67,7 @@ def problems_of(
 
     first = made(0, setups[0])
     alike = first.shares and not (apart and any(times is not None for times in first.core.asked))
-    if count == 1 or ((len(setups) == 1 or _differ_in_arms(setups)) and alike):
+    if count == 1 or ((len(setups) == 1 or (_differ_in_arms(setups) and not of_contacts(events))) and alike):
         return [first]
     return [first, *(made(k, setups[k % len(setups)]) for k in range(1, count))]
 

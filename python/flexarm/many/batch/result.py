@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..._check import Array, named
 from ...arm.arm import Arm
-from ...arm.variation import Setup, Variation
+from ...arm.variation import OF_ARM, Setup, Variation
 from ...data.store.files import Refused, readable, sealed, write_whole
 from ...model.acting.load import driven_forces
 from ...run.result import Result
@@ -158,7 +158,7 @@ class BatchResult:
         with readable("batch", Path(path), "a file of a batch"):
             held = read(Path(path), verify)
             values, loads = held["parameters"], held["about"]["loads"]
-            ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "strut", "q0", "v0")}
+            ours = {k: v for k, v in values.items() if k.split(".")[0] in (*OF_ARM, "q0", "v0")}
             variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
             variation.values.update(values)
             _check_shapes(held, variation.setup.arm)

@@ -21,6 +21,7 @@ from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
+from ...run.touch import of_contacts
 from .arguments import (
     check_balls,
     check_memory,
@@ -203,7 +204,7 @@ def rolled(
              "control": len(controls)}  # fmt: skip
     count = scenario_count(sizes)
     check_balls(one, q)
-    made = max(len(arms) if drive or loads or control else 1, len(drives), len(controls))
+    made = max(len(arms) if drive or loads or control or of_contacts(events) else 1, len(drives), len(controls))
 
     def setup(k: int) -> Setup:
         law = controls[k % len(controls)]

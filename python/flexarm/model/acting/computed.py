@@ -58,8 +58,8 @@ class FeedForward(_OfInverse):
     Elastic coordinates are at rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`:
     the forces add up.
 
-    They include joint springs and viscous friction, not dry friction or loads. They are computed once for a run, as
-    piecewise polynomials, and evaluated in C++ by every integrator and in batches.
+    They include joint springs, viscous friction, struts and the normal forces of contacts, not dry friction or loads.
+    They are computed once for a run, as piecewise polynomials, and evaluated in C++ by every integrator and in batches.
 
     Args:
         reference: of each freedom of the joints, from the base to the tip: a Motion, or a number (rad, m) for a

@@ -88,8 +88,8 @@ class MPC(Controller):
         iterations: number of linearisations, with a quadratic program each, in a sample.
 
     Raises:
-        ValueError: bad arguments, by name. At the run: a model that does not match the plant, or a controller of
-            `control` that cannot be predicted.
+        ValueError: bad arguments, by name. At the run: a model that does not match the plant, or has contacts with
+            friction, or a controller of `control` that cannot be predicted.
             RuntimeError: flexarm was built without it (FLEXARM_MPC=OFF).
     """
 
@@ -220,6 +220,7 @@ class MPC(Controller):
     def _made(self, arm: Chain, known: Acts, to_model: tuple[Array, Array], forces: Array, mine: bool = False) -> Any:
         """The core's; `mine`: for `step`, where it holds no function of the user's: they may hold this object."""
         model = known.arm
+        model.refuse_rubbing("MPC: model")
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
         rows = [row for k, entry in enumerate(self._tracked(model)) for row in rows_of(model, f"track[{k}]", entry)]

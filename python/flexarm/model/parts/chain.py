@@ -17,6 +17,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
+from .contact import Contact
 from .link import Link
 from .part import as_table
 from .strut import WORLD, Point, Strut, Tendon
@@ -53,6 +54,19 @@ def _lines(given: Sequence[Strut | Tendon]) -> tuple[Strut | Tendon, ...]:
     return tuple(sorted(given, key=lambda x: isinstance(x, Tendon)))
 
 
+def _found(given: Any, field: str, names: Sequence[str], none: str) -> int:
+    """The index of an item, given by its number or its name."""
+    n = len(names)
+    if isinstance(given, str) and given in names:
+        return names.index(given)
+    if isinstance(given, str) or not n:
+        known = f"there are {', '.join(names)}" if n else "the arm has none"
+        raise ValueError(f"{field} = {given!r}: {none} has this name; {known}")
+    if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or not -n <= given < n:
+        raise ValueError(f"{field} = {given!r}: must be from {-n} to {n - 1}, or a name")
+    return int(given) % n
+
+
 def _alike(x: Link, y: Link) -> bool:
     """Whether links have the same names and coordinates."""
     counts = [link.beam.counts if link.beam is not None else {} for link in (x, y)]
@@ -68,8 +82,8 @@ def _quaternion(turn: Array) -> Array:
 
 
 class Chain:
-    """The data of an arm: its links, gravity and struts, the indices of its coordinates, its slices and their motion.
-    Links are a chain, or a tree: see `parents`.
+    """The data of an arm: its links, gravity, struts and contacts, the indices of its coordinates, its slices and their
+    motion. Links are a chain, or a tree: see `parents`.
 
     Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
     count from 0 at the base; -1 is the last, and the default.
@@ -82,12 +96,19 @@ class Chain:
         links: Sequence[Link],
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         struts: Sequence[Strut | Tendon] = (),
+        contacts: Sequence[Contact] = (),
     ) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
         self.struts: tuple[Strut | Tendon, ...] = _lines(struts)  #: struts, then tendons, by number
+        if not isinstance(contacts, Sequence):
+            raise ValueError(f"contacts = {contacts!r}: must be a list of contacts")
+        #: by number
+        self.contacts: tuple[Contact, ...] = tuple(
+            instance(f"contacts[{k}]", x, Contact) for k, x in enumerate(contacts)
+        )
         self._name()
         self._make()
 
@@ -95,6 +116,8 @@ class Chain:
         self._numbers = _numbers(self.links)
         #: name of each strut and tendon: its own, or "strut 0" and so on
         self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
+        #: name of each contact: its own, or "contact 0" and so on
+        self.contact_names: tuple[str, ...] = tuple(c.name or f"contact {k}" for k, c in enumerate(self.contacts))
         #: number of the link on which each link sits; -1: the world
         self.parents: tuple[int, ...] = tuple(self._parent(k, link.parent) for k, link in enumerate(self.links))
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
@@ -113,15 +136,21 @@ class Chain:
             (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
         )
 
-        for k, name in enumerate(self.strut_names):
-            if name in self.strut_names[:k]:
-                other = self.strut_names.index(name)
-                raise ValueError(f"struts[{k}]: name = '{name}': is that of struts[{other}], too; take another")
-            if name in (*self._numbers, *self.names, *self.joint_names):
-                raise ValueError(f"struts[{k}]: name = '{name}': is that of a link or a joint; take another")
+        taken = dict.fromkeys((*self._numbers, *self.names, *self.joint_names), "a link or a joint")
+        for group, names, one in (
+            ("struts", self.strut_names, "a strut"), ("contacts", self.contact_names, "a contact"),
+        ):  # fmt: skip
+            for k, name in enumerate(names):
+                if name in names[:k]:
+                    other = f"{group}[{names.index(name)}], too"
+                    raise ValueError(f"{group}[{k}]: name = '{name}': is that of {other}; take another")
+                if name in taken:
+                    raise ValueError(f"{group}[{k}]: name = '{name}': is that of {taken[name]}; take another")
+            taken |= dict.fromkeys(names, one)
 
     def _make(self) -> None:
         self._fastened = [self._fasten(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
+        self._touching = [self._touch(f"contacts[{k}]", c) for k, c in enumerate(self.contacts)]
         #: length at which the spring of each strut and tendon has no force (m)
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
@@ -145,8 +174,14 @@ class Chain:
     def _core_arm(self) -> _core.Arm:
         made = zip(self.struts, self._fastened, self.rest_lengths, strict=True)
         struts = [_core.Strut(points, s.stiffness, s.damping, x, s.force, s.tension_only) for s, points, x in made]
+        contacts = [
+            _core.Contact(point, c.radius, c.against.type, on, *c.against._core, c.stiffness, c.exponent, c.damping,
+                          c.coulomb, c.bristles)
+            for c, (point, on) in zip(self.contacts, self._touching, strict=True)
+        ]  # fmt: skip
+        more = (contacts,) if contacts else ()
         with self.naming():
-            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts)
+            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, *more)
 
     def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
         """The points of a strut as the core takes them. ValueError unless they can move against each other."""
@@ -158,6 +193,17 @@ class Chain:
             if here[:3] == there[:3] and np.array_equal(here[3], there[3]):
                 raise ValueError(f"{field}: {names[i]} and {names[i + 1]} are one point; give different ones")
         return points
+
+    def _touch(self, field: str, contact: Contact) -> tuple[_Fastened, _Fastened]:
+        """The point of a contact and that of its surface, as the core takes them. ValueError unless they can move
+        against each other."""
+        surface = contact.against
+        names = "point", f"against.{surface.on}"
+        points: Any = contact.point, surface.at
+        point, on = (self._fasten_point(f"{field}: {n}", p) for n, p in zip(names, points, strict=True))
+        if self._body(*point[:3]) == self._body(*on[:3]):
+            raise ValueError(f"{field}: its point and its surface sit on one rigid body, so that the gap cannot change")
+        return point, on
 
     def _fasten_point(self, field: str, point: Point) -> _Fastened:
         offset = np.array(point.offset)
@@ -195,18 +241,20 @@ class Chain:
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
                 out[name] = found
-        return out
+        return out | ({"contact": as_table(self.contacts)} if self.contacts else {})
 
     def _alike(
         self: _Kind,
         links: Sequence[Link],
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         struts: Sequence[Strut | Tendon] | None = None,
+        contacts: Sequence[Contact] | None = None,
     ) -> _Kind:
-        """An arm of the same class, with the same struts (if None); a subclass's own `__init__`, which may take other
-        arguments, is not called."""
+        """An arm of the same class, with the same struts and contacts (if None); a subclass's own `__init__`, which may
+        take other arguments, is not called."""
         out = type(self).__new__(type(self))
-        Chain.__init__(out, links, gravity, self.struts if struts is None else struts)
+        struts, contacts = (self.struts if struts is None else struts), self.contacts if contacts is None else contacts
+        Chain.__init__(out, links, gravity, struts, contacts)
         return out
 
     @classmethod
@@ -216,13 +264,15 @@ class Chain:
         links: Sequence[Link],
         gravity: Sequence[float],
         struts: Sequence[Strut | Tendon],
+        contacts: Sequence[Contact],
     ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
-            return cls(links, gravity, struts)
+            return cls(links, gravity, struts, contacts)
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out.struts, out.strut_names = tuple(struts), of.strut_names
+        out.contacts, out.contact_names = tuple(contacts), of.contact_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
         out.coordinates, out.parents = of.coordinates, of.parents
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
@@ -230,14 +280,14 @@ class Chain:
         return out
 
     def __reduce__(self) -> Any:
-        return __newobj__, (type(self),), (self.links, self.gravity, self.struts)
+        return __newobj__, (type(self),), (self.links, self.gravity, self.struts, self.contacts)
 
     def __setstate__(self, state: Any) -> None:
         Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
         def parts(x: Chain) -> Any:
-            return x.links, x.gravity, x.struts
+            return x.links, x.gravity, x.struts, x.contacts
 
         return isinstance(other, Chain) and parts(self) == parts(other)
 
@@ -245,6 +295,7 @@ class Chain:
 
     def __repr__(self) -> str:
         counted = f"{len(self.links)} links, " + (f"{len(self.struts)} struts, " if self.struts else "")
+        counted += f"{len(self.contacts)} contacts, " if self.contacts else ""
         return f"{type(self).__name__}({counted}{self.nv} coordinates: {', '.join(self.coordinates)})"
 
     def __getitem__(self, link: Any) -> Link:
@@ -298,8 +349,9 @@ class Chain:
             if found:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
-            if link in self.strut_names:
-                raise ValueError(f"{field} = {link!r}: is a strut; here is meant a link or a joint")
+            for what, names in (("strut", self.strut_names), ("contact", self.contact_names)):
+                if link in names:
+                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
@@ -310,15 +362,11 @@ class Chain:
 
     def _strut(self, strut: Any, field: str = "strut") -> int:
         """The index of a strut or tendon, given by its number or its name."""
-        n = len(self.struts)
-        if isinstance(strut, str) and strut in self.strut_names:
-            return self.strut_names.index(strut)
-        if isinstance(strut, str) or not n:
-            known = f"there are {', '.join(self.strut_names)}" if n else "the arm has none"
-            raise ValueError(f"{field} = {strut!r}: no strut and no tendon has this name; {known}")
-        if isinstance(strut, bool) or not isinstance(strut, (int, np.integer)) or not -n <= strut < n:
-            raise ValueError(f"{field} = {strut!r}: must be from {-n} to {n - 1}, or a name")
-        return int(strut) % n
+        return _found(strut, field, self.strut_names, "no strut and no tendon")
+
+    def _contact(self, contact: Any, field: str = "contact") -> int:
+        """The index of a contact, given by its number or its name."""
+        return _found(contact, field, self.contact_names, "no contact")
 
     def _parent(self, k: int, parent: str | int | None) -> int:
         """The number of the link that link k sits on; -1: the world."""
@@ -702,6 +750,61 @@ class Chain:
         """Jacobian (..., n, nv) of the lengths of struts and tendons: dl/dt = J v. A force f with which they push has
         the generalised forces J^T f."""
         return finite("strut Jacobian", self._strut_motion(q, None, None)[1])
+
+    # -- contacts ------------------------------------------------------------------------------------------------------
+
+    def contact_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+        """Gap (m), its rate (m/s) and normal force (N) of each contact, (..., n) each, by their numbers in `contacts`.
+        Where a gap is below zero, it touches; the rate is negative where it gets nearer. v is zero if None."""
+        q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
+        found = finite("contact motion", self._core.contact_motion(q, v))
+        return found[..., 0], found[..., 1], found[..., 2]
+
+    def contact_jacobian(self, q: ArrayLike) -> Array:
+        """Jacobian (..., n, nv) of the gaps: d gap/dt = J v. Normal forces f have the generalised forces J^T f."""
+        (q,) = self._batch(q=q)
+        rates = self.contact_motion(np.repeat(q[..., None, :], self.nv, axis=-2), np.eye(self.nv))[1]
+        return np.ascontiguousarray(np.swapaxes(rates, -1, -2))
+
+    def contact_places(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Where the sphere of each contact is nearest to its surface (m), and the direction from the surface to it, in
+        the world, (..., n, 3) each, by their numbers in `contacts`."""
+        (q,) = self._batch(q=q)
+        at, normal = np.zeros((2, *q.shape[:-1], len(self.contacts), 3))
+        for k, (c, (point, on)) in enumerate(zip(self.contacts, self._touching, strict=True)):
+            axes, (origin, turn), centre = c.against._core[0], self._point_frame(q, on), self._point_frame(q, point)[0]
+            y = np.einsum("...ij,...i->...j", turn @ axes, centre - origin)
+            normal[..., k, :] = np.einsum("...ij,...j->...i", turn @ axes, c.against.normal_at(y))
+            at[..., k, :] = centre - c.radius * normal[..., k, :]
+        return at, normal
+
+    def _point_frame(self, q: Array, point: _Fastened) -> tuple[Array, Array]:
+        """A point in the world (..., 3), and the axes there (..., 3, 3)."""
+        link, on, x, offset = point
+        if link < 0:
+            return np.broadcast_to(offset, (*q.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
+        p, R = self._core.frame(q, link, x if on == "slice" else None)
+        if on == "origin":
+            of = self.links[link]
+            p, R = self._core.frame(q, link, 0.0 if of.beam else None)
+            bodies = (of.hub,) if of.beam else (of.hub, of.tip)
+            offset = offset - sum((np.array(b.end) for b in bodies if b is not None), np.zeros(3))
+        return p + R @ offset, R
+
+    @property
+    def rubbing(self) -> list[str]:
+        """The names of contacts with friction."""
+        return [name for name, c in zip(self.contact_names, self.contacts, strict=True) if c.coulomb]
+
+    def refuse_rubbing(self, what: str) -> None:
+        """ValueError where contacts have friction: `what` does not know the past of a run, of which that depends."""
+        for k, c in enumerate(self.contacts):
+            if c.coulomb:
+                name = self.contact_names[k]
+                raise ValueError(
+                    f"{what}: contact '{name}' has friction (coulomb = {c.coulomb:g}), which depends on a run's past, "
+                    "and that is not known here; take contacts with coulomb = 0"
+                )
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from ..._check import choice, known_keys
 from .arguments import Argument, arguments, kinds, members
 from .beam import Vector
+from .contact import Contact
 from .link import Link
 from .strut import Strut, Tendon
 
@@ -30,12 +31,14 @@ class ArmFile:
         gravity: in world axes (m/s^2).
         strut: cylinders, springs and struts between points of links and of the world.
         tendon: ropes and cables, likewise. In the arm's numbers of struts they come behind all of `strut`.
+        contact: spheres and points of links that touch surfaces of the world, or of other links.
     """
 
     link: Sequence[Link]
     gravity: Vector = (0.0, 0.0, 0.0)
     strut: Sequence[Strut] = ()
     tendon: Sequence[Tendon] = ()
+    contact: Sequence[Contact] = ()
 
 
 @contextmanager

@@ -62,7 +62,7 @@ class Scene:
         name: the scene's title.
         sensors: read by `flexarm run`; in Python by `sensor.read(scene.run())`.
         control: its controllers.
-        events: callables whose zeros are found, as `simulate` takes them. A scene file holds none.
+        events: Touch, Release, and callables whose zeros are found, as `simulate` takes them. A scene file holds none.
     """
 
     arm: Arm

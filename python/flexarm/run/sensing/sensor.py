@@ -268,6 +268,8 @@ class _Instrument:
         place = {k: v for k, v in sensor._arguments().items() if k not in _COMMON}
         if "link" in place:  # -1 and the last link's number are one place
             place["link"] = arm._link(place["link"])
+        if "contact" in place:
+            place["contact"] = arm._contact(place["contact"])
         self.rng = np.random.default_rng([sensor.seed, zlib.crc32(f"{sensor.type} {place}".encode())])
 
     def __call__(self, y: Array, skip: int = 0) -> Array:
@@ -340,6 +342,8 @@ class Sampler:
 
     def __init__(self, sensor: Sensor, arm: Arm, *, loads: Sequence[Load] | None = None) -> None:
         sensor.check(arm)
+        if sensor.feels_loads:
+            arm.refuse_rubbing(f"{sensor._kind()} in a loop of control")
         self.sensor, self.arm, self.loads = sensor, arm, loads
         self.reset()
 

@@ -1,4 +1,4 @@
-"""The sensors: encoder, tachometer, force/torque; strain gauge, accelerometer, camera (paper Sec. 5)."""
+"""The sensors: encoder, tachometer, force/torque; contact force; strain gauge, accelerometer, camera (paper Sec. 5)."""
 
 from __future__ import annotations
 
@@ -94,6 +94,9 @@ class Tachometer(_OnFreedom):
 class ForceTorque(Sensor):
     """Six-component force/torque sensor in a joint: the wrench on its link, as `Arm.joint_reaction`.
 
+    Of contacts it feels the normal forces, and, where it reads a result, friction too. That is known only there: in a
+    loop of control it refuses an arm with contacts that have friction.
+
     Args:
         link: the joint's link; -1 is the last.
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of its parent, in its axes.
@@ -121,6 +124,30 @@ class ForceTorque(Sensor):
         rows = zip(t, q, v, array("a", a), strict=True)
         place = (self.link, self.side)
         return np.array([arm.joint_reaction(x, y, z, *place, loads=loads, t=float(s)) for s, x, y, z in rows])
+
+
+# -- of a contact --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ContactForce(Sensor):
+    """Sensor of the normal force of a contact (N): a pressure pad, a load cell under a toe.
+
+    Args:
+        contact: its name or its number in `arm.contacts`; -1 is the last.
+    """
+
+    contact: str | int = -1
+    type: ClassVar[str] = "contact_force"
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("normal force", "N")]
+
+    def _where(self, arm: Arm) -> str:
+        return arm.contact_names[arm._contact(self.contact)]
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        return arm.contact_motion(q, v)[2][..., arm._contact(self.contact), None]
 
 
 # -- on a slice ----------------------------------------------------------------------------------------------------
