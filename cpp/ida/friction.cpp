@@ -24,10 +24,10 @@ constexpr const char* kRanAway = "the motion ran away: take a smaller step, or l
 constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
 constexpr double kShort = 1e-6;       // in so small a part of the time simulated are no motion
 
-std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
-  std::vector<Contact> out;
+std::vector<RubbingJoint> rubbing_joints(const Arm& arm, const std::vector<Drive>& drives) {
+  std::vector<RubbingJoint> out;
   for (const Rub& r : rubs(arm)) out.push_back({r.rate, r.coulomb, r.stiction, false, 0});
-  for (Contact& c : out)
+  for (RubbingJoint& c : out)
     for (const Drive& d : drives) c.given = c.given || (d.motion && d.coordinate == c.coordinate);
   return out;
 }
@@ -36,7 +36,7 @@ std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) 
 class Sliding {
  public:
   Sliding(const Problem& problem, Control& control, const std::vector<Parameter>& parameters)
-      : contacts_(contacts(*problem.arm, problem.drives)),
+      : joints_(rubbing_joints(*problem.arm, problem.drives)),
         arm_(*problem.arm),
         problem_(problem),
         part_(problem),
@@ -47,7 +47,7 @@ class Sliding {
     if (parameters.empty()) return;
     if (control.due(1e300))
       bad_value("control", "sampled", "of dry friction and sampled controllers together no derivatives are known");
-    tangents_.emplace(parameters, free_, contacts_.size());
+    tangents_.emplace(parameters, free_, joints_.size());
   }
 
   /// Runs the sampled controllers that are due at time t, after `settle`. @return whether the forces have changed
@@ -56,16 +56,16 @@ class Sliding {
     return probe_->sample(t);
   }
 
-  /// Which freedoms stick and which slide, from t on, as the implicit method has it (contact.hpp); the speeds of those
-  /// that stick become zero.
+  /// Which freedoms stick and which slide, from t on, as the implicit method has it (joint_friction.hpp); the speeds of
+  /// those that stick become zero.
   /// @param switched  the contact that has come to rest or has been torn loose, or null
-  void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
-    for (const Contact& c : contacts_)
+  void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const RubbingJoint* switched) {
+    for (const RubbingJoint& c : joints_)
       if (!c.given && (&c == switched || std::abs(v[c.coordinate]) <= kStill)) v[c.coordinate] = 0.0;
     System& s = free_;
     s.drive(t, q, v);
     if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; joints at rest stay there
-    for (Contact& c : contacts_) {
+    for (RubbingJoint& c : joints_) {
       if (c.given) continue;
       const double speed = v[c.coordinate], along = speed == 0.0 ? s.ws.a[c.coordinate] : speed;
       c.sense = along > 0.0 ? 1 : along < 0.0 ? -1 : 0;
@@ -74,7 +74,7 @@ class Sliding {
   }
 
   /// `settle`, and the tangents' leap, where a part of the run has been ended by the switch of a contact.
-  void settle(const Trajectory& part, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact& switched,
+  void settle(const Trajectory& part, const Eigen::VectorXd& q, Eigen::VectorXd& v, const RubbingJoint& switched,
               double span) {
     const double t = part.reached;
     if (!tangents_) return settle(t, q, v, &switched);
@@ -90,8 +90,8 @@ class Sliding {
     settle(t, q, v, &switched);
     force(t, q, v);
     leap.end(probe_->a);
-    tangents_->leap(part, static_cast<std::size_t>(&switched - contacts_.data()), leap);
-    tangents_->prepare(arm_, contacts_, q, v);
+    tangents_->leap(part, static_cast<std::size_t>(&switched - joints_.data()), leap);
+    tangents_->prepare(arm_, joints_, q, v);
   }
 
   /// The problem until the next switch, from q and v on.
@@ -109,7 +109,7 @@ class Sliding {
   /// Whether the force that holds a contact was no longer finite.
   bool ran_away() const { return ran_away_; }
   /// The contacts of the events that `part` has added.
-  const std::vector<const Contact*>& switching() const { return switching_; }
+  const std::vector<const RubbingJoint*>& switching() const { return switching_; }
 
   /// Adds a row at a state where no integrator has been.
   bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Trajectory& out) {
@@ -132,7 +132,7 @@ class Sliding {
 
   /// Takes the friction of sliding joints out of a row of tau.
   void separate(Trajectory& out, Eigen::Index row) const {
-    for (const Contact& c : contacts_) {
+    for (const RubbingJoint& c : joints_) {
       const double speed = out.v(row, c.coordinate);
       const double sense = !c.given ? c.sense : speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : 0.0;
       double& force = out.friction(row, c.coordinate);
@@ -142,7 +142,7 @@ class Sliding {
       }
       force = sense == 0.0 ? 0.0 : -sense * c.coulomb;
       out.tau(row, c.coordinate) -= force;
-      if (tangents_) tangents_->separate(out, row, static_cast<std::size_t>(&c - contacts_.data()), c, sense);
+      if (tangents_) tangents_->separate(out, row, static_cast<std::size_t>(&c - joints_.data()), c, sense);
     }
   }
 
@@ -154,7 +154,7 @@ class Sliding {
     for (std::size_t k = 0; k < events.size(); ++k)
       if (events[k].terminal > 0) events[k].terminal -= static_cast<int>(done.events[k].t.size());
     switching_.clear();
-    for (const Contact& c : contacts_) {
+    for (const RubbingJoint& c : joints_) {
       if (c.given) continue;
       switching_.push_back(&c);
       const int i = c.coordinate, sense = c.sense;
@@ -174,10 +174,10 @@ class Sliding {
   /// Sticking freedoms are prescribed; sliding ones are driven by a constant force.
   void prepare(const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     part_.drives = problem_.drives;
-    for (const Contact& c : contacts_)
+    for (const RubbingJoint& c : joints_)
       if (!c.given) part_.drives.push_back(c.sense == 0 ? held(arm_, c, q) : sliding_force(c, c.coulomb));
     probe_ = std::make_unique<System>(part_, control_);
-    if (tangents_) tangents_->prepare(arm_, contacts_, q, v);
+    if (tangents_) tangents_->prepare(arm_, joints_, q, v);
   }
 
   /// Force on each sticking freedom that holds it (of all coordinates); the system's accelerations are those then.
@@ -191,7 +191,7 @@ class Sliding {
     return s.ws.tau - s.tau;
   }
 
-  std::vector<Contact> contacts_;
+  std::vector<RubbingJoint> joints_;
   const Arm& arm_;
   const Problem& problem_;
   Problem part_;  // with sticking joints held, and friction on sliding ones
@@ -200,7 +200,7 @@ class Sliding {
   System free_;    // with nothing held but prescribed rates
   std::optional<SlidingTangents> tangents_;
   std::unique_ptr<System> probe_;  // of the part
-  std::vector<const Contact*> switching_;
+  std::vector<const RubbingJoint*> switching_;
   bool ran_away_ = false;
 };
 
@@ -252,7 +252,7 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
   Trajectory out = empty_trajectory(arm, t, events, parameters.size());
   out.rubs = true;
   Eigen::VectorXd q = problem.q0, v = problem.v0;
-  const Contact* switched = nullptr;
+  const RubbingJoint* switched = nullptr;
   Trajectory part;
   std::deque<double> switches;
   try {

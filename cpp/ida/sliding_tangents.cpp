@@ -7,13 +7,13 @@ namespace flexarm {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-Drive held(const Arm& arm, const Contact& contact, const VectorXd& q) {
+Drive held(const Arm& arm, const RubbingJoint& contact, const VectorXd& q) {
   const double place = q[arm.coordinate_of(contact.coordinate)];
   const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
   return {contact.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true};
 }
 
-Drive sliding_force(const Contact& contact, double coulomb) {
+Drive sliding_force(const RubbingJoint& contact, double coulomb) {
   const double force = -contact.sense * coulomb;
   return {contact.coordinate, {}, [force](double) { return force; }, Eigen::Vector2d(-1e300, 1e300), {}, true};
 }
@@ -34,9 +34,9 @@ SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, Syste
     }
 }
 
-void SlidingTangents::prepare(const Arm& arm, const std::vector<Contact>& contacts, const VectorXd& q,
+void SlidingTangents::prepare(const Arm& arm, const std::vector<RubbingJoint>& contacts, const VectorXd& q,
                               const VectorXd& v) {
-  for (const Contact& c : contacts)
+  for (const RubbingJoint& c : contacts)
     if (!c.given && c.sense == 0) by_v_.row(c.coordinate).setZero();
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (std::size_t i = 0; i < near_[k].neighbours.size(); ++i) {
@@ -47,7 +47,7 @@ void SlidingTangents::prepare(const Arm& arm, const std::vector<Contact>& contac
       n.v0 = v + offset * by_v_.col(static_cast<Index>(k));
       const std::vector<Rub> rub = rubs(*n.arm);
       for (std::size_t j = 0; j < contacts.size(); ++j) {
-        const Contact& c = contacts[j];
+        const RubbingJoint& c = contacts[j];
         if (c.given) continue;
         n.drives.push_back(c.sense == 0 ? held(arm, c, n.q0) : sliding_force(c, rub[j].coulomb));
       }
@@ -67,7 +67,8 @@ void SlidingTangents::leap(const Trajectory& part, std::size_t n, const Saltatio
   switched.leap(gap, by_v_);
 }
 
-void SlidingTangents::separate(Trajectory& out, Index row, std::size_t n, const Contact& contact, double sense) const {
+void SlidingTangents::separate(Trajectory& out, Index row, std::size_t n, const RubbingJoint& contact,
+                               double sense) const {
   for (std::size_t k = 0; k < out.tangents.size(); ++k) {
     double& force = out.tangents[k].friction(row, contact.coordinate);
     force = -sense * coulomb_by_(static_cast<Index>(n), static_cast<Index>(k));

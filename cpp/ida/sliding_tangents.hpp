@@ -7,7 +7,7 @@
 namespace flexarm {
 
 /// A freedom with friction, and its state now.
-struct Contact {
+struct RubbingJoint {
   int coordinate;
   double coulomb, stiction;
   bool given;  // its motion is prescribed
@@ -15,9 +15,9 @@ struct Contact {
 };
 
 /// A drive that holds a contact where it is.
-Drive held(const Arm& arm, const Contact& contact, const Eigen::VectorXd& q);
+Drive held(const Arm& arm, const RubbingJoint& contact, const Eigen::VectorXd& q);
 /// The friction of a contact that slides.
-Drive sliding_force(const Contact& contact, double coulomb);
+Drive sliding_force(const RubbingJoint& contact, double coulomb);
 
 /// The neighbours of a run's parameters from one switch to the next, with the same freedoms held as in the run, and
 /// their tangents at a switch (Saltation).
@@ -30,12 +30,12 @@ class SlidingTangents {
   /// The neighbours of the part of the run that comes.
   const std::vector<Parameter>& parameters() const { return near_; }
   /// Prepares them at q and v, with the contacts from now on.
-  void prepare(const Arm& arm, const std::vector<Contact>& contacts, const Eigen::VectorXd& q,
+  void prepare(const Arm& arm, const std::vector<RubbingJoint>& contacts, const Eigen::VectorXd& q,
                const Eigen::VectorXd& v);
   /// Takes over the tangents of the end of a part of the run, which contact n has ended, and lets them leap.
   void leap(const Trajectory& part, std::size_t n, const Saltation& switched);
   /// Takes the friction of contact n, which slides in this sense, out of a row of tau's tangents.
-  void separate(Trajectory& out, Eigen::Index row, std::size_t n, const Contact& contact, double sense) const;
+  void separate(Trajectory& out, Eigen::Index row, std::size_t n, const RubbingJoint& contact, double sense) const;
 
  private:
   const std::vector<Parameter>& parameters_;

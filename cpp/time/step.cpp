@@ -102,7 +102,7 @@ struct OneStep::Run {
   const std::vector<AppliedLimit> limits;
   std::vector<int> rubbing, now;              // their rates, those that are not prescribed
   std::vector<double> numbers;                // the method's memory
-  Contacts<Engine>* contacts = nullptr;       // of the method
+  JointFriction<Engine>* joints = nullptr;    // of the method
   GeneralisedAlpha<Engine>* alpha = nullptr;  // the method, if it is this one: it remembers, and divides steps
   const Work* work = nullptr;
   const double *q0 = nullptr, *v0 = nullptr, *divisions = nullptr, *doubt = nullptr;
@@ -126,7 +126,7 @@ struct OneStep::Run {
   void memory(const std::function<void(double&)>& visit) {
     for (double& x : numbers) visit(x);
     if (!alpha) return;
-    for (double* x : {&alpha->h_before, &alpha->newton.contraction, &alpha->scale, &alpha->contacts.left}) visit(*x);
+    for (double* x : {&alpha->h_before, &alpha->newton.contraction, &alpha->scale, &alpha->joints.left}) visit(*x);
   }
   /// Of a step with switches of friction: its beginning.
   void note_beginning(double h, Tape::Switch& out) const {
@@ -142,8 +142,8 @@ struct OneStep::Run {
     copy(from.alpha0, alpha->alpha0);
     copy((from.a0 - from.gain).eval(), alpha->a_before);
     alpha->h_before = from.h;
-    copy(from.sense, contacts->sense);
-    copy(from.before, contacts->before);
+    copy(from.sense, joints->sense);
+    copy(from.before, joints->before);
   }
 
   /// To be called before anything is done with another workspace.
@@ -162,7 +162,7 @@ struct OneStep::Run {
       if (std::binary_search(ws.free.begin(), ws.free.end(), r.rate)) now.push_back(r.rate);
     if (now == rubbing) return;
     std::swap(now, rubbing);
-    Contacts<Engine>& c = *contacts;
+    JointFriction<Engine>& c = *joints;
     Arena arena(c.coulomb);
     c.lay_out(arena, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
     int k = 0;
@@ -186,7 +186,7 @@ struct OneStep::RunOf final : Run {
     numbers.resize(most.bytes() / sizeof(double));
     Arena arena(numbers.data());
     method.lay_out(arena, arm.nq(), arm.nv(), nullptr, 0, told);
-    contacts = &method.friction();
+    joints = &method.friction();
     if constexpr (std::is_same_v<Method, GeneralisedAlpha<Engine>>) alpha = &method;
     work = &method.work;
     q0 = method.q0;
@@ -267,7 +267,7 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
   const bool begun = run_->begin(q.data(), v.data(), tau.data(), ws.a.data());
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   if (begun) {
-    if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
+    if (!run_->rubs.empty()) report(v, run_->joints->before, friction_);
     if (tape_ && run_->stages.remembers) {
       tape_->entries.push_back({0.0, 1.0, tape_->add(tape_->now, q, v, ws.a)});
       contacts(v, true, tape_->last_contacts());
@@ -284,7 +284,7 @@ Status OneStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen:
   run_->attach(ws, tau);
   if (run_->rubs.empty()) return forward_dynamics(*arm_, ws, q, v, tau);
   const bool good = run_->accelerate(q.data(), v.data(), tau.data(), ws.a.data(), between);
-  report(v, run_->contacts->force, friction);
+  report(v, run_->joints->force, friction);
   if (!all_finite(q) || !all_finite(v) || !all_finite(tau) || (good && !all_finite(ws.a))) return Status::not_finite;
   return good ? Status::ok : Status::singular;
 }
@@ -293,8 +293,8 @@ void OneStep::report(const Eigen::VectorXd& v, const double* force, Eigen::Vecto
   friction.setZero();
   for (const Rub& r : run_->rubs)  // of those that are prescribed; the others follow
     friction[r.rate] = v[r.rate] == 0.0 ? 0.0 : -std::copysign(r.coulomb, v[r.rate]);
-  const Contacts<Engine>& contacts = *run_->contacts;
-  for (int c = 0; c < contacts.count; ++c) friction[contacts.at[c]] = force[c];
+  const JointFriction<Engine>& joints = *run_->joints;
+  for (int c = 0; c < joints.count; ++c) friction[joints.at[c]] = force[c];
 }
 
 /// The stages of the last step, before it is accepted. Those that follow in turn are gone: they are made again.
@@ -302,8 +302,8 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->alpha ? run_->alpha->lag(h) : 1.0, tape_->points()});
-  if (run_->divided() || (run_->switches_within && run_->contacts->switches())) {
-    const Contacts<Engine>& c = *run_->contacts;
+  if (run_->divided() || (run_->switches_within && run_->joints->switches())) {
+    const JointFriction<Engine>& c = *run_->joints;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
                      tape_->now,
@@ -364,7 +364,7 @@ bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q
 
 std::vector<double> OneStep::way() const {
   std::vector<double> out;
-  const Contacts<Engine>& c = *run_->contacts;
+  const JointFriction<Engine>& c = *run_->joints;
   for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
   out.push_back(c.left);
   out.push_back(run_->divided() ? 1.0 : 0.0);
@@ -372,7 +372,7 @@ std::vector<double> OneStep::way() const {
 }
 
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
-  const Contacts<Engine>& c = *run_->contacts;
+  const JointFriction<Engine>& c = *run_->joints;
   for (int k = 0; k < c.count; ++k) {
     const double now = instant ? c.sign(v[c.at[k]]) : 0.0;
     const double way = c.over[k] > 0.5 ? c.way[k] : now != 0.0 ? now : c.sense[k];
@@ -407,10 +407,10 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   }
   Status status = Status::ok;
   if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
-    counts_.switches += !run.divided() || run.contacts->switches();
+    counts_.switches += !run.divided() || run.joints->switches();
     status = jump(ws, q, v, tau);
   } else if (!run.rubs.empty()) {
-    report(v, run.contacts->before, friction_);
+    report(v, run.joints->before, friction_);
   }
   return status;
 }

@@ -119,8 +119,8 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
   s.rubbing = method.rubbing();
   if (!method.switches_within())
     for (const Rub& rub : rubs(s.arm))
-      if (!s.ws.prescribed[static_cast<std::size_t>(rub.rate)]) contacts_.push_back({rub, kSlack, -1e300});
-  if (!contacts_.empty()) last_switches_.reserve(kMany + 1);
+      if (!s.ws.prescribed[static_cast<std::size_t>(rub.rate)]) joints_.push_back({rub, kSlack, -1e300});
+  if (!joints_.empty()) last_switches_.reserve(kMany + 1);
   s.q = problem.q0;
   s.v = problem.v0;
   if (method.interpolates()) speeds_ = speeds(problem.drives, looks);
@@ -128,7 +128,7 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
 }
 
 void Stepper::begin() {
-  for (const Contact& c : contacts_)
+  for (const RubbingJoint& c : joints_)
     if (std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
   s.remember();
@@ -184,20 +184,20 @@ Status Stepper::try_step(double from, double h, double last, int level) {
 }
 
 Status Stepper::look_at_contacts(Status status) {
-  if (!contacts_.empty() && status == Status::ok) s.rubbing->contacts(s.v, true, ways_.data());
+  if (!joints_.empty() && status == Status::ok) s.rubbing->contacts(s.v, true, ways_.data());
   return status;
 }
 
 /// A contact that no longer sticks, or slides as it did, at the system's state, which has been driven; or null.
-Stepper::Contact* Stepper::broken() {
+Stepper::RubbingJoint* Stepper::broken() {
   bool held = false;
-  for (Contact& c : contacts_) {
+  for (RubbingJoint& c : joints_) {
     const signed char way = ways_[static_cast<std::size_t>(c.of.rate)];
     held = held || way == Tape::held;
     if (way != Tape::held && way * s.v[c.of.rate] < -kStill) return &c;
   }
   if (!held || s.accelerate(true) != Status::ok) return nullptr;  // the step itself tells the error
-  for (Contact& c : contacts_)
+  for (RubbingJoint& c : joints_)
     if (ways_[static_cast<std::size_t>(c.of.rate)] == Tape::held &&
         std::abs(s.friction[c.of.rate]) > c.of.stiction * (1.0 + c.slack))
       return &c;
@@ -230,7 +230,7 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
     (switched_ ? high : low) = c;
   }
   if (!switched_) return Status::ok;
-  if (Contact* const first = look(0.0)) {  // other forces act than those under which it stuck
+  if (RubbingJoint* const first = look(0.0)) {  // other forces act than those under which it stuck
     switched_ = first;
     low = high = 0.0;
   } else if (!inside) {
@@ -239,7 +239,7 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
   }
   for (int k = 0; k < kSearch && high > low; ++k) {
     const double middle = 0.5 * (low + high);
-    Contact* const found = look(middle);
+    RubbingJoint* const found = look(middle);
     if (found) switched_ = found;
     (found ? high : low) = middle;
   }
@@ -282,7 +282,7 @@ Status Stepper::end_at_switch(double from, double h, double last, int level, dou
 }
 
 /// Of the switch that has ended a step; in the tape its place, and a leap.
-Saltation Stepper::saltation(const Contact& now) {
+Saltation Stepper::saltation(const RubbingJoint& now) {
   const int i = now.of.rate;
   s.drive(reached);
   if (s.accelerate(true) != Status::ok) s.ws.a.setZero();  // the next step says why
@@ -306,12 +306,12 @@ Saltation Stepper::saltation(const Contact& now) {
 }
 
 Status Stepper::settle() {
-  Contact& now = *switched_;
+  RubbingJoint& now = *switched_;
   const signed char& way = ways_[static_cast<std::size_t>(now.of.rate)];
   switched_ = nullptr;
   std::optional<Saltation> leap;
   if (tape_ && way == was_ && s.arm.nq() == s.arm.nv()) leap = saltation(now);
-  for (const Contact& c : contacts_)
+  for (const RubbingJoint& c : joints_)
     if (&c == &now || std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
   const double slack = now.slack;

@@ -83,7 +83,7 @@ class Stepper {
   static constexpr int kLooks = 5;          // halvings of a step that does not see a motion; then it is taken to jump
 
   /// A joint with dry friction that is not prescribed.
-  struct Contact {
+  struct RubbingJoint {
     Rub of;
     double slack;     // parts of its stiction by which it may be held beyond it
     double switched;  // when, last (s)
@@ -93,13 +93,13 @@ class Stepper {
   /// divides its steps itself.)
   template <class Seen>
   Status part(double from, double h, double last, int level, const Seen& seen) {
-    if (!contacts_.empty()) {
+    if (!joints_.empty()) {
       q0_ = s.q;
       v0_ = s.v;
     }
     double share = 1.0;  // of the step, up to a switch of dry friction
     Status found = try_step(from, h, last, level);
-    if (found == Status::ok && !contacts_.empty()) found = end_at_switch(from, h, last, level, share);
+    if (found == Status::ok && !joints_.empty()) found = end_at_switch(from, h, last, level, share);
     if (found == Status::ok) {
       found = arrive(from, h, last, share, seen);
       if (share == 1.0 || found != Status::ok || enough) return found;
@@ -143,7 +143,7 @@ class Stepper {
           found = Status::not_converged;
           continue;
         }
-        if (solved && !contacts_.empty()) found = end_at_switch(from, h, last, tries, share);
+        if (solved && !joints_.empty()) found = end_at_switch(from, h, last, tries, share);
         if (found == Status::ok) break;
         if (found != Status::not_converged || h <= shortest_) return found;
         ++halved;
@@ -165,9 +165,9 @@ class Stepper {
   Status end_at_switch(double from, double h, double last, int level, double& share);
   /// Begins anew behind a switch.
   Status settle();
-  Saltation saltation(const Contact& now);
+  Saltation saltation(const RubbingJoint& now);
   Status look_at_contacts(Status status);
-  Contact* broken();
+  RubbingJoint* broken();
   Status try_step(double from, double h, double last, int level);
   /// @return whether the forces have changed
   bool look();
@@ -182,15 +182,15 @@ class Stepper {
     double from, h, last;  // of the step; `last`: the stop when it ends there, so that it is met exactly
   } now_;
   Tape* tape_ = nullptr;
-  std::vector<Contact> contacts_;  // of a method that has no switches within its steps
-  std::vector<signed char> ways_;  // of all rates, their Tape::Contact until the next switch
-  Contact* switched_ = nullptr;    // in the step that has been taken
-  signed char was_ = Tape::free;   // its contact before
-  bool forced_ = false;            // it did not last at the step's very beginning
-  Contact* restless_ = nullptr;    // one that switches without end
-  Eigen::VectorXd q0_, v0_;        // where the step began
-  Eigen::VectorXd q1_, v1_;        // where it ended, before it was looked into
-  StepCubic cubic_;                // through it, of methods that do not interpolate
+  std::vector<RubbingJoint> joints_;  // of a method that has no switches within its steps
+  std::vector<signed char> ways_;     // of all rates, their Tape::Way until the next switch
+  RubbingJoint* switched_ = nullptr;  // in the step that has been taken
+  signed char was_ = Tape::free;      // its contact before
+  bool forced_ = false;               // it did not last at the step's very beginning
+  RubbingJoint* restless_ = nullptr;  // one that switches without end
+  Eigen::VectorXd q0_, v0_;           // where the step began
+  Eigen::VectorXd q1_, v1_;           // where it ended, before it was looked into
+  StepCubic cubic_;                   // through it, of methods that do not interpolate
   std::vector<double> last_switches_;
 
   /// A step's length, or, where it is chosen, that of the next.

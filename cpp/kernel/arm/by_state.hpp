@@ -27,6 +27,7 @@ struct ByState {
   };
   struct Touched {
     ContactState<S> state;
+    bool idle;                           ///< nowhere pressed: its columns are not made
     S weights[Sp::linear * Sp::linear];  ///< its part of B
   };
   struct Loaded {
@@ -92,9 +93,9 @@ struct ByState {
         if (at->place.node >= 0) visit(k, at->place, *p);
     int column = layout.struts;
     for (int k = 0; k < layout.contacts; ++k, column += Sp::linear)
-      for (int side = 0; side < 2; ++side, ++at)
-        for (int way = 0; way < Sp::linear; ++way, ++p)
-          if (at->place.node >= 0) visit(column + way, at->place, *p);
+      for (int side = 0; side < 2; ++side, ++at, p += Sp::linear)
+        for (int way = 0; way < Sp::linear && !touched[k].idle && at->place.node >= 0; ++way)
+          visit(column + way, at->place, p[way]);
     for (int k = 0; k < layout.state_loads; ++k, ++at)
       for (int way = 0; way < kWays; ++way, ++p) visit(column++, at->place, *p);
   }
@@ -192,7 +193,10 @@ struct ByState {
     const Layout& layout = chain.layout;
     const int n = columns(layout), nv = layout.nv;
     gather(chain);
-    for (int k = 0; k < n; ++k) solve(G + k * nv, solved + k * nv);
+    for (int k = 0; k < n; ++k) {
+      if (!idle(layout, k)) solve(G + k * nv, solved + k * nv);
+      for (int i = 0; i < nv && idle(layout, k); ++i) solved[k * nv + i] = S{};
+    }
     for (int k = 0; k < layout.struts; ++k)
       weight[k] = shift.stiffness * strut[k].by_length + shift.damping * strut[k].by_rate;
     for (int k = 0; k < layout.contacts; ++k)
@@ -233,6 +237,10 @@ struct ByState {
   }
 
  private:
+  bool idle(const Layout& layout, int column) const {
+    const int k = (column - layout.struts) / Sp::linear;
+    return column >= layout.struts && k < layout.contacts && touched[k].idle;
+  }
   const Moving<Sp>& moving(const Place& place) const {
     return (place.on == Place::end ? places.end : places.frame)[place.node];
   }
@@ -323,9 +331,11 @@ struct ByState {
     ContactState<S>& state = touched[k].state;
     state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
                layout.sticks ? memory + k : nullptr);
+    touched[k].idle = !Lanes<S>::any(state.push > 0.0);
     const auto pushed = state.force();
     const S all[3] = {pushed.x, pushed.y, pushed.z};
     for (int way = 0; way < Sp::linear; ++way) f[way] = all[world_axis(layout, way)];
+    if (touched[k].idle) return;
     pull_at(layout, sides[0].place, slice, state.at - arm.frame.r, 1.0, found);
     if (sides[1].place.node >= 0)
       pull_at(layout, sides[1].place, chain.slice_of(sides[1].place, r, q, v), state.at - on.frame.r, -1.0,

@@ -4,7 +4,7 @@
 
 #include "door/kernels.hpp"
 #include "door/layout.hpp"
-#include "step/contact.hpp"
+#include "step/joint_friction.hpp"
 #include "step/newton.hpp"
 #include "wide/scalar.hpp"
 
@@ -62,7 +62,7 @@ struct GeneralisedAlpha : AlphaNumbers {
   Work work;
   Mask divided = L::everywhere(false);  // the last step
   S divisions{}, doubt{};  // how many were; the largest change of an end by twice as many parts, in parts of the speed
-  Contacts<Engine> contacts;
+  JointFriction<Engine> joints;
 
   void lay_out(Arena& arena, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
     static_cast<AlphaNumbers&>(*this) = AlphaNumbers(options.spectral_radius);
@@ -74,10 +74,10 @@ struct GeneralisedAlpha : AlphaNumbers {
     arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
     arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v);
     arena.take_zeros(rubbing_count, start_sense, start_before);
-    contacts.lay_out(arena, rubbing, rubbing_count, nv);
+    joints.lay_out(arena, rubbing, rubbing_count, nv);
     forget();
   }
-  Contacts<Engine>& friction() { return contacts; }
+  JointFriction<Engine>& friction() { return joints; }
 
   void forget() {
     h_before = 0.0;
@@ -94,14 +94,14 @@ struct GeneralisedAlpha : AlphaNumbers {
       a_before[i] = L::select(now, x[i], a_before[i]);
       alpha0[i] = L::select(now, x[i], alpha0[i]);
     }
-    contacts.end_instant(v, now);
+    joints.end_instant(v, now);
     return good;
   }
   /// Arms without friction get the same numbers as in a pack without friction.
   Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
-    const Mask rubs = contacts.anywhere();
+    const Mask rubs = joints.anywhere();
     if (!L::any(rubs)) return engine.accelerate(q, v, tau, x);
-    Mask good = contacts.accelerate(engine, q, v, tau, x, where, tau_own, r, turn, between);
+    Mask good = joints.accelerate(engine, q, v, tau, x, where, tau_own, r, turn, between);
     if (L::all(rubs)) return good;
     for (int i = 0; i < nv; ++i) turn[i] = x[i];
     good = (good & rubs) | (engine.accelerate(q, v, tau, turn) & L::none_of(rubs));
@@ -124,7 +124,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       alpha0[i] = L::select(where, alpha[i], alpha0[i]);
     }
     h_before = h;
-    return contacts.end_step(v, where) | (divided & where);
+    return joints.end_step(v, where) | (divided & where);
   }
 
   bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
@@ -178,7 +178,7 @@ struct GeneralisedAlpha : AlphaNumbers {
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
     const S scale0 = scale, contraction0 = newton.contraction;
     newton.begin(kBest);
-    contacts.begin_step(L::everywhere(true));
+    joints.begin_step(L::everywhere(true));
     iterations = 0;
     divided = L::everywhere(false);
     Mask good = L::everywhere(false);
@@ -204,9 +204,9 @@ struct GeneralisedAlpha : AlphaNumbers {
     const AlphaNumbers own = *this;
     const S scale0 = scale, contraction0 = newton.contraction;
     for (int i = 0; i < nv; ++i) end_v[i] = v[i];
-    for (int c = 0; c < contacts.count; ++c) {
-      start_sense[c] = contacts.sense[c];
-      start_before[c] = contacts.before[c];
+    for (int c = 0; c < joints.count; ++c) {
+      start_sense[c] = joints.sense[c];
+      start_before[c] = joints.before[c];
     }
     S *const begin_q = q0, *const begin_v = v0, *const own_a = a, *const own_alpha = alpha, *const own_lagged = lagged;
     q0 = part_q;
@@ -249,9 +249,9 @@ struct GeneralisedAlpha : AlphaNumbers {
     newton.contraction = contraction0;
     for (int i = 0; i < nq; ++i) q[i] = q0[i];
     for (int i = 0; i < nv; ++i) v[i] = end_v[i];
-    for (int c = 0; c < contacts.count; ++c) {
-      contacts.sense[c] = start_sense[c];
-      contacts.before[c] = start_before[c];
+    for (int c = 0; c < joints.count; ++c) {
+      joints.sense[c] = start_sense[c];
+      joints.before[c] = start_before[c];
     }
   }
 
@@ -270,9 +270,9 @@ struct GeneralisedAlpha : AlphaNumbers {
     const double part = h / count;
     for (int i = 0; i < nq; ++i) q0[i] = begin_q[i];
     for (int i = 0; i < nv; ++i) v0[i] = begin_v[i];
-    for (int c = 0; c < contacts.count; ++c) {
-      contacts.sense[c] = L::select(open, start_sense[c], contacts.sense[c]);
-      contacts.before[c] = L::select(open, start_before[c], contacts.before[c]);
+    for (int c = 0; c < joints.count; ++c) {
+      joints.sense[c] = L::select(open, start_sense[c], joints.sense[c]);
+      joints.before[c] = L::select(open, start_before[c], joints.before[c]);
     }
     for (int k = 1; k <= count && L::any(open); ++k) {
       const double left = h * (1.0 - static_cast<double>(k) / count);
@@ -283,12 +283,12 @@ struct GeneralisedAlpha : AlphaNumbers {
       }
       for (int n = 0; n < engine.free_count; ++n) a[engine.free[n]] = alpha[engine.free[n]] = S{};
       newton.again(open);
-      contacts.begin_step(open);
+      joints.begin_step(open);
       Mask good = L::everywhere(false);
       converge(engine, part, q, v, tau, L::none_of(open), good);
       place(engine, part, q, v);
       open = open & good;
-      contacts.end_step(v, open);
+      joints.end_step(v, open);
       for (int i = 0; i < nq; ++i) q0[i] = q[i];
       for (int i = 0; i < nv; ++i) v0[i] = v[i];
     }
@@ -313,24 +313,24 @@ struct GeneralisedAlpha : AlphaNumbers {
         S twice;
         bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
         ++work.factorisations;
-        contacts.refactored(L::everywhere(true));
+        joints.refactored(L::everywhere(true));
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) return;  // an engine that could not factor has nothing to solve with
       }
-      S released{}, residual{}, force = contacts.take_from(tau_own);
+      S released{}, residual{}, force = joints.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
         r[i] = tau[i] - tau_own[i];
         residual = L::larger(residual, L::size(r[i]));
         force = L::larger(force, L::size(tau[i]));
       }
-      contacts.refactored(engine.correction(r, turn));
+      joints.refactored(engine.correction(r, turn));
       ++work.solves;
-      const Mask switching = contacts.count == 0 ? L::everywhere(false)
-                                                 : contacts.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
-                                                                    L::none_of(good | bad), tau_own);
-      for (int c = 0; c < contacts.count; ++c) released += contacts.turn[c] * turn[contacts.at[c]];
+      const Mask switching = joints.count == 0 ? L::everywhere(false)
+                                               : joints.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
+                                                                L::none_of(good | bad), tau_own);
+      for (int c = 0; c < joints.count; ++c) released += joints.turn[c] * turn[joints.at[c]];
       for (int k = 0; k < engine.free_count; ++k)
         released += r[engine.free[k]] * turn[engine.free[k]];  // turn^T S turn
       bad = bad | (L::none_of(good) & L::none_of(L::finite(released) & L::finite(size)));

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "door/kernels.hpp"
-#include "step/contact.hpp"
+#include "step/joint_friction.hpp"
 #include "wide/scalar.hpp"
 
 namespace {
@@ -25,28 +25,28 @@ struct RungeKutta {
   S *q0, *q_sum, *dq, *v0, *v_sum, *own, *rest, *turned;
   static constexpr int iterations = 0;
   Work work;
-  S divisions{}, doubt{};     // no step is divided
-  Contacts<Engine> contacts;  // of which none switches within a step
+  S divisions{}, doubt{};        // no step is divided
+  JointFriction<Engine> joints;  // of which none switches within a step
 
   void lay_out(Arena& arena, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions&) {
     nq = nq_;
     nv = nv_;
     arena.take_zeros(nq, q0, q_sum, dq);
     arena.take_zeros(nv, v0, v_sum, own, rest, turned);
-    contacts.lay_out(arena, rubbing, rubbing_count, nv);
+    joints.lay_out(arena, rubbing, rubbing_count, nv);
   }
-  Contacts<Engine>& friction() { return contacts; }
+  JointFriction<Engine>& friction() { return joints; }
 
   void forget() {}
   Mask begin(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
-    if (contacts.count == 0) return L::everywhere(true);
+    if (joints.count == 0) return L::everywhere(true);
     const Mask good = accelerate(engine, q, v, tau, x, where);
-    contacts.end_instant(v, where & good);
+    joints.end_instant(v, where & good);
     return good;
   }
   Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, bool between = false) {
-    if (contacts.count == 0) return engine.accelerate(q, v, tau, x);
-    return contacts.accelerate(engine, q, v, tau, x, where, own, rest, turned, between);
+    if (joints.count == 0) return engine.accelerate(q, v, tau, x);
+    return joints.accelerate(engine, q, v, tau, x, where, own, rest, turned, between);
   }
   template <class Given>
   Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
@@ -81,7 +81,7 @@ struct RungeKutta {
     return good;
   }
   Mask accept(double, S*, S*, const Mask&) {
-    for (int c = 0; c < contacts.count; ++c) contacts.before[c] = contacts.force[c];
+    for (int c = 0; c < joints.count; ++c) joints.before[c] = joints.force[c];
     return L::everywhere(false);
   }
 };

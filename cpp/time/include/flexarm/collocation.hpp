@@ -88,7 +88,7 @@ class CollocationStep final : public Step {
   std::vector<int> free_;             ///< rates that are not prescribed
   std::vector<bool> free_q_;          ///< whether a coordinate is
   std::optional<OneStep> rests_;      ///< dry friction at an instant
-  std::vector<signed char> contact_;  ///< of each rate, see Tape::Contact
+  std::vector<signed char> contact_;  ///< of each rate, see Tape::Way
   std::vector<signed char> was_;      ///< the same before the last switch
   Eigen::VectorXd rub_;               ///< friction of sliding rates (nv)
   std::vector<Ball> balls_;

@@ -30,7 +30,7 @@ struct Stages {
 struct Tape {
   /// Of a rate at such a place: it is free; its motion is given, or dry friction holds it, so that its equation does
   /// not count; it is held still, but about to be torn loose (3 or -3); or it slides (1 or -1).
-  enum Contact : signed char { torn_back = -3, back = -1, free = 0, ahead = 1, held = 2, torn_ahead = 3 };
+  enum Way : signed char { torn_back = -3, back = -1, free = 0, ahead = 1, held = 2, torn_ahead = 3 };
   struct Entry {
     double h;            ///< length of the step (s); 0: the method begins anew here, or there is a leap
     double lag;          ///< of alpha0 - a0, the part of it at the beginning: 1 but where the step changes

@@ -15,7 +15,7 @@
 namespace {
 
 template <class Engine>
-struct Contacts {
+struct JointFriction {
   using S = typename Engine::Scalar;
   using L = Lanes<S>;
   using Mask = typename L::Mask;
