@@ -55,6 +55,13 @@ def tied(m: float, rich: bool) -> fa.Arm:
     return fa.Arm(arm(m, rich).links, struts=[spring, rope])
 
 
+def pressed(m: dict[str, Any], rich: Any, coulomb: float) -> fa.Arm:
+    """The same, whose tip meets a wall."""
+    wall = fa.Plane((0.0, 0.2, 0.0), normal=(0.0, -1.0, 0.0))
+    touch = fa.Contact(0, wall, stiffness=2e3, damping=0.1, coulomb=coulomb)
+    return fa.Arm(arm(m, rich).links, contacts=[touch])
+
+
 def pull(t: float, pose: Any, velocity: np.ndarray) -> np.ndarray:
     """Of a spring and of the air, at the tip."""
     return np.array([0.4, 0.1, 0.0]) * 20 - 20 * pose.p - 0.5 * np.abs(velocity[:3]) * velocity[:3]
@@ -214,6 +221,8 @@ def features() -> list[Feature]:
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("load by its state", lambda m, r, x: {"loads": [fa.Load(force=pull)], **SPUN}, "event"),
         Feature("strut and tendon", lambda m, r, x: {"arm": tied(m, x), **SPUN}, "event"),
+        Feature("contact", lambda m, r, x: {"arm": pressed(m, x, 0.0), **SPUN}, "event"),
+        Feature("contact that rubs", lambda m, r, x: {"arm": pressed(m, x, 0.3), **SPUN}, "contact"),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),

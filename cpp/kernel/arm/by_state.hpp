@@ -331,7 +331,7 @@ struct ByState {
     ContactState<S>& state = touched[k].state;
     state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
                layout.sticks ? memory + k : nullptr);
-    touched[k].idle = !Lanes<S>::any(state.push > 0.0);
+    touched[k].idle = Lanes<S>::all(Lanes<S>::none_of(state.push > 0.0));
     const auto pushed = state.force();
     const S all[3] = {pushed.x, pushed.y, pushed.z};
     for (int way = 0; way < Sp::linear; ++way) f[way] = all[world_axis(layout, way)];
