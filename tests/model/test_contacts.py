@@ -1,4 +1,4 @@
-"""Contacts: their points, surfaces, names and checks; gaps, rates and normal forces; what rebuilds an arm keeps them."""
+"""Contacts: their points, surfaces, names and checks; gaps, rates and normal forces; what rebuilds an arm has them."""
 
 from __future__ import annotations
 
@@ -202,8 +202,8 @@ def test_a_base_bears_what_contacts_do_not() -> None:
     normal, zero = arm.contact_motion(q)[2], np.zeros(arm.nv)
     weight = sum(link.mass for link in arm.links) * np.array(arm.gravity)
     assert 1.0 < normal[0] < -weight[1]
-    hinge = arm.joint_reaction(q, zero, zero, "boom", "inboard")[:3]
-    np.testing.assert_allclose(hinge + [0, normal[0], 0] + weight, 0.0, atol=1e-8)
+    hinge, pushed = arm.joint_reaction(q, zero, zero, "boom", "inboard")[:3], np.array([0, normal[0], 0])
+    np.testing.assert_allclose(hinge + pushed + weight, 0.0, atol=1e-8)
 
 
 def test_numbers_of_contacts_vary_by_their_paths() -> None:
