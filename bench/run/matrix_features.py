@@ -55,6 +55,14 @@ def tied(m: float, rich: bool) -> fa.Arm:
     return fa.Arm(arm(m, rich).links, struts=[spring, rope])
 
 
+def touching(m: float, rich: bool, **more: float) -> fa.Arm:
+    """The same, whose tip meets a surface when it has turned by 0.2 rad."""
+    c, s = np.cos(0.2), np.sin(0.2)
+    surface = fa.Plane((0.4 * c, 0.4 * s, 0), (s, -c, 0))
+    touch = fa.Contact(0, surface, stiffness=400.0, damping=0.2, **more)
+    return fa.Arm(arm(m, rich).links, contacts=[touch])
+
+
 def pull(t: float, pose: Any, velocity: np.ndarray) -> np.ndarray:
     """Of a spring and of the air, at the tip."""
     return np.array([0.4, 0.1, 0.0]) * 20 - 20 * pose.p - 0.5 * np.abs(velocity[:3]) * velocity[:3]
@@ -214,6 +222,9 @@ def features() -> list[Feature]:
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("load by its state", lambda m, r, x: {"loads": [fa.Load(force=pull)], **SPUN}, "event"),
         Feature("strut and tendon", lambda m, r, x: {"arm": tied(m, x), **SPUN}, "event"),
+        Feature("contact", lambda m, r, x: {"arm": touching(m, x), **SPUN}, "event", pose={0: 0.21}),
+        Feature("contact with friction", lambda m, r, x: {"arm": touching(m, x, coulomb=0.5), **SPUN}, "contact",
+                pose={0: 0.21}),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),

@@ -78,7 +78,7 @@ type = "contact_force"
 contact = "toe"
 [simulation]
 duration = 0.2
-interval = 0.05
+interval = 0.01
 integrator = "implicit"
 step = 1e-3
 """
@@ -139,12 +139,13 @@ def test_touch_and_release_are_events(options: dict[str, Any]) -> None:
     speed, sag = G * fall, G / w**2
     stay = 2 * (np.pi - np.arctan(speed / w / sag)) / w
     events = [fa.Touch("pad"), fa.Release(0)]
-    run = fa.simulate(mass_on_rails(PAD), np.linspace(0, 0.5, 51), events=events, **options)
+    run = fa.simulate(mass_on_rails(PAD), np.linspace(0, 0.45, 46), events=events, **options)
     (touch, again), (release,) = run.t_events
     assert touch == pytest.approx(fall, abs=2e-5) and release - touch == pytest.approx(stay, abs=3e-5)
     assert again - release == pytest.approx(2 * fall, abs=1e-3)
     assert run.v_events[1][0, 1] == pytest.approx(speed, rel=1e-3)
-    ended = fa.simulate(mass_on_rails(PAD), np.linspace(0, 0.5, 51), events=fa.Release("pad", terminal=True), **options)
+    leaves = fa.Release("pad", terminal=True)
+    ended = fa.simulate(mass_on_rails(PAD), np.linspace(0, 0.45, 46), events=leaves, **options)
     assert ended.status == 1 and ended.t_events[0] == pytest.approx([release], abs=1e-9)
     with refuses("Touch", "contact = 'pod'", "pad"):
         fa.simulate(mass_on_rails(PAD), T, events=fa.Touch("pod"))
@@ -167,12 +168,12 @@ def test_events_of_a_batch_are_those_of_each_arm() -> None:
 def test_a_result_tells_its_contacts() -> None:
     """Of a mass that is dragged along the floor: what its motion takes is the contact's force."""
     tau = np.array([6.0, 0.0])  # N, above 0.2 m g
-    arm = mass_on_rails(replace(PAD, coulomb=0.2, damping=1.0, against=fa.Plane((0, -0.001, 0), (0, 1, 0))))
+    arm = mass_on_rails(replace(PAD, coulomb=0.2, damping=5.0, against=fa.Plane((0, -0.001, 0), (0, 1, 0))))
     run = fa.simulate(arm, T, tau=tau, **STEP)
     pad = run.contact("pad")
     gap, rate, normal = (x[:, 0] for x in arm.contact_motion(run.q, run.v))
     assert np.array_equal(pad.gap, gap) and np.array_equal(pad.rate, rate) and np.array_equal(pad.normal, normal)
-    assert np.array_equal(pad.touching, gap < 0) and pad.touching[-20:].all() and not pad.touching[0]
+    assert np.array_equal(pad.touching, gap < 0) and pad.touching[-1] and not pad.touching[0]
     needed = np.column_stack([2.0 * run.a - tau + [0, 2.0 * G], np.zeros(len(T))])
     np.testing.assert_allclose(pad.force, needed, atol=1e-6 * np.abs(needed).max())
     np.testing.assert_allclose(pad.friction, np.abs(needed[:, 0]), atol=1e-6 * np.abs(needed).max())
@@ -220,10 +221,10 @@ def table_and_foot() -> fa.Arm:
 def test_a_wrist_sensor_feels_normal_forces_and_friction() -> None:
     """Both sides of the contact, by the momentum of the foot; friction sticks at first, then slides."""
     arm = table_and_foot()
-    tau = fa.Torque(T, 40 * T)
+    tau = fa.Torque(T, 80 * T)
     run = fa.simulate(arm, T, drive={("rails", 0): tau, ("rails", 2): tau.scaled(0.5)}, tau=[0, -10.0, 0], **STEP)
     sole = run.contact("sole")
-    along = 40 * T[:, None] * [1, 0, 0.5] + [0, -10.0, 0] - 5.0 * run.v
+    along = 80 * T[:, None] * [1, 0, 0.5] + [0, -10.0, 0] - 5.0 * run.v
     contact = 2.0 * run.a - along + 2.0 * G * UP  # on the whole foot
     np.testing.assert_allclose(sole.force, contact, atol=1e-6 * np.abs(contact).max())
     assert sole.friction.max() > 5 and np.hypot(run.v[:, 0], run.v[:, 2]).max() > 0.1
@@ -304,10 +305,11 @@ PATHS = ["contact.toe.stiffness", "contact.0.against.point.offset.1", "contact.s
          "contact.toe.radius"]  # fmt: skip
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "implicit"])
+@pytest.mark.parametrize("integrator", ["gauss", "implicit", "rk4"])
 def test_derivatives_by_numbers_of_contacts(integrator: str) -> None:
-    """Forward and by the adjoint, against differences of runs in which they touch."""
-    t, options = np.linspace(0, 0.25, 11), {"integrator": integrator, "step": 5e-4}
+    """Forward and by the adjoint, against differences of runs in which they touch: also of what moves a place, though
+    a contact begins to push there within a step."""
+    t, options = np.linspace(0, 0.35, 36), {"integrator": integrator, "step": 5e-4}
     made = fa.simulate(crane(), t, **options)
     assert made.contact("toe").touching.any()
     found, by = made.sensitivities(PATHS), made.gradient({"q": np.ones_like(made.q)}, PATHS)
@@ -316,9 +318,9 @@ def test_derivatives_by_numbers_of_contacts(integrator: str) -> None:
         return fa.simulate_batch(crane(), t, parameters={path: [value]}, **options).q[0]
 
     for k, (path, value) in enumerate(zip(PATHS, (2e4, -0.2, 0.25, 0.03), strict=True)):
-        h = 1e-5 * abs(value)
+        h = 1e-6 * abs(value)
         slope = (run(path, value + h) - run(path, value - h)) / (2 * h)
-        np.testing.assert_allclose(found.q[k], slope, atol=2e-3 * np.abs(slope).max())
+        np.testing.assert_allclose(found.q[k], slope, atol=1e-6 * np.abs(slope).max())
         assert by[path] == pytest.approx(found.q[k].sum(), rel=1e-5, abs=1e-6 * np.abs(found.q[k]).sum())
 
 
@@ -335,7 +337,7 @@ def test_what_does_not_know_the_past_refuses_friction_by_name() -> None:
         "step_derivatives": lambda: fa.step_derivatives(arm, q[0, 0], v[0, 0], tau[0, 0], step=1e-3),
         "rollout_gradient": lambda: fa.rollout_gradient(arm, q, v, tau, step=1e-3),
         "plan_move": lambda: fa.plan_move(arm, [0, 0], [1, 0], limits={"torque": 100.0}),
-        "invert": lambda: fa.invert(arm, T, np.zeros((len(T), 2))),
+        "invert": lambda: fa.invert(arm, {"x": 1.0, "y": fa.Motion([0, 1], [0.5, 0.6], [0, 0], [0, 0])}),
         "economize": lambda: fa.economize(fa.Scene(arm, t=T)),
     }.items():
         with refuses(what, *named):
@@ -352,7 +354,7 @@ def test_a_contact_is_identified_from_a_run() -> None:
     made = fa.Scene(crane(), t=T, options={"integrator": "implicit", "step": 1e-3})
     data = made.run().to_data()
     guess = replace(made, arm=crane(replace(TOE, stiffness=1.6e4), STOP))
-    fit = fa.identify(guess, data, parameters=["contact.toe.stiffness"], outputs=["q hinge"], noise={"q hinge": 1e-4})
+    fit = fa.identify(guess, data, parameters=["contact.toe.stiffness"], outputs=["q hinge"], noise={"q hinge": 1e-3})
     assert fit.values["contact.toe.stiffness"] == pytest.approx(2e4, rel=1e-3)
 
 
@@ -360,11 +362,14 @@ def test_a_filter_knows_contacts_without_friction() -> None:
     arm, step = crane(), 1e-3
     filter = fa.KalmanFilter(arm, [fa.sensors.Encoder(0)], step, force_noise=1.0, q_std=0.01, v_std=0.01)
     truth = fa.Simulation(arm, fa.Implicit(step))
-    for _ in range(250):
+    touched = 0.0
+    for _ in range(400):
         filter.predict(np.zeros(arm.nv))
         truth.step()
-    assert arm.contact_motion(truth.q)[2].max() > 0
-    np.testing.assert_allclose(filter.q, truth.q, atol=1e-6)
+        touched = max(touched, arm.contact_motion(truth.q)[2][0])
+    assert touched > 10
+    np.testing.assert_allclose(filter.q, truth.q, atol=1e-3)  # its steps begin anew
+    assert np.abs(truth.q - fa.simulate(fa.Arm(arm.links, arm.gravity), T, **STEP).q[-1]).max() > 0.1
 
 
 def test_the_arm_in_pieces_has_the_same_contacts() -> None:

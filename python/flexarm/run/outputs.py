@@ -93,11 +93,12 @@ class Rows:
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
     @property
-    def forces(self) -> tuple[Load, ...]:
-        """The loads, and as loads the driven forces of struts and the friction of contacts, linear between the rows."""
+    def acting(self) -> tuple[Arm, tuple[Load, ...]]:
+        """An arm and loads, linear between the rows, by which inverse dynamics has all that acted: the driven forces of
+        struts are loads, and so are the forces of contacts, in place of these, where they have friction."""
         out, arm = [*(self.loads or ())], self.arm
         if not len(self.t):
-            return tuple(out)
+            return arm, tuple(out)
         t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
         if self.driven is not None:
             if not np.isfinite(self.driven).all():
@@ -107,13 +108,13 @@ class Rows:
         if arm.rubbing:
             if self.contacts is None:
                 raise ValueError(f"contacts: this result does not keep the friction of {', '.join(arm.rubbing)}")
-            at, normal = arm.contact_places(self.q)
-            rubs = self.contacts - arm.contact_motion(self.q, self.v)[2][..., None] * normal
+            at = arm.contact_places(self.q)[0]
             for k, (point, surface) in enumerate(arm._touching):
-                out.append(_pull(arm, t, self.q, point, rubs[:, k], at[:, k]))
+                out.append(_pull(arm, t, self.q, point, self.contacts[:, k], at[:, k]))
                 if surface[0] >= 0:
-                    out.append(_pull(arm, t, self.q, surface, -rubs[:, k], at[:, k]))
-        return tuple(out)
+                    out.append(_pull(arm, t, self.q, surface, -self.contacts[:, k], at[:, k]))
+            arm = arm._alike(arm.links, arm.gravity, contacts=())
+        return arm, tuple(out)
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
