@@ -32,9 +32,11 @@ def test_dir_shows_public_names_alone() -> None:
 
 
 def test_a_name_stands_in_one_list() -> None:
-    """But for the commonest sections, which are names of flexarm as well."""
-    assert set(NAMES[fa]) & set(NAMES[fa.sections]) == {"Rectangle", "Circle", "Tube", "SectionMatrix"}
-    assert sum(len(names) for names in NAMES.values()) == len(ALL) + 4
+    """But for the commonest sections, which are names of flexarm as well, and for a box: a section, or what an arm
+    touches."""
+    both = {"Rectangle", "Circle", "Tube", "SectionMatrix", "Box"}
+    assert set(NAMES[fa]) & set(NAMES[fa.sections]) == both and fa.Box is not fa.sections.Box
+    assert sum(len(names) for names in NAMES.values()) == len(ALL) + 5
     warn = {name for name, thing in ALL.items() if isinstance(thing, type) and issubclass(thing, BaseException)}
     assert warn - {"SimulationError"} == set(NAMES[fa.errors])
 

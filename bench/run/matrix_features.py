@@ -55,10 +55,11 @@ def tied(m: float, rich: bool) -> fa.Arm:
     return fa.Arm(arm(m, rich).links, struts=[spring, rope])
 
 
-def pressed(m: dict[str, Any], rich: Any, coulomb: float) -> fa.Arm:
-    """The same, whose tip meets a wall."""
-    wall = fa.Plane((0.0, 0.2, 0.0), normal=(0.0, -1.0, 0.0))
-    touch = fa.Contact(0, wall, stiffness=2e3, damping=0.1, coulomb=coulomb)
+def touching(m: float, rich: bool, **more: float) -> fa.Arm:
+    """The same, whose tip meets a surface when it has turned by 0.2 rad."""
+    c, s = np.cos(0.2), np.sin(0.2)
+    surface = fa.Plane((0.4 * c, 0.4 * s, 0), (s, -c, 0))
+    touch = fa.Contact(0, surface, stiffness=400.0, damping=0.2, **more)
     return fa.Arm(arm(m, rich).links, contacts=[touch])
 
 
@@ -221,8 +222,9 @@ def features() -> list[Feature]:
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("load by its state", lambda m, r, x: {"loads": [fa.Load(force=pull)], **SPUN}, "event"),
         Feature("strut and tendon", lambda m, r, x: {"arm": tied(m, x), **SPUN}, "event"),
-        Feature("contact", lambda m, r, x: {"arm": pressed(m, x, 0.0), **SPUN}, "event"),
-        Feature("contact that rubs", lambda m, r, x: {"arm": pressed(m, x, 0.3), **SPUN}, "contact"),
+        Feature("contact", lambda m, r, x: {"arm": touching(m, x), **SPUN}, "event", pose={0: 0.21}),
+        Feature("contact with friction", lambda m, r, x: {"arm": touching(m, x, coulomb=0.5), **SPUN}, "contact",
+                pose={0: 0.21}),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),

@@ -22,7 +22,7 @@ from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rat
 
 Titles = dict[str, list[tuple[str, str]]]
 _OF_STRUT = (("length", "m"), ("rate", "m/s"), ("force", "N"))
-_OF_CONTACT = (("gap", "m"), ("rate", "m/s"), ("normal", "N"), *((f"force {x}", "N") for x in "xyz"))
+_OF_CONTACT = (("gap", "m"), ("rate", "m/s"), ("normal", "N"))
 
 
 @dataclass
@@ -93,11 +93,12 @@ class Rows:
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
     @property
-    def forces(self) -> tuple[Load, ...]:
-        """The loads, and as loads the driven forces of struts and the friction of contacts, linear between the rows."""
+    def acting(self) -> tuple[Arm, tuple[Load, ...]]:
+        """An arm and loads, linear between the rows, by which inverse dynamics has all that acted: the driven forces of
+        struts are loads, and so are the forces of contacts, in place of these, where they have friction."""
         out, arm = [*(self.loads or ())], self.arm
         if not len(self.t):
-            return tuple(out)
+            return arm, tuple(out)
         t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
         if self.driven is not None:
             if not np.isfinite(self.driven).all():
@@ -107,13 +108,13 @@ class Rows:
         if arm.rubbing:
             if self.contacts is None:
                 raise ValueError(f"contacts: this result does not keep the friction of {', '.join(arm.rubbing)}")
-            at, normal = arm.contact_places(self.q)
-            rubs = self.contacts - arm.contact_motion(self.q, self.v)[2][..., None] * normal
+            at = arm.contact_places(self.q)[0]
             for k, (point, surface) in enumerate(arm._touching):
-                out.append(_pull(arm, t, self.q, point, rubs[:, k], at[:, k]))
+                out.append(_pull(arm, t, self.q, point, self.contacts[:, k], at[:, k]))
                 if surface[0] >= 0:
-                    out.append(_pull(arm, t, self.q, surface, -rubs[:, k], at[:, k]))
-        return tuple(out)
+                    out.append(_pull(arm, t, self.q, surface, -self.contacts[:, k], at[:, k]))
+            arm = arm._alike(arm.links, arm.gravity, contacts=())
+        return arm, tuple(out)
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
@@ -157,13 +158,14 @@ def _pull(arm: Arm, t: Array, q: Array, on: Any, force: Array, at: Array) -> Loa
 
 
 def titles(arm: Arm) -> Titles:
-    """Name and unit of each column of q, v, a, tau and friction."""
+    """Name and unit of each column of q, v, a, tau, friction and contacts."""
     places = {i: of for i, _, of in joint_coordinates(arm)}
     rates = {i: of for i, _, of in joint_rates(arm)}
     forces = {"rad": "N m", "m": "N"}
     out: Titles = {"q": [(f"q {name}", places.get(i, "")) for i, name in enumerate(arm.q_names)]}
     for kind, per in (("v", "/s"), ("a", "/s^2")):
         out[kind] = [(f"{kind} {n}", rates[i] + per if i in rates else "") for i, n in enumerate(arm.coordinates)]
+    out["contacts"] = [(f"{name} force {x}", "N") for name in arm.contact_names for x in "xyz"]
     for kind in ("tau", "friction"):
         out[kind] = [(f"{kind} {n}", forces[rates[i]] if i in rates else "") for i, n in enumerate(arm.coordinates)]
     return out
@@ -171,7 +173,8 @@ def titles(arm: Arm) -> Titles:
 
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections, the places of the ends, and
-    the lengths of struts and the gaps of contacts, with their forces, where v is known. None without q."""
+    the lengths of struts and the gaps of contacts, with their forces, where v is known; those of contacts without
+    friction. None without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -187,9 +190,8 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
         values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)[:kept]])
     if result.arm.contacts and np.isfinite(result.v).all():
         touched = [result.contact(k) for k in range(len(result.arm.contacts))]
-        kept = 3 if result.contacts is None else 6
-        names["contact"] = [(f"{n} {what}", of) for n in result.arm.contact_names for what, of in _OF_CONTACT[:kept]]
-        values["contact"] = np.column_stack([x for c in touched for x in (c.gap, c.rate, c.normal, *c.force.T)[:kept]])
+        names["contact"] = [(f"{n} {what}", of) for n in result.arm.contact_names for what, of in _OF_CONTACT]
+        values["contact"] = np.column_stack([x for c in touched for x in (c.gap, c.rate, c.normal)])
     return names, values
 
 
@@ -200,6 +202,8 @@ def table(result: Rows) -> Data:
     names, values = derived(result)
     names = {**titles(result.arm), **names}
     values = {**{k: getattr(result, k) for k in ("q", "v", "a", "tau", "friction")}, **values}
+    if result.contacts is not None:
+        values["contacts"] = result.contacts.reshape(len(result.t), -1)
     columns: dict[str, Array] = {}
     for kind, x in values.items():
         if x is not None and np.isfinite(x).any():

@@ -87,6 +87,7 @@ FOURTH = Difference.of(3e-4, ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)),
 SECOND = Difference.of(3e-5, ((-1, 1), (-0.5, 0.5)), (-1.5, 2.0, -0.5))
 _RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in what they have made
 _LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
+_BESIDE_KINKS = 1e-6  # largest step where contacts begin to push within steps of a run: few of them lie beside it
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
 
@@ -138,8 +139,9 @@ def _parameter(
             setup = replace(setup, **{_RELATIVE[root]: getattr(of[0], _RELATIVE[root])})
             others = {p: x for p, x in of[1].items() if p != path and p.startswith(root + ".")}
     why: ValueError | None = None
+    step = min(by.step, _BESIDE_KINKS) if setup.arm.contacts else by.step
     for smaller in _SMALLER:
-        h = by.step * scale * smaller
+        h = step * scale * smaller
         for steps, weights in by.ways:
             offsets = h * np.array(steps)
             try:

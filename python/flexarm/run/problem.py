@@ -108,7 +108,9 @@ class Problem(Acts):
             kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
         status = int(out["terminated"])
         found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
-        found.driven, found.contacts = driven_forces(arm, self.strut_drives, found.t), out.get("contacts")
+        found.driven = driven_forces(arm, self.strut_drives, found.t)
+        if arm.contacts:
+            found.contacts = np.reshape(out["contacts"], (done, len(arm.contacts), 3))
         if self.events:
             found.t_events, q, v = out["events"]
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]

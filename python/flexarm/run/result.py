@@ -68,11 +68,11 @@ class Result(outputs.Rows):
             raise ValueError(
                 "loads = None: the file does not keep the loads of this result, so its reactions are not known"
             )
-        forces = self.forces
-        if not forces:
-            return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+        arm, loads = self.acting
+        if not loads:
+            return arm.joint_reaction(self.q, self.v, self.a, link, side)
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
-        return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=forces, t=t) for q, v, a, t in rows])
+        return np.array([arm.joint_reaction(q, v, a, link, side, loads=loads, t=t) for q, v, a, t in rows])
 
     def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""

@@ -32,7 +32,7 @@ class OfContact(Part):
 
 @dataclass(frozen=True)
 class Touch(OfContact):
-    """The event that a contact touches its surface, for `simulate(events=...)`: its gap falls below zero.
+    """The event that a contact touches its surface: its gap falls below zero. For `simulate(events=...)`.
 
     Args:
         contact: its name or its number in `arm.contacts`; -1 is the last.
@@ -44,7 +44,7 @@ class Touch(OfContact):
 
 @dataclass(frozen=True)
 class Release(OfContact):
-    """The event that a contact leaves its surface, for `simulate(events=...)`: its gap rises above zero.
+    """The event that a contact leaves its surface: its gap rises above zero. For `simulate(events=...)`.
 
     Args:
         contact: its name or its number in `arm.contacts`; -1 is the last.

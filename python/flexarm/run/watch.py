@@ -32,7 +32,7 @@ KINDS = MappingProxyType(
         "spin": ("", "turns at {:.3g} of the arm's first frequency", "take order = 2"),
     }
 )
-_GRAVITY, _CRUSHED = 9.81, 100.0  # m/s^2; weights of the arm, by which nothing begins to be pushed
+_GRAVITY, _CRUSHED = 9.81, 20.0  # m/s^2; weights of the arm, by which nothing begins to be pushed
 _FOLLOWED = 1.0  # step times frequency of a contact, above which steps do not follow it
 _DEFAULTS = {"top": 0.01, "spin": 0.5}  # of a beam with modes to spare; where order 1 has lost a tenth of its frequency
 
@@ -55,29 +55,33 @@ def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator
 
 
 def _in_contacts(result: Rows, step: float) -> Iterator[Finding]:
-    """Contacts that begin far inside a surface, that get as deep as half of what touches, or that vibrate too fast for
-    steps (s; 0: they are chosen)."""
-    arm = result.arm
-    gap, _, normal = arm.contact_motion(result.q, result.v)
+    """Contacts that begin far inside a surface, that get as deep as half of what touches, or that bounce faster than
+    steps follow (s; 0: they are chosen)."""
+    arm, t = result.arm, result.t
+    gaps, rates, normals = arm.contact_motion(result.q, result.v)
     weight = _GRAVITY * sum(link.mass for link in arm.links)
-    for k, c in enumerate(arm.contacts):
+    for k, (c, gap, rate, normal) in enumerate(zip(arm.contacts, gaps.T, rates.T, normals.T, strict=True)):
         where, sizes = f"contact[{k}]", [c.radius, getattr(c.against, "radius", 0.0)]
         sizes += [0.5 * min(c.against.size)] if isinstance(c.against, Box) else []
-        thin = 0.5 * min([x for x in sizes if x] or [np.inf])
-        row = int(normal[:, k].argmax())
-        depth, most = -float(gap[row, k]), float(normal[row, k])
-        if normal[0, k] > _CRUSHED * weight:
-            push = float(normal[0, k])
-            what = f"begins {-gap[0, k]:.3g} m inside its surface, which pushes with {push:.3g} N"
-            yield Finding(where, what, push, _CRUSHED * weight, "N", "on which side of it is the arm?")
-        elif most and depth > thin:
-            what = f"gets {depth:.3g} m deep, at t = {result.t[row]:.4g} s: more than half the size of what touches"
-            yield Finding(f"{where}.stiffness", what, depth, thin, "m", "is its unit N/m? Take a stiffer one")
-        if not most or not step:
+        thin, row = 0.5 * min([x for x in sizes if x] or [np.inf]), int(gap.argmin())
+        if normal[0] > _CRUSHED * weight:
+            what = f"begins {-gap[0]:.3g} m inside its surface, which pushes with {normal[0]:.3g} N"
+            yield Finding(where, what, float(normal[0]), _CRUSHED * weight, "N", "on which side of it is the arm?")
+        elif -gap[row] > thin:
+            what = f"gets {-gap[row]:.3g} m deep, at t = {t[row]:.4g} s: more than half the size of what touches"
+            remedy = "is its unit N/m? Take a stiffer one"
+            yield Finding(f"{where}.stiffness", what, float(-gap[row]), thin, "m", remedy)
+        speed = np.maximum(-rate, 0.0)
+        hits = np.flatnonzero((gap < 0.0) | (gap < np.diff(t, append=t[-1]) * speed))  # now, or before the next row
+        if not hits.size or not step:
             continue
+        row = int(hits[speed[hits].argmax()])
         J = arm.contact_jacobian(result.q[row])[k]
-        give = float(J @ np.linalg.lstsq(arm.mass_matrix(result.q[row]), J)[0])
-        w = float(np.sqrt(c.exponent * c.stiffness * depth ** (c.exponent - 1.0) * give))
+        give = float(J @ np.linalg.lstsq(arm.mass_matrix(result.q[row]), J)[0])  # 1/kg, of what hits
+        if not give > 0.0:
+            continue
+        deep = ((c.exponent + 1.0) / 2.0 * speed[row] ** 2 / (c.stiffness * give)) ** (1.0 / (c.exponent + 1.0))
+        w = float(np.sqrt(c.exponent * c.stiffness * max(deep, -gap[row]) ** (c.exponent - 1.0) * give))
         if w * step > _FOLLOWED:
             what = f"bounces within {np.pi / w:.2g} s (half a period of {w:.3g} rad/s), in steps of {step:g} s"
             remedy = f"take steps below {_FOLLOWED / w:.2g} s, or chosen ones"

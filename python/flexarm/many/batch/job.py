@@ -10,12 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import Array
+from ...arm.arm import Arm
 from ...arm.variation import Variation
 from ...run.integrators import OPTIONS, Integrator, integrator_of
 from ...run.problem import read_events
 
+#: what a batch may keep
+OUTPUTS = ("q", "v", "a", "tau", "contacts")
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
+
+
+def width(arm: Arm, output: str) -> int:
+    """Numbers in a row of an output."""
+    return {"q": arm.nq, "contacts": 3 * len(arm.contacts)}.get(output, arm.nv)
 
 
 def renamed(message: str, names: Any) -> str:
@@ -31,7 +39,7 @@ class Job:
         variation: the scenarios' arms, drives, loads and controllers.
         t: output times (s). every: how many of them between two rows of the result.
         q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
-        outputs: of "q", "v", "a", "tau".
+        outputs: some of OUTPUTS.
         integrator, step, options: of `simulate`.
         summary: makes the arrays that are stored in place of the outputs, as `RunSummary` of sweeps does; None: the
             outputs. Its attributes are part of a file's fingerprint.
@@ -83,7 +91,7 @@ class Job:
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
-        return {k: arm.nq if k == "q" else arm.nv for k in self.outputs}
+        return {k: width(arm, k) for k in self.outputs}
 
     def kept(self) -> dict[str, tuple[int, ...]]:
         """By name, the shapes of the stored arrays of a scenario."""

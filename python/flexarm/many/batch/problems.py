@@ -38,7 +38,7 @@ _LOOKS = 3  # scenarios of growing motion whose loops are tested
 _Apart = Mapping[int, str]
 #: arm, q0, loads and controllers by index
 _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
-_FILLED = ("q", "v", "a", "tau", "status", "reached", "events")
+_FILLED = ("q", "v", "a", "tau", "contacts", "status", "reached", "events")
 STEP_BYTES = 100  # of a step's times, here and in the core
 
 
@@ -95,8 +95,8 @@ def run_problems(
     q0: Array | None, v0: Array | None, tau: Array | None, integrator: Integrator, blocks: Mapping[str, Any],
     workers: int, alive: Any = None, lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None,
 ) -> tuple[list[Failure], dict[str, Any]]:  # fmt: skip
-    """Runs a batch in the core, into `blocks`: q, v, a, tau and events if they are there, status, reached; and judges
-    it, into "out_of_range" (if there is q) and "wrong", the warnings of each scenario.
+    """Runs a batch in the core, into `blocks`: q, v, a, tau, contacts and events if they are there, status, reached;
+    and judges it, into "out_of_range" (if there is q) and "wrong", the warnings of each scenario.
 
     Args:
         setups: one, or one for each scenario. arms: the same, in place of the setups'.

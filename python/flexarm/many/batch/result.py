@@ -17,25 +17,23 @@ from ...data.store.files import Refused, readable, sealed, write_whole
 from ...model.acting.load import driven_forces
 from ...run.result import Result
 from ...run.simulation import source
-from .job import ENDED, FAILED, Job
+from .job import ENDED, FAILED, OUTPUTS, Job, width
 from .problems import NOT_DONE, Failure
 from .storage import REASON_BYTES, about, failures_in, in_bytes, kept_events, read, write_file
-
-OUTPUTS = ("q", "v", "a", "tau")
 
 
 def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_loads: bool = True) -> Result:
     """Scenario i of a batch's arrays: its rows up to its end, at the times t."""
     n = int((t <= held["reached"][i] + 1e-9 * (t[-1] - t[0])).sum())
-    sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
-    arrays: dict[str, Any] = {
-        k: np.full((n, size), np.nan) if held.get(k) is None else np.array(held[k][i, :n]) for k, size in sizes.items()
-    }
     arm, loads = setup.arm, setup.loads if keeps_loads else None
+    arrays: dict[str, Any] = {k: None if held.get(k) is None else np.array(held[k][i, :n]) for k in OUTPUTS}
+    if (forces := arrays.pop("contacts")) is not None:
+        forces = forces.reshape(n, len(arm.contacts), 3)
+    arrays = {k: np.full((n, width(arm, k)), np.nan) if x is None else x for k, x in arrays.items()}
     driven = driven_forces(arm, setup.drive, t[:n])
     if arm.struts and not keeps_loads:
         driven = np.full((n, len(arm.struts)), np.nan)
-    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven)
+    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven, contacts=forces)
     result.status, events = int(held["status"][i] == ENDED), held.get("events")
     if events is not None and events[i] is not None:
         result.t_events, result.q_events, result.v_events = events[i]
@@ -51,6 +49,7 @@ class BatchResult:
     Attributes:
         t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those that were not requested are None; rows after
             a failure or a terminal event are nan. With a file they are mapped from it, not read.
+        contacts: likewise, forces of the contacts on their links (N), three numbers each, (B, nt, 3 n).
         status: (B,): 0 where the scenario was done; 1 where a terminal event ended it, as in Result; 4 where Ctrl-C
             came first; 5 where it failed.
         reached: (B,), time reached (s): the last of t, or that of the event, of Ctrl-C, of the failure.
@@ -77,6 +76,7 @@ class BatchResult:
     stats: dict[str, Any] = field(default_factory=dict)
     keeps_loads: bool = True  #: a file keeps none
     events: NDArray[Any] | None = None
+    contacts: Array | None = None
     _job: Job | None = field(default=None, repr=False, compare=False)
     _wrong: NDArray[Any] | None = field(default=None, compare=False)
 
@@ -178,7 +178,7 @@ def _check_shapes(held: dict[str, Any], arm: Arm) -> None:
     t, count = held["t"], len(held["status"])
     if t.dtype != np.float64 or t.ndim != 1 or not (np.diff(t) > 0).all() or not np.isfinite(t).all():
         raise Refused("its times do not increase")
-    shapes: dict[str, tuple[int, ...]] = {k: (count, len(t), arm.nq if k == "q" else arm.nv) for k in OUTPUTS}
+    shapes: dict[str, tuple[int, ...]] = {k: (count, len(t), width(arm, k)) for k in OUTPUTS}
     for k, shape in {**shapes, "status": (count,), "reached": (count,), "reason": (count,)}.items():
         kind = {"status": "i", "reason": "S"}.get(k, "f")
         if k in held and (held[k].shape != shape or held[k].dtype.kind != kind):

@@ -23,9 +23,9 @@ from ...model.acting.load import Load
 from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
 from ...run.start import check_one_start, start
 from .arguments import check_memory, checked_drive, default_workers, forces, rows, scenario_count
-from .job import Job
+from .job import OUTPUTS, Job, width
 from .problems import NOT_DONE
-from .result import OUTPUTS, BatchResult
+from .result import BatchResult
 from .rollout import BatchInterrupted, lowest, tell
 from .runner import Runner
 from .storage import File, Memory
@@ -36,9 +36,9 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
     parameters change the arm, some hundred arms at a time are held.
 
     Args:
-        arm: the arm. scenarios: B. rows: nt, output times. outputs: which of "q", "v", "a", "tau" are kept.
+        arm: the arm. scenarios: B. rows: nt, output times. outputs: which of "q", "v", "a", "tau", "contacts" are kept.
     """
-    return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
+    return 8 * scenarios * rows * sum(width(arm, k) for k in outputs)
 
 
 def make_job(
@@ -60,6 +60,8 @@ def make_job(
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
+    if "contacts" in wanted and not setup.arm.contacts:
+        raise ValueError("outputs: 'contacts': the arm has none")
     variation = Variation(setup, parameters)
     balance = q0 if isinstance(q0, str) else None
     if balance is not None:
@@ -145,7 +147,8 @@ def simulate_batch(
             friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
             what each costs. A Python function that several scenarios share is called for all of them in turn: it must
             not remember one of them.
-        outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
+        outputs: which of "q", "v", "a", "tau" and "contacts", the forces of these, with friction.
+        every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
             done about ten times a second and whenever a part of `batch` scenarios is done, and may raise to give up.

@@ -179,9 +179,8 @@ class Chain:
                           c.coulomb, c.bristles)
             for c, (point, on) in zip(self.contacts, self._touching, strict=True)
         ]  # fmt: skip
-        more = (contacts,) if contacts else ()
         with self.naming():
-            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, *more)
+            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, contacts)
 
     def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
         """The points of a strut as the core takes them. ValueError unless they can move against each other."""

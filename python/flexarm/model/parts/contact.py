@@ -45,7 +45,7 @@ class Surface(Part):
 
 @dataclass(frozen=True)
 class Plane(Surface):
-    """A plane. The arm's side is that to which its normal points; behind it all is solid.
+    """A plane that an arm touches, on the side to which the normal points. Behind it all is solid.
 
     Args:
         point: on the plane: a Point of a link, with which it moves, or of the world; or short, a link (its end),
@@ -74,7 +74,7 @@ class Plane(Surface):
 
 @dataclass(frozen=True)
 class Sphere(Surface):
-    """A ball. The arm is outside.
+    """A ball that an arm touches from outside.
 
     Args:
         center: a Point of a link, with which it moves, or of the world; or short, as of Plane.
@@ -94,7 +94,7 @@ class Sphere(Surface):
 
 @dataclass(frozen=True)
 class Box(Surface):
-    """A box. The arm is outside.
+    """A solid box that an arm touches from outside.
 
     Args:
         center: a Point of a link, with which it moves, or of the world; or short, as of Plane.
@@ -153,9 +153,10 @@ class Contact(Part):
         radius: of the sphere (m); 0: a point.
         stiffness: N/m; with the exponent 1.5, N/m^1.5.
         damping: s/m. Where a body of no other forces hits at the speed v, it leaves at about v (1 - 2/3 damping v).
-        coulomb: friction over normal force; 0: no friction. It remembers, in all time integration. Functions of one
-            instant (`forward_dynamics`, `equilibrium`) have bristles that are not bent: no force of friction, but, in
-            linear models and modes, their stiffness where it touches.
+        coulomb: friction over normal force; 0: no friction. It depends on the past of a run, and acts in all time
+            integration. Functions of one instant (`forward_dynamics`, `equilibrium`) have bristles that are not bent:
+            no force of friction, but, in linear models and modes, their stiffness where it touches. Derivatives of
+            runs, KalmanFilter, MPC, invert, plan_move and economize refuse it.
         exponent: 1, or 1.5, that of Hertz, of round bodies.
         tangential_stiffness: of the bristles (N/m); None: `stiffness`, where the exponent is 1.
         name: such as "toe", in place of "contact 0" and so on, by its number in the arm. No dots, no number; different

@@ -15,7 +15,7 @@ PLACES = ("end", "origin")
 
 @dataclass(frozen=True)
 class Point(Part):
-    """A point of a link or of the world, where a strut or a tendon is fastened.
+    """A point of a link or of the world: of a strut, a tendon, a contact or a surface.
 
     Args:
         link: the link: its name, or its number from 0 at the base; or "world".

@@ -199,7 +199,7 @@ class Sensor(Part):
                 states = [state, _midway(arm, *state)]
             else:
                 states = [_interpolated(result, self._times(result.t))]
-            loads = result.forces if self.feels_loads else ()
+            arm, loads = result.acting if self.feels_loads else (arm, ())
             found.append([weight * self.measure(arm, *x, loads=loads) for x in states])
         return [sum(x) for x in zip(*found, strict=True)]
 
