@@ -23,7 +23,7 @@ void make_room_for_limits(Workspace& ws);
 /// The part of move_arm that factor_shifted and composite_mass_matrix need.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
-/// Of a run: contacts with friction go on from this state.
+/// Of a run: contacts go on from this state.
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 /// Forces of the contacts on the arm, in the world (3 each), where the chain was moved last.
 void contact_forces(Workspace& ws, double* out);

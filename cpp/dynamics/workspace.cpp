@@ -66,7 +66,7 @@ lanes::Single& Workspace::chain() {
 }
 
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-  if (!arm.sticks()) return;
+  if (arm.contacts().empty()) return;
   ws.remembered.resize(lanes::kRemembered * arm.contacts().size());
   ws.chain_to_move().move(q.data(), v.data());
   ws.chain().contacts(ws.remembered.data(), nullptr);

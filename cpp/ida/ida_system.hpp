@@ -64,7 +64,7 @@ struct IdaSystem : System {
   int size() const { return n_q() + n_v(); }
   /// Current coordinates and rates from y, accelerations from yp if given, and the drives at time t.
   void set(double t, const double* y, const double* yp);
-  /// Contacts with friction go on from y, at the end of a step.
+  /// Contacts go on from y, at the end of a step.
   void remember(double t, const double* y);
   /// Whether the coordinates and rates of y are; see Arm.
   bool within_reach(const double* y) const;

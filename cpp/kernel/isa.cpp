@@ -108,6 +108,16 @@ void recall(void* self, const double* remembered) {
   });
 }
 
+void step_contacts(void* self, double by_end) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.contacts > 0) chain.by_state->by_end = by_end;
+  });
+}
+
+bool met(void* self) {
+  return on(self, [&](auto& chain) { return chain.layout.contacts > 0 && chain.by_state->met(chain.layout); });
+}
+
 Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
@@ -241,6 +251,8 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   mass_matrix,
                                                   contacts,
                                                   recall,
+                                                  step_contacts,
+                                                  met,
                                                   factor,
                                                   solve,
                                                   stiffness_times,

@@ -48,6 +48,8 @@ struct Engine {
     q_now = q;
     v_now = v;
   }
+  void step_contacts(double by_end) { ws->chain().step_contacts(by_end); }
+  bool met() const { return ws->chain().met(); }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
     const bool good = flexarm::factor(arm, *ws, q_now, v_now, shift) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
@@ -123,6 +125,7 @@ struct OneStep::Run {
   virtual int iterations() const = 0;
 
   bool divided() const { return alpha && alpha->divided; }
+  bool met() const { return alpha && alpha->met; }
   void memory(const std::function<void(double&)>& visit) {
     for (double& x : numbers) visit(x);
     if (!alpha) return;
@@ -302,7 +305,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->alpha ? run_->alpha->lag(h) : 1.0, tape_->points()});
-  if (run_->divided() || (run_->switches_within && run_->joints->switches())) {
+  if (run_->divided() || run_->met() || (run_->switches_within && run_->joints->switches())) {
     const JointFriction<Engine>& c = *run_->joints;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
@@ -357,6 +360,7 @@ bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q
   run_->begin_again(from);
   q = from.q;
   v = from.v;
+  remember_contacts(*arm_, ws, q, v);
   const bool solved = run_->step(from.h, q.data(), v.data(), tau.data(), ws.a.data(), given);
   run_->accept(from.h, v.data(), ws.a.data());
   return solved;
@@ -367,7 +371,7 @@ std::vector<double> OneStep::way() const {
   const JointFriction<Engine>& c = *run_->joints;
   for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
   out.push_back(c.left);
-  out.push_back(run_->divided() ? 1.0 : 0.0);
+  for (const bool x : {run_->divided(), run_->met()}) out.push_back(x ? 1.0 : 0.0);
   return out;
 }
 
@@ -406,8 +410,9 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
     tape_->now += h;
   }
   Status status = Status::ok;
+  const bool switched = run.switches_within && run.joints->switches();
   if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
-    counts_.switches += !run.divided() || run.joints->switches();
+    counts_.switches += switched;
     status = jump(ws, q, v, tau);
   } else if (!run.rubs.empty()) {
     report(v, run.joints->before, friction_);

@@ -38,7 +38,7 @@ struct System {
     v = at_v;
     drive(t);
   }
-  /// Contacts with friction go on from the current state.
+  /// Contacts go on from the current state.
   void remember() { remember_contacts(arm, ws, q, v); }
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
   Status accelerate(bool between = false);

@@ -41,6 +41,7 @@ struct ByState {
   StrutPoint<Sp>* point;  ///< of all struts, in order
   Touched* touched;
   ContactMemory<S>* memory;  ///< of contacts
+  double by_end;             ///< of contacts, see ContactState::share; negative: at an instant
   Loaded* loaded;
   Pull* pull;    ///< of each point of a strut, and of each direction of both sides of a contact, and of a load
   S *force, *G;  ///< f; G, by columns of nv
@@ -65,6 +66,7 @@ struct ByState {
     arena.take(layout.strut_points, point);
     arena.take(layout.contacts, touched);
     arena.take_zeros(layout.contacts, memory);
+    by_end = -1.0;
     arena.take(layout.state_loads, loaded);
     arena.take(pulls(layout), pull);
     arena.take(n, force, weight);
@@ -133,6 +135,12 @@ struct ByState {
       const S* from = view<const S>(&touched[k].state.now);
       for (int i = 0; i < flexarm::lanes::kRemembered; ++i) to[i] = Lanes<S>::select(where, from[i], to[i]);
     }
+  }
+  /// Where any contact has touched or let go since what is remembered, in a step.
+  typename Lanes<S>::Mask met(const Layout& layout) const {
+    auto found = Lanes<S>::everywhere(false);
+    for (int k = 0; k < layout.contacts; ++k) found = found | touched[k].state.met;
+    return found;
   }
   /// Of one arm: what it would remember.
   void put_now(const Layout& layout, double* out) const {
@@ -330,8 +338,8 @@ struct ByState {
     const Stand arm = stand(layout, sides[0].place, slice, height);
     ContactState<S>& state = touched[k].state;
     state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
-               layout.sticks ? memory + k : nullptr);
-    touched[k].idle = Lanes<S>::all(Lanes<S>::none_of(state.push > 0.0));
+               memory + k, by_end);
+    touched[k].idle = Lanes<S>::all(Lanes<S>::none_of((state.push > 0.0) | (state.push < 0.0)));
     const auto pushed = state.force();
     const S all[3] = {pushed.x, pushed.y, pushed.z};
     for (int way = 0; way < Sp::linear; ++way) f[way] = all[world_axis(layout, way)];

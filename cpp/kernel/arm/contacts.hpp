@@ -11,13 +11,15 @@ using flexarm::lanes::ContactPair;
 constexpr double kNoLength = 1e-60;  // added to the square of a length, so that it has a direction where it is zero
 
 /// What a contact remembers from the last step that counts on: its bristles, how far they are bent, in the axes of the
-/// surface; and the frame on the arm, as the surface saw it. Not of a run, there is no `known`: then they begin unbent.
+/// surface; the frame on the arm, as the surface saw it; gap and normal force. Without a run it is not `known`: then
+/// bristles are unbent.
 template <class S>
 struct ContactMemory {
   using Sp = Space<S>;
   S known;
   typename Sp::Lin bent;
   Frame<Sp> frame;
+  S gap, push;
 };
 static_assert(sizeof(ContactMemory<double>) == flexarm::lanes::kRemembered * sizeof(double), "what runs remember");
 
@@ -35,6 +37,7 @@ struct ContactState {
   using Lin = typename Sp::Lin;
   using Rot = typename Sp::Rot;
 
+  bool rubs;          ///< whether there is friction
   Rot axes;           ///< of the surface, in the world
   Lin at;             ///< where it touches, in the world
   S gap, rate, push;  ///< m, m/s; the normal force (N)
@@ -42,16 +45,20 @@ struct ContactState {
   Lin normal, slip;   ///< away from the surface; velocity along it
   Lin drag;           ///< friction, less its sign
   ContactMemory<S> now;
-  S coulomb, stiffness, damping;  ///< of friction; zero where there is none
+  S coulomb, stiffness, damping;  ///< of friction
   S damping_by_push, bend_by_push;
   S bends, drags;              ///< parts of a change that are left across the directions below, where
   S bent_most, drag_most;      ///< the spring, or the whole, is at its limit (1, else 0)
   Lin bent_along, drag_along;  ///< in which spring and drag have their limits
+  typename L::Mask met;        ///< touched or let go in a step
 
   /// @param arm, on  the places of the sphere and of the surface in the world, and velocities of their origins
+  /// @param memory   of a run, or null
+  /// @param by_end   see `share`; negative: at an instant
   void find(const ContactPair& pair, const records::ContactLaw<S>& law, const records::ContactSphere<Sp>& sphere,
             const records::ContactSurface<Sp>& surface, const Frame<Sp>& arm, const Motion<Sp>& arm_u,
-            const Frame<Sp>& on, const Motion<Sp>& on_u, const ContactMemory<S>* memory) {
+            const Frame<Sp>& on, const Motion<Sp>& on_u, const ContactMemory<S>* memory, double by_end) {
+    rubs = pair.rubs;
     axes = Sp::times(on.R, surface.axes);
     const Lin origin = on.r + Sp::rotate(on.R, surface.at);
     now.frame = {Sp::times(transposed(axes), arm.R), Sp::unrotate(axes, arm.r - origin)};
@@ -65,9 +72,18 @@ struct ContactState {
     rate = Sp::dot(normal, slip);
     slip = across(slip);
     press(pair.hertz, law);
+    now.known = number<S>(1.0);
+    now.bent = Sp::zero();
+    now.gap = gap;
+    now.push = push;
+    drag = Sp::zero();
+    met = L::everywhere(false);
+    if (by_end >= 0.0 && memory) share(*memory, by_end);
+    if (!pair.rubs) return;
     const ContactMemory<S> before = begin(memory);
-    const Lin in = Sp::unrotate(now.frame.R, touch - now.frame.r);  // on the arm
-    rub(law, before.bent + touch - before.frame.r - Sp::rotate(before.frame.R, in));
+    const Lin moved = centre - before.frame.r - Sp::rotate(before.frame.R, sphere.offset);
+    const Lin turned = rotation_vector(Sp::times(now.frame.R, transposed(before.frame.R)));
+    rub(law, before.bent + moved - law.radius * Sp::cross(turned, normal));
   }
 
   /// On the arm, in the world.
@@ -77,6 +93,7 @@ struct ContactState {
   Lin fall(double s, double d, const Lin& world) const {
     const Lin x = Sp::unrotate(axes, world), along = across(x);
     const S more = -(s * by_gap + d * by_rate) * Sp::dot(normal, x);  // push
+    if (!rubs) return Sp::rotate(axes, -more * normal);
     const Lin bent = (s * bends) * (along - (bent_most * Sp::dot(bent_along, along)) * bent_along) +
                      (bent_most * bend_by_push * more) * bent_along;
     const Lin free = stiffness * bent + (d * damping) * along + (damping_by_push * more) * slip;
@@ -88,6 +105,12 @@ struct ContactState {
  private:
   static Rot transposed(const Rot& R) { return {R.xx, R.yx, R.zx, R.xy, R.yy, R.zy, R.xz, R.yz, R.zz}; }
   Lin across(const Lin& x) const { return x - Sp::dot(normal, x) * normal; }
+  /// Of a turn of less than pi.
+  static Lin rotation_vector(const Rot& R) {
+    const Lin axis{0.5 * (R.zy - R.yz), 0.5 * (R.xz - R.zx), 0.5 * (R.yx - R.xy)};
+    const S sine = length(axis), angle = L::atan2(sine, 0.5 * (R.xx + R.yy + R.zz - 1.0));
+    return (angle / sine) * axis;
+  }
   static S length(const Lin& x) { return L::root(Sp::dot(x, x) + kNoLength); }
 
   /// Gap and normal of a sphere whose centre is at y.
@@ -130,11 +153,29 @@ struct ContactState {
     by_rate = L::select(acts, spring * law.damping, o);
   }
 
+  /// At the end of a step in which it touches or lets go: the force that, in the mean with that of its beginning, does
+  /// the work that the spring has taken, its potential's difference over that of the gap (Gonzalez 1996, Laursen & Love
+  /// 2002). So steps too long for an impact do not add energy.
+  /// @param by_end  weight of the force at the end, in that mean
+  void share(const ContactMemory<S>& before, double by_end) {
+    const S over = 1.0 / (L::size(gap) + L::size(before.gap) + kNoLength);
+    const auto known = before.known > 0.5;
+    const auto touches = known & (before.gap > 0.0) & (push > 0.0);
+    const auto leaves = known & (before.push > 0.0) & L::none_of(gap < 0.0);
+    const S part = L::select(touches, -gap, -before.gap) * over;  // of the step, in touch
+    const S end = (0.5 / by_end) * part, begin = end - (1.0 - by_end) / by_end;
+    by_gap = L::select(touches, by_gap * end + ((0.5 / by_end) * push) * before.gap * over * over, by_gap);
+    by_gap = L::select(leaves, before.push * end * over, by_gap);
+    by_rate = L::select(touches, by_rate * end, by_rate);
+    push = L::select(touches, push * end, L::select(leaves, before.push * begin, push));
+    met = touches | leaves;
+  }
+
   /// Of a run, what it remembers.
   ContactMemory<S> begin(const ContactMemory<S>* memory) const {
     ContactMemory<S> out = now;
     S* x = view<S>(&out);
-    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = i < 4 ? S{} : constant(x[i]);
+    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = constant(x[i]);
     if (!memory) return out;
     const S* kept = view<const S>(memory);
     const auto known = kept[0] > 0.5;
@@ -145,12 +186,11 @@ struct ContactState {
   /// Friction. @param bent  the spring, if it did not give way
   void rub(const records::ContactLaw<S>& law, const Lin& bent) {
     const S one = number<S>(1.0), o{};
-    const auto rubs = law.coulomb > 0.0;
     coulomb = law.coulomb;
-    stiffness = L::select(rubs, law.tangential, o);
-    damping_by_push = L::select(rubs, law.damping, o);
-    damping = damping_by_push * push;
-    bend_by_push = coulomb / L::select(rubs, law.tangential, one);
+    stiffness = law.tangential;
+    damping_by_push = law.damping;
+    damping = damping_by_push * L::larger(push, o);
+    bend_by_push = coulomb / law.tangential;
     const auto limit = [&](const Lin& x, const S& most, S& left, S& limited, Lin& along) {
       const S size = length(x);
       const auto beyond = size > most;
@@ -158,12 +198,12 @@ struct ContactState {
       limited = L::select(beyond, one, o);
       along = (1.0 / size) * x;
     };
-    now.known = one;
+    const S pressed = L::larger(push, o);
     now.bent = across(bent);
-    limit(now.bent, bend_by_push * push, bends, bent_most, bent_along);
+    limit(now.bent, bend_by_push * pressed, bends, bent_most, bent_along);
     now.bent = bends * now.bent;
     drag = stiffness * now.bent + damping * slip;
-    limit(drag, coulomb * push, drags, drag_most, drag_along);
+    limit(drag, coulomb * pressed, drags, drag_most, drag_along);
     drag = drags * drag;
   }
 };

@@ -116,6 +116,10 @@ struct Kernels {
   /// where the chain was moved last; null: not asked. `recall` sets what is remembered.
   void (*contacts)(void* self, double* remembered, double* force);
   void (*recall)(void* self, const double* remembered);
+  /// Contacts at the end of a step from what is remembered, with that weight of the force there; negative: at an
+  /// instant. `met`: whether any has touched or let go in it.
+  void (*step_contacts)(void* self, double by_end);
+  bool (*met)(void* self);
   /// Factors M + shift where the chain is, at rates v, and gives v^T M v.
   Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.

@@ -128,9 +128,10 @@ struct ContactPair {
   enum Kind { plane, sphere, box };
   Kind kind = plane;
   bool hertz = false;       ///< exponent 3/2, else 1
+  bool rubs = false;        ///< whether it has friction
   std::size_t numbers = 0;  ///< where its own begin (records::ContactLaw)
 };
-constexpr int kRemembered = 16;  ///< numbers that a run remembers of a contact, see ContactMemory
+constexpr int kRemembered = 18;  ///< numbers that a run remembers of a contact, see ContactMemory
 
 struct Layout {
   bool planar = false;
@@ -151,7 +152,6 @@ struct Layout {
   const StrutLine* strut = nullptr;
   int contacts = 0;
   const ContactPair* contact = nullptr;
-  bool sticks = false;              ///< whether any contact has friction, so that runs remember it
   const TiedPoint* tied = nullptr;  ///< the points of all struts, the sides of all contacts, places of loads by state
   const double* tied_numbers = nullptr;
   /// Whether there are forces by state (arm/by_state.hpp).

@@ -147,11 +147,10 @@ void KernelArm::put_contacts(const Arm& arm) {
   for (const flexarm::Contact& c : arm.contacts()) {
     const Surface& on = c.against;
     const auto kind = static_cast<ContactPair::Kind>(on.kind);
-    contacts_.push_back({kind, c.exponent != 1.0, tied_numbers_.size()});
-    for (int x : {int(kind), int(contacts_.back().hertz), int(c.coulomb > 0.0)}) structure_.push_back(x);
+    contacts_.push_back({kind, c.exponent != 1.0, c.coulomb > 0.0, tied_numbers_.size()});
+    for (int x : {int(kind), int(contacts_.back().hertz), int(contacts_.back().rubs)}) structure_.push_back(x);
     put_record(tied_numbers_,
                records::ContactLaw<double>{c.stiffness, c.damping, c.coulomb, c.tangential_stiffness, c.radius});
-    layout_.sticks = layout_.sticks || c.coulomb > 0.0;
     std::size_t numbers = tied_numbers_.size();
     tied_numbers_.push_back(height_of(c.point));
     put_record(tied_numbers_, records::ContactSphere<Sp>{to.lin(c.point.offset)});

@@ -54,6 +54,8 @@ class Single {
   void forces(const double* a, double* tau) { kernels_.forces(self_, a, tau); }
   void mass_matrix(double* M) { kernels_.mass_matrix(self_, M); }
   void contacts(double* remembered, double* force) { kernels_.contacts(self_, remembered, force); }
+  void step_contacts(double by_end) { kernels_.step_contacts(self_, by_end); }
+  bool met() const { return kernels_.met(self_); }
   void recall(const double* remembered) { kernels_.recall(self_, remembered); }
   Outcome factor(const Shift& shift, const double* v, double& twice_kinetic) {
     return kernels_.factor(self_, shift, v, &twice_kinetic);

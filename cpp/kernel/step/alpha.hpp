@@ -60,7 +60,7 @@ struct GeneralisedAlpha : AlphaNumbers {
   S *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
   int iterations = 0;
   Work work;
-  Mask divided = L::everywhere(false);  // the last step
+  Mask divided = L::everywhere(false), met = divided;  // the last step; contacts touched or let go in it
   S divisions{}, doubt{};  // how many were; the largest change of an end by twice as many parts, in parts of the speed
   JointFriction<Engine> joints;
 
@@ -124,7 +124,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       alpha0[i] = L::select(where, alpha[i], alpha0[i]);
     }
     h_before = h;
-    return joints.end_step(v, where) | (divided & where);
+    return joints.end_step(v, where) | ((divided | met) & where);
   }
 
   bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
@@ -182,7 +182,10 @@ struct GeneralisedAlpha : AlphaNumbers {
     iterations = 0;
     divided = L::everywhere(false);
     Mask good = L::everywhere(false);
+    engine.step_contacts(1.0 - alpha_f);
     converge(engine, h, q, v, tau, skip, good);
+    met = engine.met() & good;
+    engine.step_contacts(-1.0);
     scale = L::select(good, scale, scale0);  // an iteration that fails is forgotten
     newton.contraction = L::select(good, newton.contraction, contraction0);
     if (L::all(good | skip)) {

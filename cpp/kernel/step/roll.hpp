@@ -73,9 +73,13 @@ struct Rolled {
     ::solve(chain, r, x);
     return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
+  void step_contacts(double by_end) {
+    if (chain.layout.contacts > 0) chain.by_state->by_end = by_end;
+  }
+  Mask met() const { return chain.layout.contacts > 0 ? chain.by_state->met(chain.layout) : L::everywhere(false); }
   /// What a run remembers of contacts goes on from here.
   void remember(const S* q, const S* v, const Mask& where) {
-    if (!chain.layout.sticks) return;
+    if (chain.layout.contacts == 0) return;
     chain.move(q, v);
     chain.by_state->remember(chain.layout, where);
   }

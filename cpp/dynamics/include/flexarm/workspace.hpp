@@ -51,7 +51,7 @@ class Workspace {
   std::vector<bool> prescribed;    ///< per velocity coordinate
   std::vector<int> free;           ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;      ///< v^T M v (J), set by factor_shifted
-  std::vector<double> remembered;  ///< of contacts with friction, what the run remembers of them; empty: no run
+  std::vector<double> remembered;  ///< what a run remembers of contacts; empty: no run
 
   /// Laws without memory that every evaluation includes from now on; they must outlive the workspace.
   /// @throws std::invalid_argument where their lengths are not those of the arm
