@@ -163,7 +163,7 @@ TEST_CASE("PID: the trapezoidal recursion by hand, led back at its limit") {
 
 TEST_CASE("a drive: steps of its encoder, filtered differences, an integral that is led back, by hand") {
   const Arm arm = flywheel();
-  const double h = 0.001, kp = 30.0, kv = 0.8, ki = 200.0, step = 1e-3, cut = 40.0, most = 4.0;
+  const double h = 0.001, kp = 30.0, kv = 0.8, ki = 20.0, step = 1e-3, cut = 40.0, most = 4.0;
   const auto r = [](double t) { return 0.3 * std::sin(5.0 * t); };
   const auto rate = [](double t) { return 1.5 * std::cos(5.0 * t); };
   ServoGains gains{kp, kv, ki, step, cut};

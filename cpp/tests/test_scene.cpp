@@ -197,7 +197,7 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":5", "\"version\":3", "version = 3: this flexarm reads 4; compile the scene again");
+  names("\"version\":5", "\"version\":3", "version = 3: this flexarm reads 5; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
   names("\"version\":5", "\"version\":5,\"version\":5", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");

@@ -324,11 +324,11 @@ class ClosedLoop:
     ) -> Tuned:  # fmt: skip
         """Gains of a Servo, PD, StrainFeedback or PID for a wanted bandwidth and margins.
 
-        The loop gain L is linear in the gains: kp and kv (or kd) are those with which L is 1 at the bandwidth, with the
-        phase margin, or the least more that reaches the gain margin, too. All other loops stay closed.
+        The loop gain is linear in the gains: kp and kv (or kd) are those with which it falls to 1 at the bandwidth,
+        with the phase margin, or the least more that reaches the gain margin, too. All other loops stay closed.
 
         Args:
-            bandwidth: where the loop gain is 1 (rad/s): references are followed up to about there.
+            bandwidth: where the loop gain falls to 1 (rad/s): references are followed up to about there.
             phase_margin: the least (rad), at all frequencies where the loop gain is 1.
             gain_margin: the loop is to be stable with its gains multiplied by this, and divided by it.
             integral: the frequency (rad/s) below which the integral is stronger than kp, ki / kp; None: a tenth of the
@@ -346,7 +346,7 @@ class ClosedLoop:
             raise ValueError(f"phase_margin = {phase_margin!r}: must be from 0 to pi rad (60 degrees are 1.05)")
         if not gain > 1.0:
             raise ValueError(f"gain_margin = {gain_margin!r}: must be a factor above 1")
-        if self.period is not None and w >= np.pi / self.period:
+        if self.period is not None and not w < np.pi / self.period:
             raise ValueError(f"bandwidth = {w:g} rad/s: must be below half the sampling rate, {np.pi / self.period:g}")
         k, names = self._gains(control)
         mine = [i for i, c in enumerate(self.channels) if c.control == k]

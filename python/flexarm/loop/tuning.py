@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,14 @@ import numpy as np
 from .._check import Array
 from ..data.draw.loop import plot_map
 from ..data.draw.style import Figure
-from .hybrid import Hybrid, logarithm
+from .hybrid import Complex, Hybrid, logarithm
 from .margins import Margins, Response, margins_of, margins_table, short, stable
 
 _GAINS = ("kp", "kv", "kd", "ki")
 _BILINEAR = 1e-9  # parts of the largest entry, to which a loop's matrix is bilinear in two gains
-_LEADS = 13  # phases that are tried, from the wanted margin to 90 degrees
+_LEADS = 13  # phases that are tried, from the wanted margin to 90 degrees; for an advice
+_FEW_LEADS = 3
+_LOWEST, _GRID = 1e-3, 2000  # frequencies below the bandwidth, where the loop gain must be above 1
 _SLOWER = 0.8  # factor between bandwidths that are tried for an advice, down to a hundredth
 
 Build = Callable[[Mapping[str, float]], Hybrid]
@@ -114,22 +116,35 @@ def gains_of(law: Any) -> list[str]:
     return names if "kp" in names and len({"kv", "kd"} & set(names)) == 1 else []
 
 
+@dataclass
+class Found:
+    """What a search has found: stable gains with their margins; whether the last have those wanted; and the largest
+    frequency (rad/s) at which the loop gain fell below 1 too early, 0 if nowhere."""
+
+    tried: list[tuple[Array, Margins]] = field(default_factory=list)
+    good: bool = False
+    lost: float = 0.0
+
+
 class Tuner:
     """The loop of one controller, whose gain is linear in the controller's gains.
 
     Args:
         build: the loop with other values of some parameters. number: of the controller.
         names, now: its gains, and their present values. channel: its only output among the loop's.
+
+    Raises:
+        ValueError: the loop has no frequency response.
     """
 
     def __init__(self, build: Build, number: int, names: list[str], now: Array, channel: int) -> None:
         self.names, self.channel = names, channel
         self._build, self._number = build, number
-        here = np.where(now == 0.0, 1.0, now)
-        loops = [self.at(here + d) for d in (np.zeros(len(names)), *np.diag(here))]
+        self._here = np.where(now == 0.0, 1.0, now)
+        loops = [self.at(self._here + d) for d in (np.zeros(len(names)), *np.diag(self._here))]
         self._parts = [Response(loop.opened([channel]), loop.period) for loop in loops]
-        self._here = here
-        self.period = loops[0].period
+        if self._parts[0].D.size != 1:
+            raise ValueError("tune: several sampling rates: the loop has no frequency response")
 
     def values(self, gains: Array) -> dict[str, float]:
         return {f"control.{self._number}.{name}": float(x) for name, x in zip(self.names, gains, strict=True)}
@@ -137,37 +152,51 @@ class Tuner:
     def at(self, gains: Array) -> Hybrid:
         return self._build(self.values(gains))
 
-    def gains(self, w: float, phase: float, corner: float) -> Array | None:
-        """The gains with which L(w) = -exp(i phase) (w in rad/s), ki = corner kp; None if a gain is not positive."""
-        first, *moved = (complex(part(np.array([w]))[0, 0, 0]) for part in self._parts)
-        by = (np.array(moved) - first) / self._here
-        rest = -np.exp(1j * phase) - (first - by @ self._here)
-        lead = by[0] + (corner * by[2] if len(by) > 2 else 0.0)
-        both = np.array([[lead.real, by[1].real], [lead.imag, by[1].imag]])
+    def parts(self, w: Array) -> Complex:
+        """The loop gain without any of the gains, and by each of them, (1 + n, nw), at frequencies (rad/s)."""
+        first, *moved = (part(w)[:, 0, 0] for part in self._parts)
+        by = (np.array(moved) - first) / self._here[:, None]
+        return np.vstack([first - self._here @ by, by])
+
+    def gains(self, at: Complex, phase: float, corner: float) -> Array | None:
+        """The gains with which the loop gain of these `parts` (1 + n,) is -exp(i phase), ki = corner kp; None if one is
+        not positive."""
+        rest = -np.exp(1j * phase) - at[0]
+        lead = at[1] + (corner * at[3] if len(at) > 3 else 0.0)
+        both = np.array([[lead.real, at[2].real], [lead.imag, at[2].imag]])
         if not np.isfinite(both).all() or abs(np.linalg.det(both)) < 1e-12 * np.abs(both).max() ** 2:
             return None
         kp, kv = np.linalg.solve(both, [rest.real, rest.imag])
-        return np.array([kp, kv, corner * kp][: len(by)]) if kp > 0.0 and kv >= 0.0 else None
+        return np.array([kp, kv, corner * kp][: len(at) - 1]) if kp > 0.0 and kv >= 0.0 else None
 
-    def reached(self, gains: Array) -> Margins | None:
-        """The margins with these gains; None if the loop is unstable."""
+    def margins(self, gains: Array, late: bool = False) -> Margins | None:
+        """With these gains; None if the loop is unstable."""
         loop = self.at(gains)
         poles = loop.poles()[0]
-        return margins_of(loop, self.channel, poles) if stable(poles) else None
+        return margins_of(loop, self.channel, poles, late) if stable(poles) else None
 
-    def search(self, w: float, wanted: tuple[float, float], corner: float) -> tuple[list[tuple[Array, Margins]], bool]:
-        """Gains that are stable and have a loop gain of 1 at w, with their margins; whether the last have those
-        wanted."""
-        found = []
-        for phase in np.linspace(wanted[0], 0.5 * np.pi, _LEADS) if wanted[0] < 0.5 * np.pi else [wanted[0]]:
-            gains = self.gains(w, float(phase), corner)
-            margins = None if gains is None else self.reached(gains)
-            if gains is None or margins is None:
+    def search(self, w: float, wanted: tuple[float, float], corner: float, leads: int = _LEADS) -> Found:
+        """Gains for a bandwidth w, of which the first with the margins wanted are the last."""
+        found = Found()
+        grid = w * np.geomspace(_LOWEST, 1.0, _GRID)
+        parts = self.parts(grid)
+        for phase in np.linspace(wanted[0], max(wanted[0], 0.5 * np.pi), leads):
+            gains = self.gains(parts[:, -1], float(phase), corner)
+            if gains is None:
                 continue
-            found.append((gains, margins))
-            if margins.phase >= wanted[0] - 1e-6 and margins.gain[1] >= wanted[1] and margins.gain[0] <= 1 / wanted[1]:
-                return found, True
-        return found, False
+            below = np.flatnonzero(np.abs(parts[0] + gains @ parts[1:])[:-1] < 1.0 - 1e-6)
+            if below.size:
+                found.lost = max(found.lost, float(grid[below[0]]))
+                continue
+            margins = self.margins(gains)
+            if margins is None:
+                continue
+            found.tried.append((gains, margins))
+            low, high = margins.gain
+            if margins.phase >= wanted[0] - 1e-6 and high >= wanted[1] and low <= 1 / wanted[1]:
+                found.good = True
+                break
+        return found
 
     def tune(self, w: float, wanted: tuple[float, float], corner: Callable[[float], float]) -> tuple[Array, Margins]:
         """The gains with the least lead that reach the margins wanted.
@@ -175,16 +204,20 @@ class Tuner:
         Raises:
             ValueError: there are none; with what was found, and with a bandwidth that is within reach.
         """
-        found, good = self.search(w, wanted, corner(w))
-        if good:
-            return found[-1]
+        found = self.search(w, wanted, corner(w))
+        if found.good:
+            gains = found.tried[-1][0]
+            margins = self.margins(gains, late=True)
+            assert margins is not None
+            return gains, margins
         asked = f"a phase margin of {np.degrees(wanted[0]):.4g} deg and a gain margin of {wanted[1]:.4g}"
-        best = max(found, key=lambda x: min(x[1].phase / wanted[0], x[1].gain[1] / wanted[1]), default=None)
-        near = "no gains make the loop stable there" if best is None else (
-            f"the best found has {np.degrees(best[1].phase):.4g} deg and {short(best[1].gain[1], 'inf')}"
-        )  # fmt: skip
+        near = "no positive gains make the loop stable there"
+        if found.tried:
+            _, best = max(found.tried, key=lambda x: min(x[1].phase / wanted[0], x[1].gain[1] / wanted[1]))
+            near = f"the best found has {np.degrees(best.phase):.4g} deg and {short(best.gain[1], 'inf')}"
+        elif found.lost:
+            near = f"the loop gain falls below 1 at {found.lost:.4g} rad/s, near a frequency of the arm held there"
         slower = w * _SLOWER ** np.arange(1, 22)
-        reach = next((x for x in slower if self.search(x, wanted, corner(x))[1]), None)
+        reach = next((x for x in slower if self.search(x, wanted, corner(x), _FEW_LEADS).good), None)
         advice = f"; {reach:.3g} rad/s is within reach" if reach else "; nor is a hundredth of it within reach"
         raise ValueError(f"bandwidth = {w:.6g} rad/s: is not reached with {asked}: {near}{advice}")
-

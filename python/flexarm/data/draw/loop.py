@@ -172,7 +172,8 @@ def plot_map(over: tuple[str, str], x: Array, y: Array, growth: Array, now: tupl
         colours = ax.pcolormesh(x, y, falls, cmap="viridis", norm=LogNorm(1e-3 * high, high), shading="nearest")
         fig.colorbar(colours, ax=ax, label="decay of the slowest motion (1/s)")
     if np.isfinite(falls).any() and np.isnan(falls).any():
-        ax.contour(x, y, np.where(np.isfinite(growth), growth, -1e300), [0.0], colors=[RED], linewidths=2.0)
+        level = np.arcsinh(1e3 * growth / np.nanmax(falls))  # growths are far larger on one side
+        ax.contour(x, y, np.where(np.isfinite(level), level, -1e3), [0.0], colors=[RED], linewidths=2.0)
         ax.plot([], [], color=RED, lw=2.0, label="boundary (grey: unstable)")
     ax.plot(*now, "+", color=INK, ms=14, mew=2.6, label="now")
     for values, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
