@@ -162,7 +162,7 @@ def laws() -> list[Feature]:
         "sensor with a filter": lambda m, r, x: linear([kp, kd], seen, r, **held),
         "limit of a controller": lambda m, r, x: fa.PD(kp, kd, reference=r, limit=0.25),
         "Servo": lambda m, r, x: fa.Servo(0, **drive, reference=r),
-        "Servo, encoder in steps": lambda m, r, x: fa.Servo(0, **drive, sensor=fa.sensors.Encoder(65536), reference=r),
+        "Servo, encoder in steps": lambda m, r, x: fa.Servo(0, **drive, sensor=fa.sensors.Encoder(pulses=65536), reference=r),
     }
     flowing = ("PD", "StrainFeedback", "StateFeedback", "FeedForward", "LinearController", "limit of a controller")
     others = {"PD": "torque samples", "delay": "PD, sampled", "sensor with a filter": "PD, sampled"}

@@ -58,29 +58,27 @@ class StabilityMap:
 def map_of(build: Build, over: tuple[str, str], x: Array, y: Array, now: tuple[float, float]) -> StabilityMap:
     """See ClosedLoop.stability_map. Where the matrix of the loop is bilinear in both values it is made of five."""
 
-    def matrix(a: float, b: float) -> Array:
-        return build({over[0]: float(a), over[1]: float(b)}).matrix()
-
-    growth = np.empty((len(y), len(x)))
-    period = build(dict(zip(over, now, strict=True))).period
-    corners = [[matrix(a, b) for a in (x[0], x[-1])] for b in (y[0], y[-1])]
-    part = (x - x[0]) / (x[-1] - x[0]), (y - y[0]) / (y[-1] - y[0])
+    def at(i: int, j: int) -> Hybrid:
+        return build({over[0]: float(x[i]), over[1]: float(y[j])})
 
     def between(i: int, j: int) -> Array:
-        a, b = part[0][i], part[1][j]
-        (low, right), (up, both) = corners
+        a, b = (x[i] - x[0]) / (x[-1] - x[0]), (y[j] - y[0]) / (y[-1] - y[0])
+        low, right, up, both = corners
         return np.asarray((1 - b) * ((1 - a) * low + a * right) + b * ((1 - a) * up + a * both))
 
     middle = len(x) // 2, len(y) // 2
-    whole = matrix(x[middle[0]], y[middle[1]])
-    same = all(m.shape == whole.shape for row in corners for m in row)
+    loops = [at(*middle), *(at(i, j) for j in (0, -1) for i in (0, -1))]
+    (whole, *corners), period = [loop.matrix() for loop in loops], loops[0].period
+    same = all(m.shape == whole.shape for m in corners) and all(loop.period == period for loop in loops)
     bilinear = same and np.abs(whole - between(*middle)).max() <= _BILINEAR * np.abs(whole).max()
-    for j in range(len(y)):
-        rows = [between(i, j) if bilinear else matrix(x[i], y[j]) for i in range(len(x))]
-        values = [np.linalg.eigvals(m).astype(complex) for m in rows]
-        for i, z in enumerate(values):
-            s = z if period is None else logarithm(z, period)
-            growth[j, i] = s.real.max(initial=-np.inf)
+
+    def grown(i: int, j: int) -> float:
+        if not bilinear:
+            return at(i, j).growth()
+        s = np.linalg.eigvals(between(i, j)).astype(complex)
+        return float((s if period is None else logarithm(s, period)).real.max(initial=-np.inf))
+
+    growth = np.array([[grown(i, j) for i in range(len(x))] for j in range(len(y))])
     return StabilityMap(over, x, y, growth, now)
 
 

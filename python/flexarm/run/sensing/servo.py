@@ -55,6 +55,10 @@ class Servo(LinearController):
 
     type = "servo"
     rebuilt = True
+    link: Any
+    current_loop: float | None
+    reference_rate: Torque | None
+    feedforward: str | Torque | None
 
     def __init__(
         self, link: int | str | Sequence[Any] = -1, *, kp: float, kv: float, ki: float = 0.0, rate: float,
@@ -78,15 +82,14 @@ class Servo(LinearController):
             *system, rate=samples, measure=[("joint", at) if sensor is None else sensor], actuate=[at], delay=delay,
             limit=limit, motor=motor, anti_windup=windup,
         )  # fmt: skip
-        self.start, self.memory = start, int(lag is not None)
-        self.link, self.reference, self.reference_rate, self.current_loop = at, r, its_rate, lag
-        self.feedforward = _forward(feedforward, at)
-        self.of_arm = isinstance(self.feedforward, str)
+        forward = _forward(feedforward, at)
+        self.start, self.memory, self.of_arm = start, int(lag is not None), isinstance(forward, str)
         self._given_as = {
             "link": at, "kp": kp, "kv": kv, "ki": ki, "rate": samples, "sensor": sensor, "filter": low, "delay": delay,
-            "limit": limit, "reference": r, "reference_rate": its_rate, "feedforward": self.feedforward,
+            "limit": limit, "reference": r, "reference_rate": its_rate, "feedforward": forward,
             "current_loop": lag, "motor": motor, "tracking_time": back,
         }  # fmt: skip
+        vars(self).update(self._given_as, limit=self.limit)
 
     def _takes(self) -> Array:
         return np.array([[1.0], [1.0], [0.0], [0.0]])  # e is r - y, -y, r', and the feedforward
@@ -103,10 +106,11 @@ class Servo(LinearController):
 
     def _forward(self, arm: Chain, run: Run) -> Torque:
         """The torque that is added, over time."""
-        word: str | Torque = self.feedforward
-        if isinstance(word, Torque):
-            word.check_span("feedforward", run.times)
-            return word
+        word = self.feedforward
+        if not isinstance(word, str):
+            torque = Torque(0.0) if word is None else word
+            torque.check_span("feedforward", run.times)
+            return torque
         led_to = {arm.joint_rate(c.link, "link"): c._moved(word) for c in run.controls if isinstance(c, Servo)}
         rates = all_joints(arm)
         laws, _ = FeedForward([led_to.get(i, 0.0) for i in rates], inertia=word == "motion")._laws(arm, run)
@@ -137,8 +141,10 @@ class Servo(LinearController):
         return [*laws, follows, acts], samplers
 
 
-def _forward(given: Any, link: Any) -> Any:
+def _forward(given: Any, link: Any) -> str | Torque | None:
     """What `feedforward` stands for: a word, or a Torque."""
+    if given is None:
+        return None
     if isinstance(given, str):
         if given not in _COMPUTED:
             raise ValueError(f'feedforward = {given!r}: must be "gravity", "motion", a torque or a Move')
@@ -147,4 +153,4 @@ def _forward(given: Any, link: Any) -> Any:
         column = given.joints.index(given.arm.coordinates[given.arm.joint_rate(link, "link")])
         tau = given.torques[:, column]
         return Torque(np.append(given.t, given.t[-1] + _STAYS), np.append(tau, tau[-1]))
-    return scalar_law("feedforward", 0.0 if given is None else given)
+    return scalar_law("feedforward", given)
