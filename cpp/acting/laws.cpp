@@ -136,8 +136,9 @@ std::pair<StateSpace, Eigen::MatrixXd> servo_law(const ServoGains& g, double per
   s.C = Eigen::MatrixXd::Zero(1, 2 + n);
   s.D = Eigen::RowVector4d(kp + ki * h, kv * f.D(0, 0) / h, kv, 1.0);
   s.windup = Eigen::VectorXd::Zero(2 + n);
-  s.A(0, 0) = s.C(0, 0) = s.B(1, 1) = 1.0;
-  s.B(0, 0) = ki * h;
+  s.A(0, 0) = s.B(1, 1) = 1.0;
+  s.B(0, 0) = h;
+  s.C(0, 0) = ki;
   s.A.block(2, 1, n, 1) = -f.B / h;
   s.B.block(2, 1, n, 1) = f.B / h;
   s.A.block(2, 2, n, n) = f.A;
@@ -147,7 +148,7 @@ std::pair<StateSpace, Eigen::MatrixXd> servo_law(const ServoGains& g, double per
     bad_value("tracking_time", *g.tracking_time, "must be at least a sample, " + number(h) + " s");
   if (ki != 0.0) {
     const double rule = kv / ki > 0.0 ? std::sqrt(kv / ki) : kp / ki;
-    s.windup(0, 0) = h / (g.tracking_time ? *g.tracking_time : std::max(rule, h));
+    s.windup(0, 0) = h / (ki * (g.tracking_time ? *g.tracking_time : std::max(rule, h)));
   }
   Eigen::MatrixXd start = Eigen::MatrixXd::Zero(2 + n, 4);
   start(1, 1) = 1.0;
