@@ -156,9 +156,10 @@ def filtered(f: Feature) -> float:
     scene.setdefault("q", scene.pop("q0", truth.q[0]))
     scene.setdefault("v", scene.pop("v0", truth.v[0]))
     tau = None
-    if f.held or f.name == "FeedForward":
+    smooth = f.name == "FeedForward" or "Servo" in f.name  # whose current loops are
+    if f.held or smooth:
         scene.pop("control")
-        tau = truth.tau[:-1] if f.held else 0.5 * (truth.tau[1:] + truth.tau[:-1])
+        tau = 0.5 * (truth.tau[1:] + truth.tau[:-1]) if smooth else truth.tau[:-1]
         tau = np.vstack([tau, tau[-1:]])
     a = given(fa.KalmanFilter, scene).pop("arm")
     with warnings.catch_warnings(record=True) as said:
@@ -199,6 +200,8 @@ def poles(f: Feature) -> float:
     drive, a, control = scene.pop("drive", {}), scene.pop("arm"), scene.pop("control", [])
     if any(not isinstance(x, fa.Motion) for x in drive.values()):
         raise NotApplicable("a torque or voltage over time moves no pole")
+    if any(hasattr(x, "steps") and x.steps(a).any() for x in getattr(control, "measure", ())):
+        raise NotApplicable("an encoder does not see what is smaller than its step")
     locked = [k for k, x in drive.items() if isinstance(x, fa.Motion)]
     v = f.turn * np.eye(a.nv)[0]
     loop = fa.closed_loop(a, control, f.pose and a.pose(f.pose), v, lock=locked, **given(fa.closed_loop, scene))

@@ -72,10 +72,15 @@ const Eigen::VectorXd& LinearLaw::sample(double t, const Eigen::VectorXd& q, con
   } else {
     y.noalias() = by_q * q;
     y.noalias() += by_v * v;
+    if (offset.size() > 0) y += offset;
+    for (Eigen::Index i = 0; i < resolution.size(); ++i)
+      if (resolution[i] > 0.0) y[i] = std::floor(y[i] / resolution[i] + 0.5) * resolution[i];
   }
   if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
   if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
   e -= y;
+  starts = start.size() > 0 && t <= first;
+  if (starts) x.noalias() = start * e;
   w = u0;
   w.noalias() += C * x;
   w.noalias() += D * e;
@@ -93,6 +98,7 @@ const Eigen::VectorXd& LinearLaw::sample(double t, const Eigen::VectorXd& q, con
 }
 
 void LinearLaw::slopes(Eigen::MatrixXd& dx, const Eigen::MatrixXd& de, Eigen::MatrixXd& du) const {
+  if (starts) dx = start * de;
   du = C * dx + D * de;
   Eigen::MatrixXd lost = Eigen::MatrixXd::Zero(du.rows(), du.cols());
   for (Eigen::Index i = 0; i < du.rows(); ++i)

@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <unsupported/Eigen/MatrixFunctions>
 
@@ -37,6 +38,14 @@ int coordinate(const Arm& arm, int i) {
   return arm.coordinate_of(i);
 }
 
+/// The limit of u, and that of the motors at the joints of its column.
+void limit_law(const Arm& arm, double limit, LinearLaw& law) {
+  law.reach = law.limit = one(limit_of(limit));
+  for (const AppliedLimit& l : torque_limits(arm))
+    if (const double force = law.columns(l.rate, 0); force != 0.0)
+      law.reach[0] = std::min(law.reach[0], l.most / std::abs(force));
+}
+
 LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double limit,
                  const std::function<double(double)>& reference) {
   if (loop.by_q.size() != arm.nq())
@@ -45,12 +54,8 @@ LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double l
     bad_value("column", loop.column.size(), "numbers; must be nv, " + std::to_string(arm.nv()));
   if (!loop.by_q.allFinite()) bad_value("by_q", loop.by_q.transpose(), "must be finite");
   if (!loop.column.allFinite()) bad_value("column", loop.column.transpose(), "must be finite");
-  LinearLaw law{
-      s.A, s.B, s.C, s.D, loop.column, loop.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), one(limit_of(limit)),
-      {},  {}};
-  law.reach = law.limit;
-  for (const AppliedLimit& l : torque_limits(arm))
-    if (loop.column[l.rate] != 0.0) law.reach[0] = std::min(law.reach[0], l.most / std::abs(loop.column[l.rate]));
+  LinearLaw law{s.A, s.B, s.C, s.D, loop.column, loop.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), {}, {}, {}};
+  limit_law(arm, limit, law);
   const auto* numbers = reference.target<PolynomialValue>();
   if (reference && !numbers)
     law.reference = [reference](double t, Eigen::VectorXd& r) { r.setConstant(1, reference(t)); };
@@ -105,6 +110,51 @@ StateSpace continuous_law(const PidGains& g, std::optional<double> period) {
   return s;
 }
 
+std::pair<StateSpace, Eigen::MatrixXd> servo_law(const ServoGains& g, double period) {
+  const double kp = finite_number("kp", g.kp), kv = finite_number("kv", g.kv), ki = finite_number("ki", g.ki);
+  const double h = positive("period", period);
+  StateSpace f{Eigen::MatrixXd::Zero(0, 0), Eigen::MatrixXd::Zero(0, 1), Eigen::MatrixXd::Zero(1, 0), one(1.0),
+               Eigen::MatrixXd::Zero(0, 1)};
+  if (g.filter) {
+    const double w = 4.0 * std::acos(0.0) * positive("filter", *g.filter);
+    f = {one(-w), one(w), one(1.0), one(0.0), one(0.0)};
+    if (g.damping_ratio) {
+      const double zeta = positive("damping_ratio", *g.damping_ratio);
+      f.A = (Eigen::Matrix2d() << 0.0, w, -w, -2.0 * zeta * w).finished();
+      f.B = Eigen::Vector2d(0.0, w);
+      f.C = Eigen::RowVector2d(1.0, 0.0);
+      f.windup = Eigen::Vector2d::Zero();
+    }
+    f = sampled_law(f, h, Discretisation::zero_order_hold);  // the mean rate of a sample is held in it
+    f.D = f.C * f.B;
+    f.C = f.C * f.A;
+  }
+  const Eigen::Index n = f.A.rows();  // states: integral; -y, a sample ago; the filter's
+  StateSpace s;
+  s.A = Eigen::MatrixXd::Zero(2 + n, 2 + n);
+  s.B = Eigen::MatrixXd::Zero(2 + n, 4);
+  s.C = Eigen::MatrixXd::Zero(1, 2 + n);
+  s.D = Eigen::RowVector4d(kp + ki * h, kv * f.D(0, 0) / h, kv, 1.0);
+  s.windup = Eigen::VectorXd::Zero(2 + n);
+  s.A(0, 0) = s.B(1, 1) = 1.0;
+  s.B(0, 0) = h;
+  s.C(0, 0) = ki;
+  s.A.block(2, 1, n, 1) = -f.B / h;
+  s.B.block(2, 1, n, 1) = f.B / h;
+  s.A.block(2, 2, n, n) = f.A;
+  s.C(0, 1) = -kv * f.D(0, 0) / h;
+  s.C.block(0, 2, 1, n) = kv * f.C;
+  if (g.tracking_time && positive("tracking_time", *g.tracking_time) < h)
+    bad_value("tracking_time", *g.tracking_time, "must be at least a sample, " + number(h) + " s");
+  if (ki != 0.0) {
+    const double rule = kv / ki > 0.0 ? std::sqrt(kv / ki) : kp / ki;
+    s.windup(0, 0) = h / (ki * (g.tracking_time ? *g.tracking_time : std::max(rule, h)));
+  }
+  Eigen::MatrixXd start = Eigen::MatrixXd::Zero(2 + n, 4);
+  start(1, 1) = 1.0;
+  return {s, start};
+}
+
 StateSpace continuous_law(const PositivePositionGains& g, std::optional<double> period) {
   double w = positive("frequency", g.frequency);
   const double zeta = positive("damping_ratio", g.damping_ratio), gain = finite_number("gain", g.gain);
@@ -147,6 +197,35 @@ LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
   const int q = coordinate(arm, i);
   return law_of(arm, sampled_law(continuous_law(gains, period), period),
                 {Eigen::VectorXd::Unit(arm.nq(), q), Eigen::VectorXd::Unit(arm.nv(), i)}, gains.limit, reference);
+}
+
+LinearLaw servo(const Arm& arm, int i, const ServoGains& gains, double period, const Commands& commands, double first) {
+  const int q = coordinate(arm, i);
+  if (!(gains.resolution >= 0.0)) bad_value("resolution", gains.resolution, "must be zero or positive");
+  const auto [s, start] = servo_law(gains, period);
+  Eigen::MatrixXd by_q = Eigen::MatrixXd::Zero(4, arm.nq());
+  by_q(0, q) = by_q(1, q) = 1.0;
+  LinearLaw law{s.A, s.B, s.C, s.D, Eigen::VectorXd::Unit(arm.nv(), i), by_q, Eigen::MatrixXd::Zero(4, arm.nv()),
+                {},  {},  {}};
+  limit_law(arm, gains.limit, law);
+  law.windup = s.windup;
+  law.start = start;
+  law.first = first;
+  law.resolution = Eigen::Vector4d(gains.resolution, gains.resolution, 0.0, 0.0);
+  const std::array<std::function<double(double)>, 4> given{commands.position, {}, commands.rate, commands.force};
+  PolynomialValues numbers;
+  for (const auto& f : given)
+    if (const auto* p = f.target<PolynomialValue>(); p || !f)
+      numbers.of.push_back(p ? p->of : PiecewisePolynomial::constant(0.0));
+  if (numbers.of.size() == given.size())
+    law.reference = numbers;
+  else
+    law.reference = [given](double t, Eigen::VectorXd& r) {
+      r.setZero(4);
+      for (std::size_t k = 0; k < given.size(); ++k)
+        if (given[k]) r[static_cast<Eigen::Index>(k)] = given[k](t);
+    };
+  return law;
 }
 
 LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period) {

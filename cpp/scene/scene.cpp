@@ -296,6 +296,10 @@ void fields(Node& a, LinearLaw& x) {
   a.sized("u0", x.u0, nu);
   a.sized("windup", x.windup, nx, nu);
   a.limits("reach", x.reach);
+  a("offset", x.offset);
+  a("resolution", x.resolution);
+  a("start", x.start);
+  a.limit("first", x.first);
   a.sized("x", x.x, nx);
 }
 
@@ -421,6 +425,13 @@ void complete(Node& a, Scene& scene) {
     const LinearLaw& law = *x.law.target<LinearLaw>();
     check_size("linear.columns", law.columns.rows(), arm.nv());
     check_size("linear.columns[0]", law.columns.cols(), static_cast<int>(law.limit.size()));
+    if (law.offset.size() > 0) check_size("linear.offset", law.offset.size(), static_cast<int>(law.B.cols()));
+    if (law.resolution.size() > 0)
+      check_size("linear.resolution", law.resolution.size(), static_cast<int>(law.B.cols()));
+    if (law.start.size() > 0) {
+      check_size("linear.start", law.start.rows(), static_cast<int>(law.A.rows()));
+      check_size("linear.start[0]", law.start.cols(), static_cast<int>(law.B.cols()));
+    }
     for (const Eigen::MatrixXd* m : {&law.by_q, &law.by_v}) {
       check_size(m == &law.by_q ? "linear.by_q" : "linear.by_v", m->rows(), static_cast<int>(law.B.cols()));
       check_size(m == &law.by_q ? "linear.by_q[0]" : "linear.by_v[0]", m->cols(), m == &law.by_q ? arm.nq() : arm.nv());

@@ -161,6 +161,72 @@ TEST_CASE("PID: the trapezoidal recursion by hand, led back at its limit") {
   CHECK((law.C * law.x + law.D)(0, 0) == doctest::Approx(most + ki * tt).epsilon(1e-9));
 }
 
+TEST_CASE("a drive: steps of its encoder, filtered differences, an integral that is led back, by hand") {
+  const Arm arm = flywheel();
+  const double h = 0.001, kp = 30.0, kv = 0.8, ki = 20.0, step = 1e-3, cut = 40.0, most = 4.0;
+  const auto r = [](double t) { return 0.3 * std::sin(5.0 * t); };
+  const auto rate = [](double t) { return 1.5 * std::cos(5.0 * t); };
+  ServoGains gains{kp, kv, ki, step, cut};
+  gains.limit = most;
+  LinearLaw law = servo(arm, 0, gains, h, {r, rate, [](double) { return 0.25; }}, 2.0);
+  const double fresh = 1.0 - std::exp(-2.0 * std::acos(-1.0) * cut * h), back = h / std::sqrt(kv / ki);
+  double integral = 0.0, v_seen = 0.0, before = 0.0;
+  int held = 0;
+  Eigen::VectorXd q(1);
+  const Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
+  for (int k = 0; k < 400; ++k) {
+    const double t = 2.0 + h * k;
+    q[0] = 0.1 + 0.25 * std::sin(5.0 * t - 0.2);
+    const double y = std::floor(q[0] / step + 0.5) * step;
+    if (k == 0) before = y;
+    v_seen += fresh * ((y - before) / h - v_seen);
+    before = y;
+    integral += ki * h * (r(t) - y);
+    const double w = kp * (r(t) - y) + integral + kv * (rate(t) - v_seen) + 0.25, u = std::clamp(w, -most, most);
+    CHECK(law.sample(t, q, v, v)[0] == doctest::Approx(u).epsilon(1e-11));
+    integral += back * (u - w);
+    held += u != w;
+  }
+  CHECK(held > 50);
+  CHECK(held < 350);
+  // a filter of the second order takes a constant rate as it is, in the end
+  gains.damping_ratio = 0.7;
+  law = servo(arm, 0, {0.0, 1.0, 0.0, 0.0, cut, 0.7}, h);
+  for (int k = 0; k < 200; ++k) {
+    q[0] = -3.0 * h * k;
+    law.sample(h * k, q, v, v);
+  }
+  CHECK(law.u[0] == doctest::Approx(3.0));
+  CHECK_THROWS_AS(servo_law({1.0, 1.0, 1.0, 0.0, {}, {}, 0.5 * h}, h), std::invalid_argument);
+  CHECK_THROWS_AS(servo(arm, 0, {1.0, 1.0, 0.0, -1.0}, h), std::invalid_argument);
+}
+
+TEST_CASE("the slopes of a drive are those of its samples, at the first one, too") {
+  const Arm arm = flywheel();
+  const double h = 0.01, d = 1e-6;
+  const LinearLaw made = servo(arm, 0, {3.0, 0.2, 5.0, 0.0, 20.0}, h);
+  const Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
+  const auto run = [&](double q0) {
+    LinearLaw law = made;
+    Eigen::VectorXd out(3), q(1);
+    for (int k = 0; k < 3; ++k) {
+      q[0] = k == 0 ? q0 : 0.4 * k;
+      out[k] = law.sample(h * k, q, v, v)[0];
+    }
+    return out;
+  };
+  const Eigen::VectorXd right = (run(0.2 + d) - run(0.2 - d)) / (2.0 * d);
+  LinearLaw law = made;
+  Eigen::MatrixXd dx = Eigen::MatrixXd::Zero(law.x.size(), 1), du;
+  Eigen::VectorXd q(1);
+  for (int k = 0; k < 3; ++k) {
+    q[0] = k == 0 ? 0.2 : 0.4 * k;
+    law.sample(h * k, q, v, v);
+    law.slopes(dx, (k == 0 ? -1.0 : 0.0) * law.by_q, du);
+    CHECK(du(0, 0) == doctest::Approx(right[k]).epsilon(1e-7));
+  }
+}
+
 TEST_CASE("a filter of positive position feedback peaks where it is meant to, sampled slowly, too") {
   const Arm arm = flexarm_test::spatial_arm(2);
   const Loop loop{Eigen::VectorXd::Unit(arm.nq(), 1), 2.0 * Eigen::VectorXd::Unit(arm.nv(), 1)};

@@ -108,6 +108,9 @@ Scene whole() {
   p.samplers.push_back({0.0, 5e-3, 0.0,
                         TorqueLaw(std::make_shared<const Arm>(rigid), axes, true,
                                   {{0, 0}, {1, 1}, {third, third}, {third, third}}, arm.nv())});
+  ServoGains drive{0.3, 0.02, 0.5, 1e-4, 60.0};
+  drive.limit = 0.01;
+  p.samplers.push_back({0.0, 4e-3, 2e-3, servo(arm, third, drive, 4e-3, {PolynomialValue{pieces(-0.5)}})});
   out.t = VectorXd::LinSpaced(6, 0.0, 0.05);
   out.method = {"gauss", 1e-9, 0.9, 3};
   out.step = 1e-3;
@@ -194,11 +197,11 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":4", "\"version\":3", "version = 3: this flexarm reads 4; compile the scene again");
+  names("\"version\":5", "\"version\":3", "version = 3: this flexarm reads 5; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
-  names("\"version\":4", "\"version\":4,\"version\":4", "the key 'version' is there twice");
+  names("\"version\":5", "\"version\":5,\"version\":5", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");
-  names("\"version\":4", "\"version\":4,\"wings\":2",
+  names("\"version\":5", "\"version\":5,\"wings\":2",
         "the file: unknown key \"wings\"; known are format, version, arm");
   names("\"length\":", "\"lenght\":", "arm.links[0].beam: missing key 'length'");
   names("\"length\":0.3", "\"length\":\"0.3\"", "arm.links[1].beam.length = \"0.3\": must be a number");
@@ -226,6 +229,8 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
   names("\"column\":[1.0,", "\"column\":[", "feedback[0]: column has ");
   names("\"period\":0.003", "\"period\":-0.003", "period = -0.003");
   names("\"u0\":[0.0]", "\"u0\":[0.0,1]", "samplers[0].linear.u0 = 2 numbers: must be 1 numbers");
+  names("\"resolution\":[0.0001,", "\"resolution\":[", "samplers[2]: linear.resolution has 3 numbers: must be 4");
+  names("\"start\":[[0.0,0.0,0.0,0.0],", "\"start\":[", "samplers[2]: linear.start has 2 numbers: must be 3");
   names("\"linear\":null", "\"linear\":3", "samplers[1].linear = 3: must be an object with keys");
   names("\"integrator\":\"gauss\"", "\"integrator\":\"guass\"", "method = guass");
   names("\"step\":0.001", "\"step\":0", "step = 0: must be positive");

@@ -18,6 +18,15 @@ void bind_linear_laws(py::module_& m) {
       },
       py::arg("kp"), py::arg("ki"), py::arg("kd"), py::arg("filter_time"), py::arg("tracking_time"), py::arg("period"));
   m.def(
+      "servo",
+      [](double kp, double kv, double ki, std::optional<double> filter, std::optional<double> damping_ratio,
+         std::optional<double> tracking_time, double period) {
+        const auto [law, start] = servo_law(ServoGains{kp, kv, ki, 0.0, filter, damping_ratio, tracking_time}, period);
+        return py::make_tuple(law.A, law.B, law.C, law.D, law.windup, start);
+      },
+      py::arg("kp"), py::arg("kv"), py::arg("ki"), py::arg("filter"), py::arg("damping_ratio"),
+      py::arg("tracking_time"), py::arg("period"));
+  m.def(
       "positive_position",
       [](double frequency, double damping_ratio, double gain, std::optional<double> period) {
         return matrices(continuous_law(PositivePositionGains{frequency, damping_ratio, gain}, period));

@@ -102,8 +102,10 @@ void bind_time(py::module_& m) {
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
                        const Eigen::MatrixXd& by_v, const Eigen::VectorXd& limit, const py::object& reference,
                        const py::object& read, const Eigen::VectorXd& u0, const Eigen::MatrixXd& windup,
-                       const Eigen::VectorXd& reach) {
-             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}, u0, windup, reach};
+                       const Eigen::VectorXd& reach, const Eigen::VectorXd& offset, const Eigen::VectorXd& resolution,
+                       const Eigen::MatrixXd& start, double first) {
+             LinearLaw law{A,  B,  C,      D,     columns, by_q,       by_v,  limit, {},
+                           {}, u0, windup, reach, offset,  resolution, start, first};
              if (py::isinstance<py::function>(reference))
                law.reference = [r = std::make_shared<py::object>(reference)](double t, Eigen::VectorXd& out) {
                  const Locked lock;
@@ -129,7 +131,9 @@ void bind_time(py::module_& m) {
              return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
-           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"), py::arg("reach"))
+           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"), py::arg("reach"),
+           py::arg("offset"), py::arg("resolution"), py::arg("start"), py::arg("first"))
+      .def_readonly("columns", &LinearLaw::columns)
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
   py::class_<Neighbour>(m, "Neighbour")

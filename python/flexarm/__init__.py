@@ -41,6 +41,7 @@ from .model.acting.sampled import LinearController as LinearController, Sampled 
 from .model.acting.computed import FeedForward as FeedForward, ComputedTorque as ComputedTorque
 from .model.acting.mpc import MPC as MPC
 from .model.acting.motor import Motor as Motor
+from .run.sensing.servo import Servo as Servo
 from .model.acting.shaping import input_shaper as input_shaper, Shaper as Shaper
 from .run.scene.scene import load as load, Scene as Scene
 from .run.scene.check import check as check

@@ -389,7 +389,13 @@ class LinearLaw:
         u0: ArrayLike,
         windup: ArrayLike,
         reach: ArrayLike,
+        offset: ArrayLike,
+        resolution: ArrayLike,
+        start: ArrayLike,
+        first: float,
     ) -> None: ...
+    @property
+    def columns(self) -> _Array: ...
     @property
     def reads(self) -> bool: ...
 
@@ -398,6 +404,15 @@ _StateSpace = tuple[_Array, _Array, _Array, _Array, _Array]  # A, B, C, D, windu
 def pid(
     kp: float, ki: float, kd: float, filter_time: float | None, tracking_time: float | None, period: float | None
 ) -> _StateSpace: ...
+def servo(
+    kp: float,
+    kv: float,
+    ki: float,
+    filter: float | None,
+    damping_ratio: float | None,
+    tracking_time: float | None,
+    period: float,
+) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array]: ...  # and the start
 def positive_position(frequency: float, damping_ratio: float, gain: float, period: float | None) -> _StateSpace: ...
 def integral_resonant(gain: float, feedthrough: float) -> _StateSpace: ...
 def sampled(

@@ -4,6 +4,7 @@ from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
 from .analysis.linear import LinearModel as LinearModel, Derivatives as Derivatives
 from .analysis.equilibrium import Trim as Trim
 from .loop.closed_loop import ClosedLoop as ClosedLoop
+from .loop.tuning import StabilityMap as StabilityMap, Tuned as Tuned
 from .analysis.damping import Decay as Decay
 from .analysis.placement import PatchPlacement as PatchPlacement
 from .view.view import View as View

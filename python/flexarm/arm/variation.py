@@ -70,7 +70,7 @@ def _numeric(value: Any) -> bool:
 #: fields that are None where nothing is given, but can be given numbers
 _OPTIONAL = (
     "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit",
-    "torque_limit", "x", "length", "tangential_stiffness",
+    "torque_limit", "x", "length", "tangential_stiffness", "current_loop",
 )  # fmt: skip
 
 

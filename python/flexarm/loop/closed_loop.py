@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, instance, number, whole
+from .._check import Array, array, choice, instance, not_negative, number, positive, whole
 from .._console import aligned
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.linear import forces_of, rows_of, state_space
@@ -28,6 +28,7 @@ from .laws import Channel, Tap, held_law, running_laws
 from .locus import Limits, Locus, limits_of, locus_of
 from .margins import Margins, Response, Robustness, margins_of, margins_table, robustness_of, short, stable, zeros_of
 from .plant import Plant
+from .tuning import StabilityMap, Tuned, Tuner, gains_of, map_of
 
 _ROWS = 16  # poles that are printed
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
@@ -184,12 +185,19 @@ class ClosedLoop:
 
     # -- over a parameter ----------------------------------------------------------------------------------------------
 
-    def _poles_at(self, values: dict[str, float]) -> Complex:
-        """The poles with changed parameters: all of the controllers, or one of the arm."""
-        found = Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+    def _with(self, values: Mapping[str, float]) -> Setup:
+        """The arm and its controllers with changed parameters."""
+        return Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+
+    def _loop_at(self, values: Mapping[str, float]) -> Hybrid:
+        """The loop with changed parameters: all of the controllers, or one of the arm."""
+        found = self._with(values)
         if all(path.startswith("control.") for path in values):  # the arm does not change
-            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.forces).poles()[0]
-        return closed_loop(found.arm, list(found.control), loads=found.forces, **self._options).poles
+            return _hybrid(self._hybrid.plant, found.control, self._options["t"], found.forces)
+        return closed_loop(found.arm, list(found.control), loads=found.forces, **self._options)._hybrid
+
+    def _poles_at(self, values: Mapping[str, float]) -> Complex:
+        return self._loop_at(values).poles()[0]
 
     def _poles_over(self, path: str) -> tuple[Any, float]:
         """A callable value -> poles, and the present value."""
@@ -269,6 +277,87 @@ class ClosedLoop:
         poles, now = self._poles_over(over)
         self._check_rates(over)
         return limits_of(poles, now, over, self.poles)
+
+    def _gains(self, control: int | None) -> tuple[int, list[str]]:
+        """The controller to be tuned, and its gains."""
+        found = {k: names for k, c in enumerate(self.control) if (names := gains_of(c))}
+        number = next(iter(found), None) if control is None else whole("control", control)
+        if number is None or number not in found:
+            raise ValueError(
+                f"control = {control!r}: must be the number of a controller with gains kp and kv, or kp and kd; "
+                f"those here: {', '.join(map(str, found)) or 'none'}"
+            )
+        return number, found[number]
+
+    def stability_map(
+        self, x: ArrayLike | None = None, y: ArrayLike | None = None, over: tuple[str, str] | None = None
+    ) -> StabilityMap:
+        """Which values of two parameters are stable, such as kp and kv of a Servo.
+
+        Args:
+            x, y: values of the first and the second, (nx,) and (ny,), increasing; None: 80 from a hundredth of the
+                present value to a hundred times it.
+            over: the two parameters, as of `locus`; None: kp, and kv or kd, of the first controller that has them.
+
+        Returns:
+            StabilityMap: `.growth`, `.stable`, `.plot()`.
+        """
+        if over is None:
+            k, names = self._gains(None)
+            over = f"control.{k}.{names[0]}", f"control.{k}.{names[1]}"
+        if len(over) != 2 or over[0] == over[1]:
+            raise ValueError(f'over = {over!r}: must be two parameters, such as ("control.0.kp", "control.0.kv")')
+        now = self._value(over[0]), self._value(over[1])
+        values = []
+        for name, given, at, path in zip("xy", (x, y), now, over, strict=True):
+            if given is None and not at > 0.0:
+                raise ValueError(f"{name} = None: give values; {path} is {at:g} now, about which there is no range")
+            one = at * np.geomspace(1e-2, 1e2, 80) if given is None else array(name, given)
+            if one.ndim != 1 or one.size < 2 or not (np.diff(one) > 0).all():
+                raise ValueError(f"{name}: must be at least two numbers that increase")
+            values.append(one)
+        return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now)
+
+    def tune(
+        self, bandwidth: float, *, phase_margin: float = np.pi / 3, gain_margin: float = 2.0,
+        integral: float | None = None, control: int | None = None,
+    ) -> Tuned:  # fmt: skip
+        """Gains of a Servo, PD, StrainFeedback or PID for a wanted bandwidth and margins.
+
+        The loop gain is linear in the gains: kp and kv (or kd) are those with which it falls to 1 at the bandwidth,
+        with the phase margin, or the least more that reaches the gain margin, too. All other loops stay closed.
+
+        Args:
+            bandwidth: where the loop gain falls to 1 (rad/s): references are followed up to about there.
+            phase_margin: the least (rad), at all frequencies where the loop gain is 1.
+            gain_margin: the loop is to be stable with its gains multiplied by this, and divided by it.
+            integral: the frequency (rad/s) below which the integral is stronger than kp, ki / kp; None: a tenth of the
+                bandwidth, or no integral if ki is zero now.
+            control: the number of the controller; None: the first that has such gains.
+
+        Returns:
+            Tuned: `.control` with the new gains, `.gains`, `.margins`; `print` shows what is reached.
+
+        Raises:
+            ValueError: no such gains; then with the best that were found, and a bandwidth that is within reach.
+        """
+        w, gain = positive("bandwidth", bandwidth, "rad/s"), number("gain_margin", gain_margin)
+        if not 0.0 < number("phase_margin", phase_margin) < np.pi:
+            raise ValueError(f"phase_margin = {phase_margin!r}: must be from 0 to pi rad (60 degrees are 1.05)")
+        if not gain > 1.0:
+            raise ValueError(f"gain_margin = {gain_margin!r}: must be a factor above 1")
+        if self.period is not None and not w < np.pi / self.period:
+            raise ValueError(f"bandwidth = {w:g} rad/s: must be below half the sampling rate, {np.pi / self.period:g}")
+        k, names = self._gains(control)
+        mine = [i for i, c in enumerate(self.channels) if c.control == k]
+        now = np.array([self._value(f"control.{k}.{name}") for name in names])
+        if integral is None and len(names) > 2 and now[2] == 0.0:
+            integral = 0.0
+        part = None if integral is None else not_negative("integral", integral, "rad/s")
+        tuner = Tuner(self._loop_at, k, names, now, mine[0])
+        gains, margins = tuner.tune(w, (phase_margin, gain), lambda x: 0.1 * x if part is None else part)
+        laws = self._with(tuner.values(gains)).control
+        return Tuned(tuple(laws), dict(zip(names, gains.tolist(), strict=True)), w, margins, (phase_margin, gain))
 
     def plot(self) -> Figure:
         """A figure: poles; Nyquist and Bode diagrams of each channel's loop gain, with this channel alone broken."""
@@ -353,10 +442,10 @@ def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]
 def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:
     """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
-    running, sampled, memory = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
-    held = [held_law(arm, k, c, own, q, v, t, loads, recorded=False)
+    running, sampled, felt = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
+    held = [held_law(arm, k, c, own, felt, q, v, t, loads, recorded=False)
             for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
-    return Hybrid(plant, running, [x for x in held if x is not None], memory)
+    return Hybrid(plant, running, [x for x in held if x is not None], int(felt.sum()))
 
 
 def closed_loop(

@@ -81,20 +81,19 @@ class Hybrid:
         A[n + np.arange(len(used)), first + np.array(used, dtype=int)] = 1.0
         self._columns = np.zeros((self.n0, len(self.laws)))
         for law in own:
-            A -= np.outer(self._column(law.column), self._row(law))
+            A -= np.outer(self._force_inputs(law.column[:, None])[:, 0], self._row(law))
         for k, law in enumerate(self.laws):
-            self._columns[:, k] = self._column(law.column)
+            self._columns[:, k] = self._force_inputs(law.column[:, None])[:, 0]
         self._rows = np.array([self._row(law) for law in self.laws]).reshape(-1, self.n0)
         self._A = A
         forces = np.zeros((nv, 0))
-        self._held_columns = np.hstack([forces, *(x.columns for x in self.held)])
+        self._held_inputs = self._force_inputs(forces)
+        for x in self.held:
+            inputs = self._force_inputs(x.columns if x.enters is None else x.enters)
+            self._held_inputs = np.hstack([self._held_inputs, inputs])
         self.taps: list[Tap] = [tap for law in self.held for tap in law.taps]
         self.filters = [tap.filter for tap in self.taps]
         self.n = self.n0 + sum(len(f.matrices()[1]) for f in self.filters if f is not None)
-
-    def _column(self, column: Array) -> Array:
-        nv = self.plant.arm.nv
-        return np.concatenate([self.plant.forces(column[:nv, None])[:, 0], np.zeros(len(self._used)), column[nv:]])
 
     def _row(self, law: RunningLaw) -> Array:
         nq, nv = self.plant.arm.nq, self.plant.arm.nv
@@ -102,9 +101,11 @@ class Hybrid:
         return np.concatenate([arm, law.by_q[nq:][self._used], law.by_v[nv:]])
 
     def _force_inputs(self, columns: Array) -> Array:
-        """Columns (nv, m) of forces as inputs of the states ahead of the filters."""
-        above = self.plant.forces(columns)
-        return np.vstack([above, np.zeros((self.n0 - len(above), columns.shape[1]))])
+        """Columns (nv, m), or with the states of controllers (nv + states, m), of forces as inputs of the states ahead
+        of the filters."""
+        nv = self.plant.arm.nv
+        above, last = self.plant.forces(columns[:nv]), columns[nv:]
+        return np.vstack([above, np.zeros((self.n0 - len(above) - len(last), columns.shape[1])), last])
 
     # -- the continuous part -------------------------------------------------------------------------------------------
 
@@ -116,7 +117,7 @@ class Hybrid:
         closed = [k for k in range(len(self.laws)) if k not in broken]
         A = self._A - (self._columns[:, closed] * factors[closed]) @ self._rows[closed]
         opened = [k for k in broken if k < len(self.laws)]
-        B = np.hstack([self._force_inputs(self._held_columns), self._columns[:, opened], self._force_inputs(forces)])
+        B = np.hstack([self._held_inputs, self._columns[:, opened], self._force_inputs(forces)])
         C, D = self._outputs(A, B, self.taps)
         for j, f in enumerate(self.filters):
             if f is None:

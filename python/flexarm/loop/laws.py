@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import flexarm._core as _core
 
@@ -45,7 +46,8 @@ class Tap:
 class HeldLaw:
     """A sampled law of controller `control`, of the class `kind`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu)
     are its forces, held, `delay` (s), one for all or one for each of u, behind the sample. It is linear while |u| is
-    below `limit` (nu,), of its own and of the motors at its joints."""
+    below `limit` (nu,), of its own and of the motors at its joints. `enters` (nv + states, nu): where u enters, if not
+    as these forces, but through states of the controllers, such as that of a current loop."""
 
     control: int
     kind: str
@@ -58,6 +60,7 @@ class HeldLaw:
     rate: float
     delay: float | Array
     limit: Array
+    enters: Array | None = None
 
     @property
     def late(self) -> list[tuple[float, list[int]]]:
@@ -70,7 +73,7 @@ class HeldLaw:
 class RunningLaw:
     """A law without samples, `control` and `kind` as of HeldLaw: u = -(by_q q + by_v v), `column` u its forces (nv,).
     Behind the arm's coordinates stand the states of controllers: their rates are the states. `acts`: not so of a
-    motor's back-EMF, which is the arm's own, nor of an input of a controller's state."""
+    motor's back-EMF and current loop, which are the arm's own, nor of an input of a controller's state."""
 
     control: int
     kind: str
@@ -124,15 +127,15 @@ def with_names(channels: Sequence[Channel]) -> list[Channel]:
 
 def running_laws(
     arm: Chain, controls: Sequence[Any], times: Array, loads: Any
-) -> tuple[list[RunningLaw], list[list[Any]], int]:
-    """The laws without samples of controllers; those with samples of each, as the core takes them; and how many states
-    the former have. States that the arm cannot feel are left out."""
+) -> tuple[list[RunningLaw], list[list[Any]], NDArray[np.bool_]]:
+    """The laws without samples of controllers; those with samples of each, as the core takes them; and which states of
+    the controllers the arm feels. The others are left out."""
     found: list[RunningLaw] = []
     sampled = []
     total, first = sum(c.memory for c in controls), 0
     nq, nv = arm.nq + total, arm.nv + total
     for k, c in enumerate(controls):
-        laws, held = c._laws(arm, Run(times, loads, first, total, k))
+        laws, held = c._laws(arm, Run(times, loads, first, total, k, controls))
         sampled.append(held)
         for law in laws:
             column, by_q, by_v = law.column, law.by_q, law.by_v
@@ -140,7 +143,7 @@ def running_laws(
                 continue  # it looks at time alone
             motor = getattr(c, "motor", None)
             brakes = motor is not None and not np.any(by_q) and np.array_equal(by_v, motor.braking * column)
-            acts = bool(np.any(column[: arm.nv])) and not brakes
+            acts = bool(np.any(column[: arm.nv])) and not brakes and not held
             limit = float(reach_of(arm, column[:, None], law.limit)[0])
             rows = padded(column, nv), padded(by_q, nq), padded(by_v, nv)
             found.append(RunningLaw(k, type(c).__name__, *rows, limit, acts))
@@ -154,7 +157,7 @@ def running_laws(
     for x in found:
         x.column, x.by_v = np.delete(x.column, arm.nv + gone), np.delete(x.by_v, arm.nv + gone)
         x.by_q = np.delete(x.by_q, arm.nq + gone)
-    return [x for x in found if np.any(x.column)], sampled, int(felt.sum())
+    return [x for x in found if np.any(x.column)], sampled, felt
 
 
 def _felt_part(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, Array, Array, Array]:
@@ -195,10 +198,11 @@ def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[
 
 
 def held_law(
-    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, recorded: bool
-) -> HeldLaw | None:
-    """The law of a controller that samples, about a state; `sampled`: its laws as the core takes them. With `recorded`,
-    a callable is fitted to its answers in a run; None if these do not suffice.
+    arm: Chain, k: int, c: Any, sampled: Sequence[Any], felt: NDArray[np.bool_], q: Array, v: Array, t: float,
+    loads: Any, recorded: bool,
+) -> HeldLaw | None:  # fmt: skip
+    """The law of a controller that samples, about a state; `sampled`: its laws as the core takes them; `felt`: see
+    `running_laws`. With `recorded`, a callable is fitted to its answers in a run; None if these do not suffice.
 
     Raises:
         NoLinearLaw: it has no derivative there, or a memory that is not linear.
@@ -212,9 +216,10 @@ def held_law(
     taps, y0, bounded = taps_of(arm, c, q, v, loads)
     columns = gain_of(c.motor) * np.array(c._columns(arm)).T
     if isinstance(c, LinearController):
-        if c.B.shape[1] != len(taps):
-            raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
-        matrices = _felt_part(c.A, c.B, c.C, c.D)
+        try:
+            matrices = _felt_part(*c.by_readings(len(taps)))
+        except ValueError as e:
+            raise ValueError(f"control[{k}].{e}") from None
     elif recorded:
         found = law.record.law() if isinstance(law, PythonLaw) else None
         if found is None:
@@ -223,7 +228,8 @@ def held_law(
     else:
         matrices = _asked(f"control[{k}]", c.law, y0, t, rate, columns.shape[1])
     limit = reach_of(arm, columns, 0.0 if bounded else c.limit)
-    return HeldLaw(k, kind, *matrices, taps, columns, rate, delay, limit)
+    enters = law.columns[np.concatenate([np.ones(arm.nv, bool), felt])] if isinstance(law, _core.LinearLaw) else None
+    return HeldLaw(k, kind, *matrices, taps, columns, rate, delay, limit, enters)
 
 
 def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tuple[Array, Array, Array, Array]:

@@ -80,10 +80,10 @@ def unstable(
     # ValueError and LinAlgError: a state that has no linear model, of which the run says enough by itself
     with np.errstate(all="ignore"), suppress(ValueError, np.linalg.LinAlgError):
         plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
-        running, own, memory = running_laws(arm, controls, times, loads)
+        running, own, felt = running_laws(arm, controls, times, loads)
         running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
         given = [law for laws in own for law in laws] if samplers is None else samplers
-        held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
+        held, memory = _seen_laws(arm, controls, [len(laws) for laws in own], given, felt, q, start, failed), felt.sum()
         of = _Growths(
             max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
             0.05 * _GROWN / max(time, float(times[-1] - times[0])),
@@ -99,8 +99,8 @@ def unstable(
 
 
 def _seen_laws(
-    arm: Chain, controls: Sequence[Any], counts: Sequence[int], samplers: Sequence[Any], q: Array, start: float,
-    failed: bool,
+    arm: Chain, controls: Sequence[Any], counts: Sequence[int], samplers: Sequence[Any], felt: NDArray[np.bool_],
+    q: Array, start: float, failed: bool,
 ) -> list[HeldLaw]:  # fmt: skip
     """The laws of those controllers with samplers, `counts` of each, that are linear, or have been so in this run."""
     laws, found = iter(samplers), []
@@ -109,9 +109,9 @@ def _seen_laws(
         if not own:
             continue
         try:
-            law = held_law(arm, k, c, own, q, v, start, None, recorded=True)
+            law = held_law(arm, k, c, own, felt, q, v, start, None, recorded=True)
             if law is None and failed:  # too early to have seen it: it is asked
-                law = held_law(arm, k, c, own, q, v, start, None, recorded=False)
+                law = held_law(arm, k, c, own, felt, q, v, start, None, recorded=False)
         except ValueError:
             continue
         if law is not None and (failed or np.isinf(law.limit).all()):

@@ -159,8 +159,9 @@ def excess(s: Complex) -> Array:
     return np.asarray(finite.real - _ROUNDING * np.abs(finite) - 1e-6)
 
 
-def margins_of(hybrid: Hybrid, channel: int, closed: Complex) -> Margins:
-    """Of one channel; `closed`: the poles of the closed loop (1/s)."""
+def margins_of(hybrid: Hybrid, channel: int, closed: Complex, late: bool = True) -> Margins:
+    """Of one channel; `closed`: the poles of the closed loop (1/s). `late`: whether the delay of a sampled law is
+    sought, too, which takes longest; else it is that of the frequency response."""
     c = hybrid.channels[channel]
     nan = float("nan")
     if not stable(closed):
@@ -168,8 +169,8 @@ def margins_of(hybrid: Hybrid, channel: int, closed: Complex) -> Margins:
     mixed = c.rate is None and bool(hybrid.held)
     if mixed or (c.rate is not None and round((hybrid.period or 0.0) * c.rate) != 1):
         low, high = _by_poles(hybrid, channel)
-        late = nan if c.rate is None else _delay_by_poles(hybrid, c, np.geomspace(1e-2, 1e2, 80) / c.rate)
-        return Margins(c.name, (low[0], high[0]), (low[1], high[1]), nan, nan, late)
+        later = nan if c.rate is None else _delay_by_poles(hybrid, c, np.geomspace(1e-2, 1e2, 80) / c.rate)
+        return Margins(c.name, (low[0], high[0]), (low[1], high[1]), nan, nan, later)
     response = Response(hybrid.opened([channel]), hybrid.period)
 
     def L(w: float) -> complex:
@@ -193,7 +194,7 @@ def margins_of(hybrid: Hybrid, channel: int, closed: Complex) -> Margins:
     lags = [(np.mod(np.pi + np.angle(L(x)), 2 * np.pi), x) for x in ones]
     phase = min(((min(a, 2 * np.pi - a), x) for a, x in lags), default=(np.inf, nan))
     delay = min((a / x for a, x in lags), default=np.inf)
-    if c.rate is not None and np.isfinite(delay):
+    if late and c.rate is not None and np.isfinite(delay):
         delay = _delay_by_poles(hybrid, c, np.linspace(0.0, 2.0 * delay, 41)[1:])
     return Margins(c.name, (low[0], high[0]), (low[1], high[1]), float(phase[0]), phase[1], float(delay))
 

@@ -83,7 +83,7 @@ struct Sampler {
 
 /// A sampled linear law with memory: e = reference(t) - y, w = u0 + C x + D e, u is w within -limit .. limit, x+ = A x
 /// + B e + windup (u' - w), u' being w within -reach .. reach; its force is columns * u. y is read by `read`, or is
-/// by_q q + by_v v. It allocates nothing, if these functions do not.
+/// by_q q + by_v v + offset in steps of `resolution`. It allocates nothing, if these functions do not.
 struct LinearLaw {
   Eigen::MatrixXd A, B, C, D, columns, by_q, by_v;
   Eigen::VectorXd limit;                                        ///< of each u
@@ -95,9 +95,14 @@ struct LinearLaw {
   Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
   Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< effect of a limit on the states
   Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and its motors' limits
+  /// Of each y: what is added, and then the step to whose nearest multiple it is rounded, 0: none. Both empty: none.
+  Eigen::VectorXd offset = {}, resolution = {};
+  Eigen::MatrixXd start = {};  ///< x is start e ahead of the samples up to the time `first` (s); empty: it is kept
+  double first = -std::numeric_limits<double>::infinity();
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
   Eigen::VectorXd e = Eigen::VectorXd::Zero(B.cols()), y = e;  ///< of the last sample, as w and u
   Eigen::VectorXd w = Eigen::VectorXd::Zero(C.rows()), u = w, cut_off = w, next = x;
+  bool starts = false;  ///< whether x was start e, at the last sample
 
   /// u, and x behind it.
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite

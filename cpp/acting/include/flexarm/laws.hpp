@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include "flexarm/arm.hpp"
 #include "flexarm/control.hpp"
@@ -53,6 +54,25 @@ struct IntegralResonantGains {
   double limit = std::numeric_limits<double>::infinity();
 };
 
+/// A drive of a joint as it is built: u = kp (r - y) + ki int (r - y) dt + kv (r' - v) + force. y is the joint's angle
+/// in the steps of its encoder; v the difference of two readings over the time between them, behind a low pass. The
+/// first sample finds it at rest.
+struct ServoGains {
+  double kp, kv, ki = 0.0;
+  double resolution = 0.0;  ///< the encoder's step (rad; m), 0: none
+  /// The low pass of v: its frequency (Hz), of the first order, or, with a damping ratio, of the second; none: no
+  /// filter.
+  std::optional<double> filter = {}, damping_ratio = {};
+  /// As of PidGains; none: sqrt(kv / ki), or kp / ki without kv (Astrom & Hagglund 2006, ch. 3.5), at least a sample.
+  std::optional<double> tracking_time = {};
+  double limit = std::numeric_limits<double>::infinity();  ///< of |u|
+};
+
+/// What a drive follows, over time (s); empty: zero.
+struct Commands {
+  std::function<double(double)> position = {}, rate = {}, force = {};
+};
+
 /// The measurement y = by_q q (nq) and the generalised forces column u (nv). For a sensing and a driving patch, both
 /// come from `Arm::patch_matrix`.
 struct Loop {
@@ -66,6 +86,10 @@ StateSpace continuous_law(const PidGains& gains, std::optional<double> period = 
 StateSpace continuous_law(const PositivePositionGains& gains, std::optional<double> period = {});
 StateSpace continuous_law(const IntegralResonantGains& gains);
 
+/// The sampled law of a drive and the `start` of its memory (LinearLaw). Its e are r - y, -y, r' and force.
+/// @throws std::invalid_argument of gains that are not finite, and times that are not positive
+std::pair<StateSpace, Eigen::MatrixXd> servo_law(const ServoGains& gains, double period);
+
 /// u = kp (reference - q) - kd v on the freedom of rate i, continuous. `reference` of time (s); empty: zero.
 /// @throws std::invalid_argument of a rate that is not the arm's or is a ball's, or gains that are not finite
 Feedback pd(const Arm& arm, int i, double kp, double kd, const std::function<double(double)>& reference = {},
@@ -75,6 +99,9 @@ Feedback pd(const Arm& arm, int i, double kp, double kd, const std::function<dou
 /// @throws std::invalid_argument as `continuous_law`, and where i or the sizes of the loop do not fit the arm
 LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
               const std::function<double(double)>& reference = {});
+/// @param first  time of the first sample, as of its Sampler
+LinearLaw servo(const Arm& arm, int i, const ServoGains& gains, double period, const Commands& commands = {},
+                double first = 0.0);
 LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period);
 LinearLaw integral_resonant(const Arm& arm, const Loop& loop, const IntegralResonantGains& gains, double period);
 

@@ -157,3 +157,30 @@ def plot_locus(over: str, values: Any, poles: NDArray[np.complex128], crossings:
     growth.set_ylim(max(-1.1 * span, low - 0.05 * span), 1.05 * max(high, 0.1 * span))
     label_axes(growth, "growth of the fastest pole (1/s)", name)
     return fig
+
+
+def plot_map(over: tuple[str, str], x: Array, y: Array, growth: Array, now: tuple[float, float]) -> Figure:
+    """The growth (ny, nx) over two parameters: coloured where it falls, grey where it grows."""
+    fig = new_figure(7.4, 5.4)
+    ax = fig.subplots()
+    falls = np.where(growth < 0.0, -growth, np.nan)
+    ax.set_facecolor("#DDDDDD")
+    if np.isfinite(falls).any():
+        from matplotlib.colors import LogNorm
+
+        high = float(np.nanmax(falls))
+        colours = ax.pcolormesh(x, y, falls, cmap="viridis", norm=LogNorm(1e-3 * high, high), shading="nearest")
+        fig.colorbar(colours, ax=ax, label="decay of the slowest motion (1/s)")
+    if np.isfinite(falls).any() and np.isnan(falls).any():
+        level = np.arcsinh(1e3 * growth / np.nanmax(falls))  # growths are far larger on one side
+        ax.contour(x, y, np.where(np.isfinite(level), level, -1e3), [0.0], colors=[RED], linewidths=2.0)
+        ax.plot([], [], color=RED, lw=2.0, label="boundary (grey: unstable)")
+    ax.plot(*now, "+", color=INK, ms=14, mew=2.6, label="now")
+    for values, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
+        if values[0] > 0 and values[-1] / values[0] > 20:
+            scale("log")
+    ax.set_xlim(x[0], x[-1])
+    ax.set_ylim(y[0], y[-1])
+    label_axes(ax, over[1], over[0])
+    fig.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return fig

@@ -21,8 +21,8 @@ from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from ..parts.joints import Prismatic
 from ..parts.link import Link
-from .drive import Motion, Torque, is_patch
-from .following import along, check_motion, fitted, plus, scalar_law, scaled
+from .drive import Torque, is_patch
+from .following import fitted, led, led_by, plus
 from .motor import Motor
 
 
@@ -64,7 +64,7 @@ class Run(NamedTuple):
         times, loads: of the run.
         first, total: index of the controller's first state among those of all controllers, and their number; see
             `extended`.
-        number: index of the controller.
+        number: index of the controller. controls: all of them.
     """
 
     times: Array
@@ -72,6 +72,7 @@ class Run(NamedTuple):
     first: int
     total: int
     number: int = 0
+    controls: Sequence[Any] = ()
 
 
 class Controller:
@@ -156,10 +157,7 @@ class PD(Controller):
         if freedom is None and isinstance(link, (tuple, list)):  # files have lists
             link, freedom = link
         self.link, self.freedom = link, freedom
-        if isinstance(reference, Motion) and reference_rate is not None:
-            raise ValueError("reference_rate: the reference is a Motion, which has its rate")
-        self.reference = reference if isinstance(reference, Motion) else scalar_law("reference", reference)
-        self.reference_rate = None if reference_rate is None else scalar_law("reference_rate", reference_rate)
+        self.reference, self.reference_rate = led_by(reference, reference_rate)
         self.motor, self.limit = motor, limit_of(limit, motor)
 
     def _rate(self, arm: Chain) -> int:
@@ -170,14 +168,7 @@ class PD(Controller):
 
     def _offset(self, arm: Chain, i: int, times: Array) -> Torque:
         """k_p r + k_v r' as a law of time."""
-        if isinstance(self.reference, Motion):
-            check_motion("reference", self.reference, times)
-            return along(self.reference, self.kp, self.kv)
-        self.reference.check_span("reference", times)
-        if self.reference_rate is None:
-            return scaled(self.reference, self.kp)
-        self.reference_rate.check_span("reference_rate", times)
-        return plus(scaled(self.reference, self.kp), scaled(self.reference_rate, self.kv))
+        return led(self.reference, self.reference_rate, self.kp, self.kv, times)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         i = self._rate(arm)
@@ -387,7 +378,7 @@ def control_laws(
         for i in prescribed:
             if any(column[i] != 0.0 for column in columns):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', whose motion is prescribed")
-        laws, samplers = c._laws(arm, Run(times, loads, first, total, k))
+        laws, samplers = c._laws(arm, Run(times, loads, first, total, k, all_given))
         first += c.memory
         nq, nv = arm.nq + total, arm.nv + total
         feedback += [

@@ -85,6 +85,27 @@ def along(motion: Motion, by_q: float, by_v: float) -> Torque:
     return Torque.of(_LAW(law.breaks, out), motion.constant)
 
 
+def led(reference: Motion | Torque, rate: Torque | None, by_q: float, by_v: float, times: Array) -> Torque:
+    """by_q r + by_v r' as a law of time, checked; r' is the `rate`, that of a motion, or zero."""
+    if isinstance(reference, Motion):
+        check_motion("reference", reference, times)
+        return along(reference, by_q, by_v)
+    reference.check_span("reference", times)
+    if rate is None:
+        return scaled(reference, by_q)
+    rate.check_span("reference_rate", times)
+    return plus(scaled(reference, by_q), scaled(rate, by_v))
+
+
+def led_by(reference: Any, rate: Any) -> tuple[Motion | Torque, Torque | None]:
+    """A reference of one number and its rate, as `led` takes them."""
+    if isinstance(reference, Motion):
+        if rate is not None:
+            raise ValueError("reference_rate: the reference is a Motion, which has its rate")
+        return reference, None
+    return scalar_law("reference", reference), None if rate is None else scalar_law("reference_rate", rate)
+
+
 def check_motion(where: str, motion: Motion, times: Array, smooth: bool = False) -> None:
     """Raises ValueError if a motion does not cover these times, its rates are not the derivatives of its position, or
     it jumps (or its rate, if it must be `smooth`)."""

@@ -177,6 +177,21 @@ class Sampled(Controller):
             self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]", self._sensed()
         )
 
+    def _lines(self, arm: Chain) -> tuple[Array, Array, Array, Array] | None:
+        """The readings as linear functions of the state, by q (ny, nq) and by v (ny, nv), their offsets and steps (ny);
+        None if one is not that."""
+        parts = []
+        for k, entry in enumerate([None] if self.measure is None else self.measure):
+            if hasattr(entry, "sampler"):
+                parts.append(entry.line(arm) if hasattr(entry, "line") else None)
+            else:
+                by_q, by_v = measured_rows(arm, entry and [entry], k)
+                parts.append((by_q, by_v, np.zeros(len(by_q)), np.zeros(len(by_q))))
+        if any(part is None for part in parts):
+            return None
+        by_q, by_v, offset, step = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return by_q, by_v, offset, step
+
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         units = np.array(force_columns(arm, self.actuate)).T
         span = float(run.times[-1] - run.times[0])
@@ -203,6 +218,13 @@ def columns_of(t: Any, r: Any, ny: int) -> list[Any]:
     if values.shape != (times.size, ny):
         raise ValueError(f"reference: r has shape {values.shape}: must be {times.size} numbers, one for each of t")
     return [Torque(times, column) for column in values.T]
+
+
+def together(laws: list[Torque]) -> Any:
+    """Laws of time as the reference of a linear law: as they are, or a callable if one of them is."""
+    if all(isinstance(law.law, _core.PiecewisePolynomial) for law in laws):
+        return laws
+    return lambda t: np.array([law(t) for law in laws])
 
 
 def _followed(motion: Motion, arm: Chain, measure: Any) -> list[Torque]:
@@ -242,10 +264,12 @@ class LinearController(Sampled):
             integral see PID. None: zero, the states wind up at a limit. The `torque_limit` of driven joints counts as a
             limit of u here.
 
-    It runs in C++ unless it reads sensors or a callable.
+    It runs in C++ unless it follows a callable, or reads a sensor with a filter, a rate, a delay, noise or a range, an
+    accelerometer, a camera or a force/torque sensor.
     """
 
     type = "linear"
+    start: Array = np.zeros((0, 0))  #: the first sample finds x at start e; empty: at 0
     _given_as: dict[str, Any] | None = None  #: the arguments of a subclass that has others
     #: see PID, PPF and IRC
     pid: ClassVar[Any]
@@ -280,22 +304,27 @@ class LinearController(Sampled):
         given = super()._arguments()
         return {**given, "rate": None if self.continuous else self.rate} if "rate" in given else given
 
-    def _linear_rows(self, arm: Chain) -> tuple[Array, Array]:
-        """Derivatives of y by q and by v."""
-        by_q, by_v = measured_rows(arm, self.measure)
-        if len(by_q) != self.B.shape[1]:
-            raise ValueError(f"measure: gives {len(by_q)} numbers; B has {self.B.shape[1]} columns")
-        return by_q, by_v
+    def _takes(self) -> Array:
+        """y by the readings."""
+        return np.eye(self.B.shape[1])
 
-    def _given(self, arm: Chain, times: Array) -> Any:
+    def by_readings(self, count: int) -> tuple[Array, Array, Array, Array]:
+        """A, B, C, D by so many readings."""
+        y = self._takes()
+        if count != y.shape[1]:
+            raise ValueError(f"measure: gives {count} numbers; B has {y.shape[1]} columns")
+        return self.A, self.B @ y, self.C, self.D @ y
+
+    def _columns_of_run(self, columns: Array, arm: Chain, run: Run) -> Array:
+        """Forces on the arm and on the states of controllers by u, from those on the arm."""
+        return np.pad(columns, ((0, run.total), (0, 0)))
+
+    def _given(self, arm: Chain, run: Run) -> Any:
         """The reference: an array (ny,), a list of ny laws of time, or a callable t -> (ny,)."""
-        ny, reference = self.B.shape[1], self.reference
+        ny, reference, times = self.B.shape[1], self.reference, run.times
         if isinstance(reference, Motion):
             check_motion("reference", reference, times)
-            laws = _followed(reference, arm, self.measure)
-            if all(isinstance(law.law, _core.PiecewisePolynomial) for law in laws):
-                return laws
-            return lambda t: np.array([law(t) for law in laws])
+            return together(_followed(reference, arm, self.measure))
         if is_samples(reference):
             laws = columns_of(reference[0], reference[1], ny)
             laws[0].check_span("reference", times)
@@ -313,26 +342,29 @@ class LinearController(Sampled):
 
     def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
         self._check_outputs(columns.shape[1])
-        extra = run.total
-        rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
-        sensed = self._sensed()
-        if not sensed:
-            by_q, by_v = self._linear_rows(arm)
-            rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))
-        matrices = (self.A, self.B, self.C, self.D, np.pad(columns, ((0, extra), (0, 0))))
-        read = self._reader(arm, run.loads, opened) if sensed else None
-        given = self._given(arm, run.times)
+        lines = self._lines(arm)
+        read = None if lines else self._reader(arm, run.loads, opened)
+        by_q, by_v, offset, step = np.zeros((0, arm.nq)), np.zeros((0, arm.nv)), np.zeros(0), np.zeros(0)
+        if lines:
+            self.by_readings(len(lines[0]))
+            by_q, by_v, offset, step = (self._takes() @ x for x in lines)
+        by_q, by_v = (np.pad(x, ((0, 0), (0, run.total))) for x in (by_q, by_v))
+        given = self._given(arm, run)
         law = [one.law for one in given] if isinstance(given, list) else given
         limit, reach = np.broadcast_to(self.limit, columns.shape[1]), reach_of(arm, columns, self.limit)
-        return _core.LinearLaw(*matrices, *rows, limit, law, read, self.u0, self.anti_windup, reach)
+        return _core.LinearLaw(
+            self.A, self.B, self.C, self.D, self._columns_of_run(columns, arm, run), by_q, by_v, limit, law, read,
+            self.u0, self.anti_windup, reach, offset, step, self.start, float(run.times[0]),
+        )  # fmt: skip
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         if not self.continuous:
             return super()._laws(arm, run)
         units = np.array(force_columns(arm, self.actuate)).T
         self._check_outputs(units.shape[1])
-        by_q, by_v = self._linear_rows(arm)
-        reference, n = self._given(arm, run.times), self.A.shape[0]
+        by_q, by_v = measured_rows(arm, self.measure)
+        self.by_readings(len(by_q))
+        reference, n = self._given(arm, run), self.A.shape[0]
         states = np.eye(arm.nv + run.total)[arm.nv + run.first :][:n]
 
         def offset(by_e: Array, constant: float) -> Any:

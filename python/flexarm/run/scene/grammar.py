@@ -39,6 +39,7 @@ SAMPLES = {
     "voltage": Samples(("t", "V"), Voltage),
     "reference": Samples(("t", "r"), None, moves=True),
     "reference_rate": Samples(("t", "r"), None),
+    "feedforward": Samples(("t", "tau"), None),
 }
 
 

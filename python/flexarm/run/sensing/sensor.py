@@ -128,6 +128,21 @@ class Sensor(Part):
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         raise NotImplementedError(f"{type(self).__name__} has no measure(...): it is no kind of sensor by itself")
 
+    def _rows(self, arm: Arm) -> tuple[Array, Array] | None:
+        """Derivatives of the quantity by q (k, nq) and v (k, nv), if it is linear in them; else None."""
+        return None
+
+    def line(self, arm: Arm) -> tuple[Array, Array, Array, Array] | None:
+        """The reading as rows by q (k, nq) and v (k, nv), their offsets and their steps (k,); None of an instrument
+        that remembers, has noise or a range, or is not linear in the state."""
+        kind = type(self)
+        plain = kind.measure is Sensor.measure and kind.sampler is Sensor.sampler
+        if not plain or self.rate or self.delay or np.any(self.noise or 0.0) or self.filter or self.range is not None:
+            return None
+        rows, k = self._rows(arm), len(self.components(arm))
+        gain = self._each("gain", k, 1.0)[:, None]
+        return None if rows is None else (gain * rows[0], gain * rows[1], self._each("offset", k, 0.0), self.steps(arm))
+
     def steps(self, arm: Arm) -> Array:
         """The step of the reading, per component, (k,); 0: no steps."""
         return self._each("resolution", len(self.components(arm)), 0.0)

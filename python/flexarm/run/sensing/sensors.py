@@ -66,11 +66,17 @@ class Encoder(_OnFreedom):
         turn = 2 * np.pi if self._unit(arm) == "rad" else 1.0
         return np.array([turn / (self.pulses * (4 if self.quadrature else 1) * self.gear_ratio)])
 
-    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+    def _at(self, arm: Arm) -> int:
         at = arm.coordinate_of(self._rate(arm))
         if at < 0:
             raise ValueError(f"freedom = {self.freedom}: is one of a ball, which has no angle to count")
-        return q[..., at, None]
+        return at
+
+    def _rows(self, arm: Arm) -> tuple[Array, Array]:
+        return np.eye(arm.nq)[[self._at(arm)]], np.zeros((1, arm.nv))
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        return q[..., self._at(arm), None]
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,9 @@ class Tachometer(_OnFreedom):
 
     def components(self, arm: Arm) -> list[Component]:
         return [("rate", f"{self._unit(arm)}/s")]
+
+    def _rows(self, arm: Arm) -> tuple[Array, Array]:
+        return np.zeros((1, arm.nq)), np.eye(arm.nv)[[self._rate(arm)]]
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         return v[..., self._rate(arm), None]
@@ -208,6 +217,9 @@ class StrainGauge(Sensor):
         if found is None:
             raise ValueError("distance = None: this section does not tell how far its faces are; give it in m")
         return found
+
+    def _rows(self, arm: Arm) -> tuple[Array, Array]:
+        return self._measure(arm, np.zeros(arm.nq), np.eye(arm.nq), np.zeros(0), None, None).T, np.zeros((1, arm.nv))
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         component, sign = _FACES[self.face]
