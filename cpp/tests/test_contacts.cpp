@@ -15,9 +15,7 @@ struct Body {
   Vector3d r = Vector3d::Zero();
   Matrix3d R = Matrix3d::Identity();
   Vec6<double> u = Vec6<double>::Zero();
-  Vector3d rate(const Vector3d& at) const {
-    return u.head<3>() + Vector3d(u.tail<3>()).cross(Vector3d(at - r));
-  }
+  Vector3d rate(const Vector3d& at) const { return u.head<3>() + Vector3d(u.tail<3>()).cross(Vector3d(at - r)); }
 };
 
 /// What is known of a contact: its force on the arm, and where.
@@ -55,8 +53,8 @@ Known law(const Contact& c, const Body& arm, const Body& on, const Body* before 
   const Matrix3d along = Matrix3d::Identity() - n * n.transpose();
   Vector3d moved = Vector3d::Zero();
   if (before) {
-    const Vector3d in = arm.R.transpose() * (out.at - arm.r);
-    moved = bent + touch - before->r - before->R * in;
+    const Eigen::AngleAxisd turn(axes.transpose() * arm.R * before->R.transpose());
+    moved = bent + y - before->r - before->R * c.point.offset - c.radius * turn.angle() * turn.axis().cross(n);
   }
   const Vector3d spring = shortened(along * moved, c.coulomb * out.push / c.tangential_stiffness);
   const Vector3d drag =
@@ -66,13 +64,14 @@ Known law(const Contact& c, const Body& arm, const Body& on, const Body* before 
 }
 
 /// The arm touching surfaces of each kind, of the world and of a link; where it stands at q.
-Arm touching(const Arm& base, const oracle::Oracle& truth, const Eigen::VectorXd& q, double exponent) {
+Arm touching(const Arm& base, const oracle::Oracle& truth, const Eigen::VectorXd& q, double exponent,
+             double coulomb = 0.4) {
   std::vector<Contact> contacts;
   const int last = static_cast<int>(base.size()) - 1;
   Matrix3d turned;
   turned = Eigen::AngleAxisd(0.4, Vector3d(1, 2, 2) / 3.0);
   const auto add = [&](const P& point, const P& on, Surface::Kind kind, const Vector3d& size) {
-    Contact c{point, 0.03, {kind, on, turned, size}, exponent == 1.0 ? 2e3 : 2e4, exponent, 0.1, 0.4, 3e3};
+    Contact c{point, 0.03, {kind, on, turned, size}, exponent == 1.0 ? 2e3 : 2e4, exponent, 0.1, coulomb, 3e3};
     const auto place = [&](const P& p) {
       const SliceTable none{};
       return p.link < 0 ? oracle::Pose{Vector3d::Zero(), Matrix3d::Identity()}
@@ -135,11 +134,11 @@ TEST_CASE("forces of contacts, their derivatives, and what runs remember") {
             const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = before.R;
             past.insert(past.end(), R.data(), R.data() + 9);
             past.insert(past.end(), before.r.data(), before.r.data() + 3);
+            past.insert(past.end(), {0.0, 0.0});
           }
           truth.wrenches[2 * k] << known.force, (known.at - on_arm.r).cross(known.force);
           truth.wrenches[2 * k + 1].setZero();
-          if (c.against.at.link >= 0)
-            truth.wrenches[2 * k + 1] << -known.force, -(known.at - on.r).cross(known.force);
+          if (c.against.at.link >= 0) truth.wrenches[2 * k + 1] << -known.force, -(known.at - on.r).cross(known.force);
           Workspace ws(arm);
           Eigen::Matrix3Xd motion;
           contact_motion(arm, ws, q, v, motion);
@@ -184,6 +183,41 @@ TEST_CASE("forces of contacts, their derivatives, and what runs remember") {
           CHECK((slopes - differences).norm() < 1e-6 * differences.norm());
         }
       }
+    }
+}
+
+TEST_CASE("at the end of a step in which a contact touches or lets go, the mean force does the spring's work") {
+  const Arm base = flexarm_test::spatial_arm(2);
+  Eigen::VectorXd q, v, a = flexarm_test::wave(base.nv(), 0.2, 1.0);
+  flexarm_test::place(base, 0.4, q, v);
+  const Arm arm = touching(base, oracle::Oracle(base), q, 1.0, 0.0);
+  const auto n = static_cast<Eigen::Index>(arm.contacts().size());
+  Workspace ws(arm);
+  Eigen::Matrix3Xd motion;
+  contact_motion(arm, ws, q, v, motion);
+  for (const lanes::Kernels* kernels : flexarm_test::all_kernels())
+    for (const double by_end : {0.5, 0.8}) {
+      flexarm_test::OnKernels on(arm, *kernels, {}, {});
+      void* self = on.memory.get();
+      std::vector<double> past(static_cast<std::size_t>(n) * lanes::kRemembered);
+      Eigen::Matrix3Xd instant(3, n), step(3, n);
+      kernels->move(self, q.data(), v.data());
+      kernels->contacts(self, past.data(), instant.data());
+      const double before = 0.004;
+      for (Eigen::Index k = 0; k < n; ++k) past[static_cast<std::size_t>((k + 1) * lanes::kRemembered - 2)] = before;
+      kernels->recall(self, past.data());
+      kernels->step_contacts(self, by_end);
+      kernels->move(self, q.data(), v.data());
+      kernels->contacts(self, nullptr, step.data());
+      CHECK(kernels->met(self));
+      for (Eigen::Index k = 0; k < n; ++k) {  // V1 = f d / 2, over the way d + before
+        const double depth = -motion(0, k), mean = 0.5 * depth / (depth + before) * instant.col(k).norm();
+        CHECK(by_end * step.col(k).norm() == doctest::Approx(mean).epsilon(1e-12));
+      }
+      kernels->step_contacts(self, -1.0);
+      kernels->move(self, q.data(), v.data());
+      kernels->contacts(self, nullptr, step.data());
+      CHECK((step - instant).norm() < 1e-12 * instant.norm());
     }
 }
 

@@ -92,7 +92,9 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     span = time - float(run.times[0])
     # a limit may hold a loop, but not in its model's range
     limits = failed or beyond is not None
-    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v).item()) else None
+    struck = result.contacts is not None and bool(np.any(result.contacts))  # which makes rates grow, too
+    grown = limits or (not struck and loops.has_grown(result.v).item())
+    loop = run.unstable(span, limits) if run.controls and grown else None
     if not failed:
         rows = result.t, result.q, result.v
         blown = integrator.explicit and beyond_explicit(
