@@ -324,6 +324,26 @@ def test_derivatives_by_numbers_of_contacts(integrator: str) -> None:
         assert by[path] == pytest.approx(found.q[k].sum(), rel=1e-5, abs=1e-6 * np.abs(found.q[k]).sum())
 
 
+@pytest.mark.parametrize(
+    "options", [{"integrator": "gauss", "step": 5e-4}, {"integrator": "ida", "rtol": 1e-10, "atol": 1e-13}], ids=str
+)
+def test_events_move_with_the_surface_itself(options: dict[str, Any]) -> None:
+    """Their value depends on what a parameter moves: the times of two touches by the floor's height, beside differences
+    of runs."""
+    t, events, path = np.linspace(0, 0.35, 36), [fa.Touch("toe")], "contact.toe.against.point.offset.1"
+    made = fa.simulate(crane(), t, events=events, **options)
+
+    def times(move: float) -> np.ndarray:
+        floor = fa.Plane((0, -0.2 + move, 0), (0, 1, 0))
+        return fa.simulate(crane(replace(TOE, against=floor), STOP), t, events=events, **options).t_events[0]
+
+    slope = (times(1e-6) - times(-1e-6)) / 2e-6
+    assert len(slope) == 2 and (slope < -0.2).all()
+    np.testing.assert_allclose(made.sensitivities([path]).t_events[0][0], slope, rtol=1e-4)
+    by = made.gradient({"t_events": [np.array([1.0, 2.0])]}, [path])[path]
+    assert by == pytest.approx(slope @ [1.0, 2.0], rel=1e-4)
+
+
 def test_what_does_not_know_the_past_refuses_friction_by_name() -> None:
     arm, named = crane(RUBS, STOP), ("'toe'", "coulomb = 0.4")
     run = fa.simulate(arm, T, integrator="implicit", step=1e-3)

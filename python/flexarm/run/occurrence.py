@@ -44,12 +44,12 @@ class Occurrence:
         by_q, by_v = by[1 : n + 1], by[n + 1 :]
         return by_q, by_v, float(by[0] + by_q @ self.dq + by_v @ self.dv)
 
-    def moved(self, q: Array, v: Array) -> tuple[int, Array, Array, Array]:
+    def moved(self, q: Array, v: Array, value: Array) -> tuple[int, Array, Array, Array]:
         """The event's number, and derivatives of its time (np), coordinates and rates (np, nv), from those of the state
-        at its time."""
+        at its time, and of the event's value in one state (np)."""
         by_q, by_v, rate = self.slopes()
         with np.errstate(divide="ignore", invalid="ignore"):  # a value that only touches zero
-            t = -(q @ by_q + v @ by_v) / rate
+            t = -(q @ by_q + v @ by_v + value) / rate
         return self.event, t, q + np.outer(t, self.dq), v + np.outer(t, self.dv)
 
 
@@ -74,14 +74,14 @@ class Cubic(Occurrence):
 
         return at(rows["q"], rows["v"]), at(rows["v"], rows["a"])
 
-    def weighed(self, weights: Mapping[str, Any]) -> tuple[Cubic, Array, Array]:
-        """This, and derivatives of a number by the state at its time, from those by events."""
+    def weighed(self, weights: Mapping[str, Any]) -> tuple[Cubic, Array, Array, float]:
+        """This, and derivatives of a number by the state at its time and by the event's value, from those by events."""
         zero: list[Any] = [0.0, np.zeros(self.q.size), np.zeros(self.v.size)]
         t, q, v = [weights[name][self.event][self.number] if name in weights else nothing
                    for name, nothing in zip(EVENTS, zero, strict=True)]  # fmt: skip
         by_q, by_v, rate = self.slopes()
         along = (t + q @ self.dq + v @ self.dv) / rate
-        return self, q - along * by_q, v - along * by_v
+        return self, q - along * by_q, v - along * by_v, -float(along)
 
     def share(self, q: Array, v: Array, rows: Mapping[str, Array]) -> None:
         """Adds derivatives by the state there to those by rows."""

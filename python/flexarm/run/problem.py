@@ -31,7 +31,8 @@ class Problem(Acts):
     """A run before it begins: its arguments, checked, as the core takes them.
 
     Attributes:
-        controls: as given. start: q0, v0 and tau, of the arm alone. events: as the core takes them. Others: see Acts.
+        controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes them, and
+            as given. Others: see Acts.
         tell: called during the run with the warning that it is very slow; None: that is not looked for.
     """
 
@@ -45,7 +46,9 @@ class Problem(Acts):
         super().__init__(arm, times, drive, loads, control, remembered)
         self._start_motions({"q0": q, "v0": v0})
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
-        self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in read_events(events)]
+        found = read_events(events)
+        self.asked_events = [f for f, *_ in found]
+        self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in found]
 
     def _start_motions(self, given: Mapping[str, Any]) -> None:
         """Prescribed joints start where their motion does; a q0 or v0 that was `given` and says otherwise is an

@@ -35,6 +35,7 @@ from .perturbed import (
 )
 from .problem import Problem
 from .result import Result
+from .touch import OfContact
 
 ROWS = ("q", "v", "a", "tau")
 _SAMPLES = re.compile(r"drive\..+\.samples")
@@ -201,7 +202,8 @@ class Source:
             for n, (a, by_q, by_v) in enumerate(slopes):
                 state = q[n, :nq], v[n, :nv]
                 dq = arm._core.rates(*state)[0] if nq != nv else state[1]
-                occurred.append(Occurrence(run, k, t[n], *state, dq, a[:nv]).moved(by_q[:nq].T, by_v[:nv].T))
+                at = Occurrence(run, k, t[n], *state, dq, a[:nv])
+                occurred.append(at.moved(by_q[:nq].T, by_v[:nv].T, _by_value(at, near)))
         return result, rows | by_event(occurred, result, len(near))
 
     def _forward(self, near: list[Parameter], workers: int, look: Look) -> tuple[Result, dict[str, Any]]:
@@ -225,7 +227,7 @@ class Source:
             for k, p in enumerate(near):
                 for i, moved in self._moved(run, p, [cubic.t]):
                     q[k, i], v[k, i] = moved[0, 0], moved[1, 0]
-            occurred.append(cubic.moved(q, v))
+            occurred.append(cubic.moved(q, v, _by_value(cubic, near)))
         return result, rows | by_event(occurred, result, len(near))
 
     def gradient(
@@ -248,7 +250,7 @@ class Source:
         full = {k: np.zeros((len(tape.points), run.both.nq if k == "q" else run.both.nv)) for k in ROWS}
         for k in ROWS:
             full[k][mine, : getattr(result, k).shape[1]] = weights.get(k, 0.0)
-        for cubic, q, v in occurred:
+        for cubic, q, v, _ in occurred:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
@@ -280,7 +282,8 @@ class Source:
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
                         at = arm.coordinate_of(i) if name == "q" else i
                         value += (weights[name][:, at] * change).sum() if name in weights else 0.0
-                for cubic, q, v in occurred:
+                for cubic, q, v, by_value in occurred:
+                    value += by_value * _by_value(cubic, [p])[0]
                     for i, moved in self._moved(run, p, [cubic.t]):
                         value += q[i] * moved[0, 0] + v[i] * moved[1, 0]
                 values.append(float(value))
@@ -397,6 +400,14 @@ def repeated(
 def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
     """The derivative of a value by a parameter."""
     return sum(n.weight * np.asarray(value(n), dtype=float) for n in p.neighbours)
+
+
+def _by_value(at: Occurrence, near: Sequence[Parameter]) -> Array:
+    """Derivatives by parameters of an event's value in one state: of contacts, whose places they may move."""
+    event = at.run.asked_events[at.event]
+    if not isinstance(event, OfContact):
+        return np.zeros(len(near))
+    return np.array([_sum(p, lambda n: event.of(n.setup.arm)(at.t, at.q, at.v)) for p in near])
 
 
 def _weights(loss: Loss, result: Result) -> dict[str, Any]:

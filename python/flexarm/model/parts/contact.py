@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -155,7 +155,7 @@ class Contact(Part):
         damping: s/m. Where a body of no other forces hits at the speed v, it leaves at about v (1 - 2/3 damping v).
         coulomb: friction over normal force; 0: no friction. It depends on the past of a run, and acts in all time
             integration. Functions of one instant (`forward_dynamics`, `equilibrium`) have bristles that are not bent:
-            no force of friction, but, in linear models and modes, their stiffness where it touches. Derivatives of
+            where it touches, there is their damping, and, in linear models and modes, their stiffness. Derivatives of
             runs, KalmanFilter, MPC, invert, plan_move and economize refuse it.
         exponent: 1, or 1.5, that of Hertz, of round bodies.
         tangential_stiffness: of the bristles (N/m); None: `stiffness`, where the exponent is 1.
@@ -170,7 +170,7 @@ class Contact(Part):
     stiffness: Positive
     damping: NotNegative = 0.0
     coulomb: NotNegative = 0.0
-    exponent: float = 1.0
+    exponent: Annotated[float, _exponent] = 1.0
     tangential_stiffness: Positive | None = None
     name: str | None = None
 
@@ -180,7 +180,6 @@ class Contact(Part):
         assert isinstance(self.point, Point)
         if self.point.link == WORLD:
             raise ValueError("point: is one of the world; it must be on a link, and `against` may be in the world")
-        _exponent("exponent", self.exponent)
         if self.coulomb and self.exponent != 1.0 and self.tangential_stiffness is None:
             raise ValueError(
                 f"tangential_stiffness = None: must be given (N/m) for friction with exponent = {self.exponent:g}"

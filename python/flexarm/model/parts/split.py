@@ -25,9 +25,9 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     stiff as the beam leaves a static tip wrong by a fifth with three shapes and by 2 % with thirty (docs/piezo.md);
     pieces, each smooth, converge exponentially. Use it as Arm([*split(link), ...]). Links behind it are numbered anew;
     the first piece keeps the link's name and its parent, the others are "NAME 2" and so on. What sits on the link sits
-    on its last piece then: a `parent`, or a point of a strut, that names the link's end must name that one, and numbers
-    of links move on; what sits `at` a place along the beam sits on the piece there, at the place less where that piece
-    begins.
+    on its last piece then: a `parent`, or a point of a strut or of a contact, that names the link's end must name that
+    one, and numbers of links move on; what sits `at` a place along the beam sits on the piece there, at the place less
+    where that piece begins.
 
     Args:
         link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is for a whole beam.
