@@ -343,7 +343,7 @@ def draw_press(path: Path, drawn: dict[str, Array]) -> None:
     figure, axes = plt.subplots(2, 2, figsize=(11.0, 8.0), layout="constrained")
     t, own = drawn["t"], drawn["own forces"]
     ax = axes[0, 0]
-    for when, colour in ((0.0, GREY), (0.5, BLUE), (1.0, ORANGE), (2.0, GREEN)):
+    for when, colour in ((0.0, GREY), (0.5, BLUE), (2.0, GREEN)):
         q = drawn["own q"][np.searchsorted(t, when - 1e-9)]
         p, *_ = PRESSER.places(q, np.zeros_like(q))
         elbow = PRESSER.upper * np.array([np.cos(q[0]), np.sin(q[0])])
@@ -352,7 +352,7 @@ def draw_press(path: Path, drawn: dict[str, Array]) -> None:
         ax.plot(*p[-1], "o", color=colour, ms=5)
     ax.add_patch(Rectangle((PRESSER.wall, -0.4), 0.05, 1.0, color="#cccccc"))
     ax.set(xlabel="x (m)", ylabel="y (m)", title="(a) the arm, its beam and the wall", aspect="equal",
-           ylim=(-0.3, 0.45))  # fmt: skip
+           ylim=(-0.34, 0.42))  # fmt: skip
     ax.legend(frameon=False, loc="upper left")
     ax = axes[0, 1]
     labels = ("normal force", "friction")
@@ -391,8 +391,8 @@ def draw(path: Path, found: dict[str, Any]) -> None:
     ax.plot(t, elastic_fall(OwnLaw(1e6), 1.0, 0.3, t), color=BLUE, lw=2.6, alpha=0.35, label="closed form")
     for name, options, colour in (("default", {}, BLUE), ("implicit, 1 ms", RUNS[0][1], GREEN)):
         ax.plot(t, fa.simulate(ball(1e6), t, [0.3], **options).q[:, 0], color=colour, lw=0.9, label=name)
-    ax.set(xlabel="time (s)", ylabel="height (m)", title="(a) 1 kg falls on 1e6 N/m, undamped")
-    ax.legend(frameon=False, loc="upper right")
+    ax.set(xlabel="time (s)", ylabel="height (m)", title="(a) 1 kg falls on 1e6 N/m, undamped", ylim=(-0.02, 0.37))
+    ax.legend(frameon=False, loc="upper right", ncols=3)
     ax = axes[0, 1]
     speeds = np.geomspace(0.05, 20, 60)
     for damping, colour in ((0.1, BLUE), (0.5, ORANGE), (2.0, GREEN)):
