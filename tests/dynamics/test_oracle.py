@@ -548,6 +548,63 @@ def test_contacts(name: str) -> None:
     assert np.array_equal(arm.mass_matrix(q), bare.mass_matrix(q))
 
 
+def random_tree(rng: np.random.Generator) -> dict:
+    """Links on ends and slices of random ones before; contacts of each kind on the world and on links."""
+    kinds = ("revolute", "prismatic", "cylindrical", "universal", "spherical")
+    links: list[dict] = []
+    for k in range(int(rng.integers(3, 6))):
+        joint = str(rng.choice(kinds))
+        axis = {"axis": rng.normal(size=3).tolist()} if joint in kinds[:3] else {}
+        sides = SIDES if rng.random() < 0.5 else {}
+        modes = {s: int(rng.integers(0, 3)) for s in ("bending_y", "bending_z", "torsion")}
+        flexible = sum(modes.values()) > 0 and rng.random() < 0.7
+        elastic = beam(modes, [1, 2, 3, "exact"][int(rng.integers(4))]) if flexible else {}
+        new = link(joint, HUB if rng.random() < 0.7 else {}, elastic, TIP, **axis, **sides)
+        if k:
+            parent = int(rng.integers(k))
+            on_slice = "beam" in links[parent] and rng.random() < 0.5
+            new = on(parent, new, float(rng.uniform(0.1, 0.6)) if on_slice else None)
+        links.append(new)
+
+    def somewhere(number: int) -> dict:
+        if number < 0:
+            return {"link": "world", "offset": [0, 0, 0]}
+        places: list[str | float] = ["end", "origin"]
+        if "beam" in links[number]:
+            places += rng.uniform(0.0, 0.6, 4).tolist()
+        at = places[int(rng.integers(len(places)))]
+        return {"link": number, "at": at, "offset": rng.uniform(-0.1, 0.1, 3).tolist()}
+
+    targets = ([0.0, 0.0, 0.02], [0.1, -0.1, 0.1], [0.19, 0.31, 0.02], [0.21, 0.1, -0.05], [0.05, -0.31, 0.11])
+    contacts = []
+    for k, y in enumerate((*targets, *targets)):
+        surface = [_PLANE | {"normal": [0, 0, 1]}, _BALL, _BOX, _BOX, _BOX][k % 5]
+        one = int(rng.integers(len(links)))
+        other = int(rng.choice([x for x in range(len(links)) if x != one])) if k < 5 else -1
+        key = "point" if surface is not _BALL and surface["type"] == "plane" else "center"
+        contacts.append({"point": somewhere(one), "against": surface | {key: somewhere(other)}, "at": y} | _HERTZ
+                        | {"exponent": float(rng.choice([1.0, 1.5]))})  # fmt: skip
+    return {"gravity": G, "link": links, "contact": contacts}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_contacts_of_random_trees(seed: int) -> None:
+    scene = random_tree(np.random.default_rng(seed))
+    q, v, a = state(fa.Arm.from_dict({k: scene[k] for k in ("gravity", "link")}), 0.5)
+    scene = put(scene, q)
+    oracle, arm = Oracle(scene, 20), fa.Arm.from_dict(scene)
+    motion = oracle.contact_motion(q, v)
+    assert (motion[:, 0] < 0).all() and (motion[:, 2] > 0).sum() > 4
+    close(np.stack(arm.contact_motion(q, v), axis=-1), motion, 1e-10)
+    tau = oracle.inverse(q, v, a)
+    close(arm.inverse_dynamics(q, v, a), tau, 1e-10)
+    by_q, by_v, M = oracle.jacobians(q, v, a)
+    np.testing.assert_allclose(M @ arm.forward_dynamics(q, v, tau), M @ a, rtol=0, atol=1e-10 * np.abs(tau).max())
+    found = arm.inverse_derivatives(q, v, a)
+    close(found[0] @ oracle.small_turns(q), by_q, 1e-8)
+    close(found[1], by_v, 1e-9)
+
+
 def test_contacts_at_order_0() -> None:
     """As of struts, below."""
     name = "contacts, link on link"
