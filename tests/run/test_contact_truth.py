@@ -174,7 +174,7 @@ def test_it_slides_where_friction_cannot_hold_it(options: dict[str, Any]) -> Non
 
 def test_what_is_thrown_slides_straight_and_stops() -> None:
     mu, v = 0.3, np.array([0.6, -0.8, 0.0])
-    run = fa.simulate(block(0.0, mu), np.linspace(0, 2, 201), carried(0.0), v)
+    run = fa.simulate(block(0.0, mu), np.linspace(0, 2, 201), carried(0.0), v, integrator="ida")
     way = 1.0 / (2 * mu * G)
     np.testing.assert_allclose(run.q[-1, :2], way * v[:2], atol=1.5e-5)  # bristles are bent by 6 um
     assert np.abs(run.v[-1]).max() < 1e-4
@@ -188,7 +188,7 @@ def test_a_spring_pulls_it_to_and_fro() -> None:
     f = mu * 2 * G / k
     x0 = 7.5 * f
     run = fa.simulate(block(0.0, mu, k), np.linspace(0, 3, 601), carried(0.0) + np.array([x0, 0, 0]),
-                      events=[lambda t, q, v: v[0]])  # fmt: skip
+                      integrator="ida", events=[lambda t, q, v: v[0]])  # fmt: skip
     turns = run.q_events[0][:, 0]
     turns = turns[np.abs(np.diff(turns, prepend=x0)) > 1e-3]
     np.testing.assert_allclose(turns[:3], [-x0 + 2 * f, x0 - 4 * f, -x0 + 6 * f], atol=5e-5)
@@ -393,8 +393,12 @@ def pressed(**options: Any) -> fa.Result:
 
 @pytest.mark.parametrize(
     ("options", "end", "force"),
-    [({}, 1e-5, 5e-2), ({"integrator": "implicit", "step": 1e-3}, 5e-4, 0.8)],
-    ids=["default", "implicit, 1 ms"],
+    [
+        ({}, 2e-4, 0.5),
+        ({"integrator": "implicit", "step": 1e-3}, 5e-4, 1.0),
+        ({"integrator": "ida", "rtol": 1e-8, "atol": 1e-10}, 1e-8, 1e-4),
+    ],
+    ids=["default", "implicit, 1 ms", "ida"],
 )
 def test_an_arm_presses_on_a_wall_and_slides(options: dict[str, Any], end: float, force: float) -> None:
     """It hits the wall at 0.24 s and rings; then the force settles, and from 1 s on it slides along the wall."""
