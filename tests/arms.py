@@ -154,6 +154,59 @@ def strutted(rng: np.random.Generator, arm: fa.Arm, world: bool = True) -> fa.Ar
     return fa.Arm(arm.links, arm.gravity, struts=found)
 
 
+def contacted(rng: np.random.Generator, arm: fa.Arm, q: np.ndarray, world: bool = True, **law: float) -> fa.Arm:
+    """The arm with three contacts of each kind of surface: planes, balls and boxes of links, or of the world, against
+    which its points come at q, in depths and beside them."""
+
+    def somewhere(link: int) -> tuple[fa.Point, np.ndarray, np.ndarray]:
+        point = random_point(rng, arm, link)
+        if link < 0:
+            return point, np.array(point.offset), np.eye(3)
+        point = replace(point, at="end") if point.at == "origin" else point
+        p, R = arm.frame(q, link, None if point.at == "end" else point.at)
+        return point, p + R @ point.offset, R
+
+    def drawn(kind: int) -> fa.Contact:
+        sphere, centre, _ = somewhere(int(rng.integers(len(arm.links))))
+        low = -1 if world else 0
+        surface, at, R = somewhere(int(rng.integers(low, len(arm.links))))
+        radius, depth = rng.uniform(0.0, 0.1), rng.uniform(-0.03, 0.05)
+        turned = fa.Placement(rotation=rng.normal(size=3))
+        way = rng.normal(size=3)
+        way /= np.linalg.norm(way)
+        far = radius - depth  # of the sphere's centre from the surface
+        if kind == 2:
+            half, B = rng.uniform(0.1, 0.3, 3), turned._core[1]
+            face = int(rng.integers(3))
+            y = rng.uniform(-0.9, 0.9, 3) * half
+            y[face] = np.sign(way[face]) * (half[face] + far)
+            if far > 0 and rng.random() < 0.5:  # beside an edge
+                other, turn = (face + 1) % 3, rng.uniform(0.2, 1.3)
+                y[face] = np.sign(way[face]) * (half[face] + far * np.sin(turn))
+                y[other] = np.sign(way[other]) * (half[other] + far * np.cos(turn))
+            away = B @ y
+        else:
+            ball = rng.uniform(0.1, 0.3)
+            away = way * (far + ball) if kind else way * far
+        place = replace(surface, offset=surface.offset + R.T @ (centre - at) - away)
+        made = (
+            (lambda: fa.Plane(place, way)),
+            (lambda: fa.Sphere(place, ball)),
+            (lambda: fa.Box(place, 2 * half, turned.rotation)),
+        )[kind]()
+        numbers = {"stiffness": rng.uniform(500, 5000), "damping": rng.uniform(0, 0.3),
+                   "exponent": float(rng.choice([1.0, 1.5]))}  # fmt: skip
+        return fa.Contact(sphere, made, radius=radius, **(numbers | law))
+
+    found: list[fa.Contact] = []
+    while len(found) < 9:
+        new = drawn(len(found) % 3)
+        with contextlib.suppress(ValueError):  # a link against itself
+            fa.Arm(arm.links, contacts=[new])
+            found.append(new)
+    return fa.Arm(arm.links, arm.gravity, contacts=found)
+
+
 def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, tau with deflections of a few per cent of a length; of a few thousandths where a beam has order 0, whose
     kinetic energy, cut at first order, is not positive further out."""

@@ -6,7 +6,8 @@ differentiation do the mechanics: tau = d/dt dT/dv - dT/dq + dU/dq + dF/dv, and 
 angular velocities, no Jacobians of slices and no bias terms; a body's kinetic energy is that of its points.
 
 Beams: both bases, order 1, 2, 3 or "exact", without modal damping. Joints: all, with springs, dampers and placements,
-without soft stops. Struts and tendons: from their lengths; springs have energy, and all forces act by virtual work.
+without soft stops. Struts, tendons, contacts: from their lengths and gaps; springs have energy, and all forces act by
+virtual work. The bristles of contacts are unbent where q is asked for, and bend with the direction of a Jacobian.
 Rates are those of flexarm. A ball's chart is centred at its present orientation, R0 exp(theta), where dtheta/dt is the
 angular velocity in link axes and d^2 theta/dt^2 its rate; "by q" of a ball means by a small rotation theta of R0.
 """
@@ -98,16 +99,30 @@ def tilde(v: Jet) -> Jet:
     return v.linear(lambda x: (x @ LEVI.reshape(3, 9)).reshape(*x.shape[:-1], 3, 3))
 
 
-def root(x: Jet) -> Jet:
-    """Its square root: sqrt(x0) times the binomial series of x / x0, which ends after as many terms as nilpotents."""
+def power(x: Jet, n: float) -> Jet:
+    """x^n: x0^n times the binomial series of x / x0, which ends after as many terms as nilpotents."""
     x0 = x.parts[0]
     u = x * (1 / x0) + (-1.0)
     term = total = Jet({0: np.ones_like(x0)})
     u.parts.pop(0)
     for k in range(4):
-        term = term * u * ((0.5 - k) / (k + 1))
+        term = term * u * ((n - k) / (k + 1))
         total = total + term
-    return total * np.sqrt(x0)
+    return total * x0**n
+
+
+def root(x: Jet) -> Jet:
+    return power(x, 0.5)
+
+
+def times(size: Jet, vector: Jet) -> Jet:
+    """A number times a vector."""
+    return size.linear(lambda x: x[..., None]) * vector
+
+
+def turn_back(matrix: Jet, vector: Jet) -> Jet:
+    """The matrix's transpose times the vector."""
+    return turn(matrix.linear(lambda x: np.swapaxes(x, -1, -2)), vector)
 
 
 def turn(matrix, vector):
@@ -297,26 +312,28 @@ class Link:
         return placed(p, R, "outboard")
 
 
+def read_point(given, links: list[dict]) -> tuple[int, str | float, np.ndarray]:
+    """(link, "origin", "end" or X, offset) of a point; link -1: the world."""
+    if isinstance(given, (list, tuple)) and len(given) == 3:
+        given = {"link": "world", "offset": given}
+    elif not isinstance(given, dict):
+        given = dict(zip(("link", "at"), [given] if isinstance(given, (str, int)) else given, strict=False))
+    link = given["link"]
+    names = [x.get("name") for x in links]
+    number = -1 if link == "world" else names.index(link) if isinstance(link, str) else link
+    return number, given.get("at", "end"), np.reshape(given.get("offset", (0, 0, 0)), (1, 1, 3)).astype(float)
+
+
 class Strut:
-    """A table of a scene's `strut` or `tendon`. `points`: (link, "origin", "end" or X, offset); link -1: the world."""
+    """A table of a scene's `strut` or `tendon`."""
 
     def __init__(self, table: dict, links: list[dict]) -> None:
         self.tendon = "points" in table
-        self.points = [self.point(p, links) for p in (table["points"] if self.tendon else (table["a"], table["b"]))]
+        self.points = [read_point(p, links) for p in (table["points"] if self.tendon else (table["a"], table["b"]))]
         self.stiffness, self.damping = table.get("stiffness", 0.0), table.get("damping", 0.0)
         self.only = self.tendon and table.get("tension_only", True)
         self.constant = -table.get("tension", 0.0) if self.tendon else table.get("force", 0.0)
         self.rest = table.get("length")
-
-    def point(self, given, links: list[dict]) -> tuple[int, str | float, np.ndarray]:
-        if isinstance(given, (list, tuple)) and len(given) == 3:
-            given = {"link": "world", "offset": given}
-        elif not isinstance(given, dict):
-            given = dict(zip(("link", "at"), [given] if isinstance(given, (str, int)) else given, strict=False))
-        link = given["link"]
-        names = [x.get("name") for x in links]
-        number = -1 if link == "world" else names.index(link) if isinstance(link, str) else link
-        return number, given.get("at", "end"), np.reshape(given.get("offset", (0, 0, 0)), (1, 1, 3)).astype(float)
 
     def stretch(self, length: Jet) -> Jet:
         """From the rest length; none where a tendon is slack."""
@@ -337,6 +354,94 @@ class Strut:
         return f * 0.0 if self.only and f.parts[0][0, 0] > 0 else f
 
 
+class Contact:
+    """A table of a scene's `contact`."""
+
+    def __init__(self, table: dict, links: list[dict]) -> None:
+        on = table["against"]
+        self.kind, self.point = on["type"], read_point(table["point"], links)
+        self.on = read_point(on["point" if self.kind == "plane" else "center"], links)
+        self.axes = constant_rotation(on.get("rotation", (0, 0, 0)))
+        self.up = np.array(on.get("normal", (0, 0, 1)), float) / np.linalg.norm(on.get("normal", (0, 0, 1)))
+        self.far, self.half = on.get("radius", 0.0), 0.5 * np.array(on.get("size", (0, 0, 0)), float)
+        self.radius, self.stiffness = table.get("radius", 0.0), table["stiffness"]
+        self.damping, self.exponent = table.get("damping", 0.0), table.get("exponent", 1.0)
+        self.coulomb, self.bristles = table.get("coulomb", 0.0), table.get("tangential_stiffness", self.stiffness)
+
+    def look(self, y: Jet) -> tuple[Jet, Jet]:
+        """Gap, and the normal in the surface's axes, of a sphere whose centre is at y in these."""
+        if self.kind == "plane":
+            return (y * self.up).sum() + (-self.radius), Jet({0: self.up[None, None]})
+        away = y + 0.0
+        if self.kind == "box":
+            at = y.parts[0][0, 0]
+            side, beyond = np.sign(at), np.abs(at) - self.half
+            if beyond.max() < 0:  # inside: the nearest face
+                face = np.eye(3)[beyond.argmax()] * side
+                gap = (y * face).sum() + (-self.half @ np.abs(face) - self.radius)
+                return gap, Jet({0: face[None, None]})
+            away = (y - Jet({0: (side * self.half)[None, None]})) * (beyond > 0)
+        square = (away * away).sum()
+        return root(square) + (-self.far - self.radius), times(power(square, -0.5), away)
+
+    def spring(self, gap: Jet) -> Jet:
+        """Its energy (J)."""
+        if gap.parts[0][0, 0] >= 0:
+            return gap * 0.0
+        return power(-gap, self.exponent + 1) * (self.stiffness / (self.exponent + 1))
+
+    def elastic(self, gap: Jet) -> Jet:
+        return gap * 0.0 if gap.parts[0][0, 0] >= 0 else power(-gap, self.exponent) * self.stiffness
+
+    def push(self, gap: Jet, rate: Jet) -> Jet:
+        """The normal force (N)."""
+        f = self.elastic(gap) * (rate * -self.damping + 1.0)
+        return f if f.parts[0][0, 0] > 0 else f * 0.0
+
+    def drag(self, push: Jet, bent: Jet, slip: Jet) -> Jet:
+        """The force against the slip (N), where bristles that are hardly bent do not give way."""
+        if not self.coulomb or not push.parts[0][0, 0] > 0:
+            return slip * 0.0
+        drag = bent * self.bristles + times(push * self.damping, slip)
+        square = (drag * drag).sum()
+        if square.parts[0][0, 0] <= (self.coulomb * push.parts[0][0, 0]) ** 2:
+            return drag
+        return times(push * self.coulomb * power(square, -0.5), drag)
+
+
+class Touch:
+    """Where a contact is, in the surface's axes: the sphere's centre, gap, normal, and the point of the arm that
+    touches, as it moves on from there."""
+
+    def __init__(self, contact: Contact, arm: tuple[Jet, Jet], on: tuple[Jet, Jet]) -> None:
+        def seen(frame: tuple[Jet, Jet], offset: Jet, surface: tuple[Jet, Jet]) -> Jet:
+            p, R = surface
+            origin = p + turn(R, Jet({0: contact.on[2]}))
+            return turn_back(R @ contact.axes, frame[0] + turn(frame[1], offset) - origin)
+
+        still = [tuple(x.without(RATE) for x in frame) for frame in (arm, on)]
+        self.centre = seen(arm, Jet({0: contact.point[2]}), on)
+        self.gap, self.normal = contact.look(self.centre)
+        self.touch = self.centre.without(RATE) - self.normal.without(RATE) * contact.radius
+        p, R = still[1]  # of the point that touches: where it is on the arm
+        world = p + turn(R, Jet({0: contact.on[2]})) + turn(R @ contact.axes, self.touch)
+        own = turn_back(still[0][1], world - still[0][0])
+        self.moving = seen(arm, own, on)
+        base = [tuple(Jet({0: x.parts[0]}) for x in frame) for frame in (arm, on)]
+        self.before = seen(base[0], own, base[1])  # where that point was
+
+    def across(self, x: Jet, drop: int) -> Jet:
+        n = self.normal.without(drop)
+        return x - times((n * x).sum(), n)
+
+    def forces(self, contact: Contact, drop: int = RATE | VARY | TIME) -> tuple[Jet, Jet]:
+        """Push and drag, without the nilpotents `drop`; in the surface's axes."""
+        push = contact.push(self.gap.without(drop), self.gap.part(RATE).without(drop))
+        slip = self.across(self.moving.part(RATE).without(drop), drop)
+        bent = self.across((self.touch - self.before).without(drop), drop)
+        return push, contact.drag(push, bent, slip)
+
+
 class Oracle:
     """Energies of a scene's arm and what follows from them. `points`: sections along each beam."""
 
@@ -347,8 +452,10 @@ class Oracle:
         ]
         tables = scene["link"]
         self.struts = [Strut(s, tables) for kind in ("strut", "tendon") for s in scene.get(kind, ())]
+        self.contacts = [Contact(c, tables) for c in scene.get("contact", ())]
         at: list[set[float]] = [set() for _ in tables]
-        for k, x in [*self.sits, *(p[:2] for s in self.struts for p in s.points)]:
+        points_ = [p for s in self.struts for p in s.points] + [p for c in self.contacts for p in (c.point, c.on)]
+        for k, x in [*self.sits, *(p[:2] for p in points_)]:
             at[k] |= set() if isinstance(x, str) else {x}
         self.links = [Link(link, points, tuple(sorted(x))) for link, x in zip(tables, at, strict=True)]
         self.gravity = np.array(scene.get("gravity", (0.0, 0.0, 0.0)), float)
@@ -359,9 +466,12 @@ class Oracle:
         for s, length in zip(self.struts, lengths, strict=True):
             s.rest = float(length.parts[0][0, 0]) if s.rest is None else s.rest
 
-    def energies(self, q: np.ndarray, seek: Jet, motion: Jet, rate: Jet) -> tuple[Jet, Jet, Jet, list[Jet]]:
-        """Kinetic and potential energy (less that of struts), Rayleigh's dissipation (half the power lost) and the
-        lengths of struts at q + seek + motion, where `rate` is the part of `motion` that goes with RATE."""
+    def energies(
+        self, q: np.ndarray, seek: Jet, motion: Jet, rate: Jet
+    ) -> tuple[Jet, Jet, Jet, list[Jet], list[Touch]]:
+        """Kinetic and potential energy (less that of struts and contacts), Rayleigh's dissipation (half the power
+        lost), the lengths of struts and the contacts at q + seek + motion, where `rate` is the part of `motion` that
+        goes with RATE."""
         T = U = F = Jet({0: np.zeros((1, 1))})
         places: dict[tuple[int, str | float], tuple[Jet, Jet]] = {}  # where struts may sit
         p, R = Jet({0: np.zeros((1, 1, 3))}), Jet({0: np.eye(3)[None, None]})
@@ -417,11 +527,12 @@ class Oracle:
             pieces = [b - a for a, b in pairwise(points)]
             return sum((root((d * d).sum()) for d in pieces), Jet({0: np.zeros((1, 1))}))
 
-        return T, U, F, [length(s) for s in self.struts]
+        touches = [Touch(c, places[c.point[:2]], places[c.on[:2]]) for c in self.contacts]
+        return T, U, F, [length(s) for s in self.struts], touches
 
-    def _jets(self, q, v, a, vary: str = "", jacobian: bool = False) -> tuple[Jet, Jet, Jet, list[Jet]]:
-        """Energies and lengths at q, v with their rate of change along v, a (TIME; not where q is varied), their
-        derivatives by each v or q (VARY), and of all these the derivatives by each of q, v and a (SEEK)."""
+    def _jets(self, q, v, a, vary: str = "", jacobian: bool = False) -> tuple[Jet, Jet, Jet, list[Jet], list[Touch]]:
+        """Energies, lengths and contacts at q, v with their rate of change along v, a (TIME; not where q is varied),
+        their derivatives by each v or q (VARY), and of all these the derivatives by each of q, v and a (SEEK)."""
         n, eye = self.nv, np.eye(self.nv)
         by_q, by_v, by_a = np.split(np.eye(3 * n)[None], 3, axis=-1)
         row = {name: np.reshape(x, (1, 1, n)).astype(float) for name, x in (("v", v), ("a", a))}
@@ -436,19 +547,25 @@ class Oracle:
 
     def energy(self, q, v) -> tuple[float, float]:
         """Kinetic and potential energy (J)."""
-        T, U, _, lengths = self._jets(q, v, np.zeros(self.nv))
+        T, U, _, lengths, touches = self._jets(q, v, np.zeros(self.nv))
         U = sum((s.spring(x.without(RATE)) for s, x in zip(self.struts, lengths, strict=True)), U)
+        U = sum((c.spring(x.gap.without(RATE)) for c, x in zip(self.contacts, touches, strict=True)), U)
         return float(T.number(0, 1, 1)[0, 0]), float(U.number(0, 1, 1)[0, 0])
 
     def power(self, q, v, a, driven=None) -> tuple[float, float]:
-        """Rate of change of T + U along v, a; and what dampers take, less what constant and driven forces of struts do
-        (W)."""
-        T, U, F, lengths = self._jets(q, v, a)
+        """Rate of change of T + U along v, a; and what dampers and friction take, less what constant and driven forces
+        of struts do (W)."""
+        T, U, F, lengths, touches = self._jets(q, v, a)
         lost = 2 * F
         for s, x, f in zip(self.struts, lengths, self._driven(driven), strict=True):
             at, speed = x.without(RATE), x.part(RATE)
             U = U + s.spring(at)
             lost = lost - (s.push(at, speed, f) + s.stretch(at) * s.stiffness) * speed
+        for c, x in zip(self.contacts, touches, strict=True):
+            at, speed = x.gap.without(RATE), x.gap.part(RATE)
+            U = U + c.spring(at)
+            push, drag = x.forces(c, RATE)
+            lost = lost - (push - c.elastic(at)) * speed + (drag * x.moving.part(RATE)).sum()
         stored, lost = (x.number(bits, 1, 1)[0, 0] for x, bits in ((T + U, TIME), (lost, 0)))
         return float(stored), float(lost)
 
@@ -466,11 +583,23 @@ class Oracle:
         lengths = self._jets(q, np.zeros(self.nv), np.zeros(self.nv), "v")[3]
         return np.array([x.number(RATE | VARY, self.nv, 1)[:, 0] for x in lengths]).reshape(-1, self.nv)
 
+    def contact_motion(self, q, v) -> np.ndarray:
+        """Gap (m), its rate (m/s) and the normal force (N) of each contact, (n, 3)."""
+        touches = self._jets(q, v, np.zeros(self.nv))[4]
+        found = [
+            (x.gap.without(RATE), x.gap.part(RATE), x.forces(c)[0]) for c, x in zip(self.contacts, touches, strict=True)
+        ]
+        return np.array([[y.number(0, 1, 1)[0, 0] for y in row] for row in found])
+
+    def centres(self, q) -> np.ndarray:
+        """Of the contacts' spheres, in the axes of their surfaces, (n, 3)."""
+        return np.array([x.centre.parts[0][0, 0] for x in self._jets(q, np.zeros(self.nv), np.zeros(self.nv))[4]])
+
     def _driven(self, driven) -> np.ndarray:
         return np.zeros(len(self.struts)) if driven is None else np.asarray(driven, float)
 
     def inverse(self, q, v, a, driven=None) -> np.ndarray:
-        """Generalised forces d/dt dT/dv - dT/dq + dU/dq + dF/dv, less those of struts, (nv,)."""
+        """Generalised forces d/dt dT/dv - dT/dq + dU/dq + dF/dv, less those of struts and contacts, (nv,)."""
         return self._inverse(q, v, a, driven, 0, 1)[:, 0]
 
     def jacobians(self, q, v, a, driven=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -480,12 +609,16 @@ class Oracle:
 
     def _inverse(self, q, v, a, driven, seek: int, directions: int) -> np.ndarray:
         shape = (self.nv, directions)
-        T, _, F, lengths = self._jets(q, v, a, "v", seek > 0)
+        T, _, F, lengths, touches = self._jets(q, v, a, "v", seek > 0)
         total = T.number(VARY | TIME | seek, *shape) + F.number(VARY | seek, *shape)
         for s, x, f in zip(self.struts, lengths, self._driven(driven), strict=True):
             force = s.push(x.without(RATE | VARY | TIME), x.part(RATE).without(VARY | TIME), f)
             by_q = x.part(RATE | VARY).without(TIME)  # of a length, with the derivatives that SEEK asks for
             total = total - (force * by_q).number(seek, *shape)
+        for c, x in zip(self.contacts, touches, strict=True):
+            push, drag = x.forces(c)
+            gap, point = (y.part(RATE | VARY).without(TIME) for y in (x.gap, x.moving))
+            total = total - (push * gap - (drag * point).sum()).number(seek, *shape)
         T, U, *_ = self._jets(q, v, a, "q", seek > 0)
         return total - T.number(VARY | seek, *shape) + U.number(VARY | seek, *shape)
 

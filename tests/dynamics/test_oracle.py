@@ -215,6 +215,97 @@ STRUTS |= {
 }
 SCENES |= {name: scene["link"] for name, scene in STRUTS.items()}
 
+_STIFF, _HERTZ = {"stiffness": 2e3, "damping": 0.3}, {"stiffness": 2e4, "damping": 0.2, "exponent": 1.5, "radius": 0.04}
+_RUBS = {"stiffness": 2e3, "damping": 0.1, "coulomb": 0.6, "tangential_stiffness": 900.0, "radius": 0.03}
+_PLANE, _BALL = {"type": "plane", "normal": [1.0, -2.0, 2.0]}, {"type": "sphere", "radius": 0.2}
+_BOX = {"type": "box", "size": [0.4, 0.6, 0.2], "rotation": [0.3, -0.5, 0.7]}
+_HAND = {"link": "b", "at": 0.35, "offset": [0.02, 0.03, -0.04]}
+_DIP = np.multiply(_PLANE["normal"], -0.05 / 3).tolist()
+
+
+def on_box(at: list[float], law: dict) -> dict:
+    return {"point": "b", "against": _BOX | {"center": [0, 0, 0]}, "at": at} | law
+
+
+CONTACTS = {  # beside links; `at`: where the sphere's centre is to be, in the axes of the surface
+    "contacts, rigid chain": {
+        "link": named(link("revolute", HUB, axis="z"), link("revolute", HUB, {}, TIP, axis="z", **SPRING)),
+        "contact": [
+            {"point": "b", "against": _PLANE | {"point": [0, 0, 0]}, "at": _DIP} | _STIFF,
+            {"point": {"link": "b", "at": "origin", "offset": [0, 0, 0.1]}, "against": _BALL | {"center": [0, 0, 0]},
+             "at": [0.1, -0.1, 0.1]} | _STIFF,
+            {"point": "a", "against": _BALL | {"center": [0, 0, 0]}, "at": [0.3, 0.1, 0.1]} | _STIFF,  # away
+        ],
+    },
+    "contacts, sides of boxes": {
+        "link": named(
+            link("revolute", HUB, beam({"bending_y": 1, "torsion": 1}, 2), axis="y"),
+            link("spherical", {}, beam({"bending_y": 1, "bending_z": 1}, 3), TIP, damping=0.2),
+        ),
+        "contact": [
+            on_box([0.21, 0.1, -0.05], _HERTZ),  # a face
+            on_box([-0.21, 0.31, -0.05], _HERTZ),  # an edge
+            on_box([0.21, -0.32, 0.11], _HERTZ),  # a corner
+            on_box([-0.05, 0.1, -0.08], _STIFF),  # a point inside
+        ],
+    },
+    "contacts, link on link": {
+        "link": named(*SCENES["fork of beams, order 2"]),
+        "contact": [
+            {"point": _HAND, "against": _PLANE | {"point": {"link": "c", "at": 0.3, "offset": [0, 0, 0]}}, "at": _DIP}
+            | _STIFF,
+            {"point": "c", "against": _BALL | {"center": {"link": "a", "offset": [0, 0, 0]}}, "at": [0.12, -0.1, 0.14]}
+            | _HERTZ,
+            {"point": ["c", 0.2], "against": _BOX | {"center": {"link": "b", "at": "origin", "offset": [0, 0, 0]}},
+             "at": [0.19, 0.31, 0.02]} | _HERTZ,
+        ],
+    },
+    "contacts, satellite": {
+        "link": named(*SCENES["satellite"]),
+        "contact": [
+            {"point": "e", "against": _PLANE | {"point": {"link": "a", "offset": [0, 0, 0]}}, "at": _DIP} | _HERTZ,
+            {"point": ["b", 0.5], "against": _BALL | {"center": {"link": "f", "at": 0.3, "offset": [0, 0, 0]}},
+             "at": [0.02, -0.18, 0.08]} | _STIFF,
+        ],
+    },
+    "contacts that rub, slowly": {
+        "link": named(*SCENES["fork of beams, order 3"]),
+        "contact": [
+            {"point": _HAND, "against": _PLANE | {"point": [0, 0, 0]}, "at": _DIP} | _RUBS,
+            {"point": "c", "against": _BALL | {"center": {"link": "a", "offset": [0, 0, 0]}}, "at": [0.12, -0.1, 0.14]}
+            | _RUBS,
+            {"point": ["c", 0.2], "against": _BOX | {"center": [0, 0, 0]}, "at": [0.19, 0.31, 0.02]} | _RUBS,
+        ],
+    },
+}  # fmt: skip
+CONTACTS |= {
+    f"contacts, planar beams, order {n}": {
+        "link": named(link("revolute", {}, beam(PLANE, n), axis="z"), link("revolute", {}, beam(PLANE, n), axis="z")),
+        "contact": [
+            {"point": "b", "against": _PLANE | {"point": [0, 0, 0]}, "at": _DIP} | _STIFF,
+            {"point": {"link": "b", "at": 0.4, "offset": [0, 0.02, 0]},
+             "against": _BALL | {"center": {"link": "a", "at": 0.2, "offset": [0, 0, 0]}}, "at": [-0.1, 0.12, 0.0]}
+            | _STIFF,
+        ],
+    }
+    for n in (2, "exact")
+}  # fmt: skip
+CONTACTS["contacts that rub, fast"] = CONTACTS["contacts that rub, slowly"]
+SCENES |= {name: scene["link"] for name, scene in CONTACTS.items()}
+
+
+def put(scene: dict, q: np.ndarray) -> dict:
+    """Surfaces moved to where their contacts are as asked at q."""
+    contacts = [{k: x for k, x in c.items() if k != "at"} for c in scene["contact"]]
+    made = Oracle(scene | {"contact": contacts}, 20)
+    moved = []
+    for c, x, law, y in zip(contacts, scene["contact"], made.contacts, made.centres(q), strict=True):
+        key = "point" if law.kind == "plane" else "center"
+        point = c["against"][key] if isinstance(c["against"][key], dict) else {"link": "world"}
+        offset = law.on[2][0, 0] + law.axes @ (y - x["at"])
+        moved.append(c | {"against": c["against"] | {key: point | {"offset": offset.tolist()}}})
+    return scene | {"contact": moved}
+
 
 def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
@@ -231,8 +322,11 @@ def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     scene = {"gravity": G, "link": SCENES[name]} | STRUTS.get(name, {})
-    arm = fa.Arm.from_dict(scene)
-    return Oracle(scene, 20), arm, state(arm, 0.1 if name.startswith("clamped-free") else 1.0)
+    q, v, a = state(fa.Arm.from_dict(scene), 0.1 if name.startswith("clamped-free") else 1.0)
+    if name in CONTACTS:
+        scene = put({"gravity": G} | CONTACTS[name], q)
+        v = v * (0.02 if name.endswith("slowly") else 1.0)
+    return Oracle(scene, 20), fa.Arm.from_dict(scene), (q, v, a)
 
 
 def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
@@ -332,6 +426,31 @@ def test_spring_and_damper() -> None:
             np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
+def test_ball_on_a_plane() -> None:
+    """A mass on a slide across an inclined plane, the normal force and friction by hand."""
+    slope = {"type": "plane", "point": [0, 0, 0], "normal": [0.6, 0.0, 0.8]}
+    law = {"stiffness": 500.0, "damping": 0.3, "coulomb": 0.4, "tangential_stiffness": 200.0, "radius": 0.1}
+    for exponent, v in ((1.0, -0.2), (1.5, -0.2), (1.5, -5.0)):
+        touch = {"point": "a", "against": slope, "exponent": exponent} | law
+        slide = link("prismatic", {"mass": 2.0}, axis="z") | {"name": "a"}
+        oracle = Oracle({"link": [slide], "contact": [touch]})
+        q, a = 0.08, -0.7
+        depth, rate = 0.1 - 0.8 * q, 0.8 * v
+        push = 500.0 * depth**exponent * (1 - 0.3 * rate)
+        drag = min(0.3 * push * 0.6 * -v, 0.4 * push)  # upwards along the slope, as it moves down
+        np.testing.assert_allclose(oracle.contact_motion([q], [v]), [[-depth, rate, push]], rtol=1e-13)
+        np.testing.assert_allclose(oracle.inverse([q], [v], [a]), 2.0 * a - 0.8 * push - 0.6 * drag, rtol=1e-13)
+        np.testing.assert_allclose(oracle.energy([q], [v])[1], 500.0 * depth ** (exponent + 1) / (exponent + 1))
+        by_q, by_v, by_a = oracle.jacobians([q], [v], [a])
+        push_q, push_v = -0.8 * exponent * push / depth, -0.8 * 0.3 * push / (1 - 0.3 * rate)
+        if drag < 0.4 * push:
+            drag_q, drag_v = 0.3 * push_q * 0.6 * -v - 200.0 * 0.6, 0.3 * (push_v * 0.6 * -v - 0.6 * push)
+        else:
+            drag_q, drag_v = 0.4 * push_q, 0.4 * push_v
+        for found, expected in ((by_q, -0.8 * push_q - 0.6 * drag_q), (by_v, -0.8 * push_v - 0.6 * drag_v), (by_a, 2)):
+            np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
 # -- flexarm against the oracle --------------------------------------------------------------------------------------
 
 
@@ -415,6 +534,89 @@ def test_tendon_near_its_length(over: float, tension: float, speed: float) -> No
     close(found[0] @ oracle.small_turns(q), by_q, 1e-9)
     close(found[1], by_v, 1e-9)
     close(found[2], M, 1e-9)
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_contacts(name: str) -> None:
+    """Gaps, rates and normal forces; all act but the one that is away. The mass matrix is that of the arm without."""
+    oracle, arm, (q, v, _) = both(name)
+    gap, rate, normal = arm.contact_motion(q, v)
+    close(np.stack([gap, rate, normal], axis=-1), oracle.contact_motion(q, v), 1e-10)
+    away = [name == "contacts, rigid chain" and k == 2 for k in range(len(arm.contacts))]
+    assert np.array_equal(normal == 0, away) and np.array_equal(gap > 0, away)
+    bare = fa.Arm.from_dict({"gravity": G, "link": SCENES[name]})
+    assert np.array_equal(arm.mass_matrix(q), bare.mass_matrix(q))
+
+
+def random_tree(rng: np.random.Generator) -> dict:
+    """Links on ends and slices of random ones before; contacts of each kind on the world and on links."""
+    kinds = ("revolute", "prismatic", "cylindrical", "universal", "spherical")
+    links: list[dict] = []
+    for k in range(int(rng.integers(3, 5))):
+        joint = str(rng.choice(kinds))
+        axis = {"axis": rng.normal(size=3).tolist()} if joint in kinds[:3] else {}
+        sides = SIDES if rng.random() < 0.5 else {}
+        modes = {s: int(rng.integers(0, 2)) for s in ("bending_y", "bending_z", "torsion")}
+        flexible = sum(modes.values()) > 0 and rng.random() < 0.7
+        elastic = beam(modes, [1, 2, 3, "exact"][int(rng.integers(4))]) if flexible else {}
+        new = link(joint, HUB if rng.random() < 0.7 else {}, elastic, TIP, **axis, **sides)
+        if k:
+            parent = int(rng.integers(k))
+            on_slice = "beam" in links[parent] and rng.random() < 0.5
+            new = on(parent, new, float(rng.uniform(0.1, 0.6)) if on_slice else None)
+        links.append(new)
+
+    def somewhere(number: int) -> dict:
+        if number < 0:
+            return {"link": "world", "offset": [0, 0, 0]}
+        places: list[str | float] = ["end", "origin"]
+        if "beam" in links[number]:
+            places += rng.uniform(0.0, 0.6, 4).tolist()
+        at = places[int(rng.integers(len(places)))]
+        return {"link": number, "at": at, "offset": rng.uniform(-0.1, 0.1, 3).tolist()}
+
+    targets = ([0.0, 0.0, 0.02], [0.1, -0.1, 0.1], [0.19, 0.31, 0.02], [0.21, 0.1, -0.05], [0.05, -0.31, 0.11])
+    contacts = []
+    for k, y in enumerate(targets):
+        surface = [_PLANE | {"normal": [0, 0, 1]}, _BALL, _BOX, _BOX, _BOX][k]
+        one = int(rng.integers(len(links)))
+        other = int(rng.choice([x for x in range(-1, len(links)) if x != one]))
+        key = "point" if k == 0 else "center"
+        contacts.append({"point": somewhere(one), "against": surface | {key: somewhere(other)}, "at": y} | _HERTZ
+                        | {"exponent": float(rng.choice([1.0, 1.5]))})  # fmt: skip
+    return {"gravity": G, "link": links, "contact": contacts}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_contacts_of_random_trees(seed: int) -> None:
+    scene = random_tree(np.random.default_rng(seed))
+    q, v, a = state(fa.Arm.from_dict({k: scene[k] for k in ("gravity", "link")}), 0.5)
+    scene = put(scene, q)
+    oracle, arm = Oracle(scene), fa.Arm.from_dict(scene)
+    motion = oracle.contact_motion(q, v)
+    assert (motion[:, 0] < 0).all() and (motion[:, 2] > 0).sum() > 1
+    close(np.stack(arm.contact_motion(q, v), axis=-1), motion, 1e-10)
+    tau = oracle.inverse(q, v, a)
+    close(arm.inverse_dynamics(q, v, a), tau, 1e-10)
+    by_q, by_v, M = oracle.jacobians(q, v, a)
+    np.testing.assert_allclose(M @ arm.forward_dynamics(q, v, tau), M @ a, rtol=0, atol=1e-10 * np.abs(tau).max())
+    found = arm.inverse_derivatives(q, v, a)
+    close(found[0] @ oracle.small_turns(q), by_q, 1e-8)
+    close(found[1], by_v, 1e-9)
+
+
+def test_contacts_at_order_0() -> None:
+    """As of struts, below."""
+    name = "contacts, link on link"
+    q, v, a = state(fa.Arm.from_dict({"gravity": G, "link": SCENES[name]}), 1.0)
+    links = [x | {"beam": x["beam"] | {"order": 1}} for x in SCENES[name]]
+    scene = put(CONTACTS[name] | {"gravity": G, "link": links}, q)
+    oracle, bare_oracle = Oracle(scene, 20), Oracle({"gravity": G, "link": links}, 20)
+    links = [x | {"beam": x["beam"] | {"order": 0}} for x in links]
+    arm, bare = fa.Arm.from_dict(scene | {"link": links}), fa.Arm.from_dict({"gravity": G, "link": links})
+    close(np.stack(arm.contact_motion(q, v), axis=-1), oracle.contact_motion(q, v), 1e-10)
+    added = arm.inverse_dynamics(q, v, a) - bare.inverse_dynamics(q, v, a)
+    close(added, oracle.inverse(q, v, a) - bare_oracle.inverse(q, v, a), 1e-10)
 
 
 def test_struts_at_order_0() -> None:
