@@ -28,10 +28,11 @@ _STAYS = 1e4  # s for which the last torques of a move stay
 
 
 class Servo(LinearController):
-    """A drive as it is built: the position loop of a joint, u = kp (r - y) + ki int (r - y) dt + kv (r' - v) + forward.
+    """A drive as it is built: the position loop of a joint, from its encoder to its current.
 
-    A sample reads the encoder's y in its steps; v is the difference of the last two readings over the time between
-    them, behind a low pass. The integral does not wind up at a limit. It compiles to a `LinearController`, in C++.
+    u = kp (r - y) + ki int (r - y) dt + kv (r' - v) + feedforward. A sample reads the encoder's y in its steps; v is the
+    difference of the last two readings over the time between them, behind a low pass. The integral does not wind up at
+    a limit. It is a sampled linear law, which runs in C++.
 
     Args:
         link: the joint, or (link, freedom).
