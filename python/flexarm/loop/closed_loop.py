@@ -290,14 +290,17 @@ class ClosedLoop:
         return number, found[number]
 
     def stability_map(
-        self, x: ArrayLike | None = None, y: ArrayLike | None = None, over: tuple[str, str] | None = None
-    ) -> StabilityMap:
+        self, x: ArrayLike | None = None, y: ArrayLike | None = None, over: tuple[str, str] | None = None,
+        progress: Any = False,
+    ) -> StabilityMap:  # fmt: skip
         """Which values of two parameters are stable, such as kp and kv of a Servo.
 
         Args:
             x, y: values of the first and the second, (nx,) and (ny,), increasing; None: 80 from a hundredth of the
                 present value to a hundred times it.
-            over: the two parameters, as of `locus`; None: kp, and kv or kd, of the first controller that has them.
+            over: the paths of two parameters, such as ("control.0.delay", "link.0.tip.mass"); None: kp, and kv or kd,
+                of the first controller that has them.
+            progress: as of `locus`, of the rows done.
 
         Returns:
             StabilityMap: `.growth`, `.stable`, `.plot()`.
@@ -316,7 +319,7 @@ class ClosedLoop:
             if one.ndim != 1 or one.size < 2 or not (np.diff(one) > 0).all():
                 raise ValueError(f"{name}: must be at least two numbers that increase")
             values.append(one)
-        return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now)
+        return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now, progress)
 
     def tune(
         self, bandwidth: float, *, phase_margin: float = np.pi / 3, gain_margin: float = 2.0,
