@@ -32,6 +32,7 @@ from .tuning import StabilityMap, Tuned, Tuner, gains_of, map_of
 
 _ROWS = 16  # poles that are printed
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
+_MOMENT = 1e-3  # s for which references are asked: only that they are there
 
 
 class ClosedLoop:
@@ -445,7 +446,7 @@ def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]
 def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:
     """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
-    running, sampled, felt = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
+    running, sampled, felt = running_laws(arm, controls, np.array([t, t + _MOMENT]), loads)
     held = [held_law(arm, k, c, own, felt, q, v, t, loads, recorded=False)
             for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
     return Hybrid(plant, running, [x for x in held if x is not None], int(felt.sum()))
