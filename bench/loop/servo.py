@@ -2,7 +2,8 @@
 
     python bench/loop/servo.py [--check] [-o DIR]
 
-Writes the marked part of docs/servo.md, and servo-map.png into DIR (default: docs/figures); with --check it only prints.
+Writes the marked part of docs/servo.md, and servo-map.png into DIR (default: docs/figures); with --check it only
+prints.
 """
 
 from __future__ import annotations

@@ -154,6 +154,7 @@ def laws() -> list[Feature]:
     held = {"rate": RATE}
     pid = {"kp": kp, "ki": 20.0, "kd": kd, "link": 0}
     drive = {"kp": kp, "kv": kd, "ki": 20.0, "filter": 60.0, "delay": 1e-3, "limit": 0.8, "current_loop": 100.0, **held}
+    steps = fa.sensors.Encoder(pulses=65536)
     kinds: dict[str, Callable[[float, Any, bool], Any]] = {
         "PD": lambda m, r, x: fa.PD(kp, kd, reference=r),
         "StrainFeedback": lambda m, r, x: fa.StrainFeedback(kp, kd, ks, x=0.01, reference=r),
@@ -170,7 +171,7 @@ def laws() -> list[Feature]:
         "sensor with a filter": lambda m, r, x: linear([kp, kd], seen, r, **held),
         "limit of a controller": lambda m, r, x: fa.PD(kp, kd, reference=r, limit=0.25),
         "Servo": lambda m, r, x: fa.Servo(0, **drive, reference=r),
-        "Servo, encoder in steps": lambda m, r, x: fa.Servo(0, **drive, sensor=fa.sensors.Encoder(pulses=65536), reference=r),
+        "Servo, encoder in steps": lambda m, r, x: fa.Servo(0, **drive, sensor=steps, reference=r),
     }
     flowing = ("PD", "StrainFeedback", "StateFeedback", "FeedForward", "LinearController", "limit of a controller")
     others = {"PD": "torque samples", "delay": "PD, sampled", "sensor with a filter": "PD, sampled"}

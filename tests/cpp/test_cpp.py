@@ -182,6 +182,8 @@ def everything() -> fa.Scene:
         limit=0.4,
     )
     continuous = fa.LinearController([[-3.0]], [[1.0]], [[0.5]], [[0.2]], measure=[("joint", 0)], actuate=[0])
+    real = dict(rate=500, sensor=fa.sensors.Encoder(pulses=1000), filter=60, delay=1e-3, limit=0.3, current_loop=80)
+    servo = fa.Servo(2, kp=1, kv=0.05, ki=2, reference=fa.Motion(t, 0.1 * t**3), feedforward=fa.Torque(0.01), **real)
     return fa.Scene(
         arm,
         drive={
@@ -199,6 +201,7 @@ def everything() -> fa.Scene:
             fa.StrainFeedback(2, 0.1, 0.01, 1, x=0.01, washout=5.0),
             held,
             continuous,
+            servo,
         ),
         t=np.linspace(0, 0.3, 31),
         q0={0: 0.03},

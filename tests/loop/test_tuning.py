@@ -157,3 +157,9 @@ def test_what_cannot_be_reached_says_what_can() -> None:
         fa.closed_loop(BENT, fa.PD(1.0, 0.0)).stability_map([1, 2])
     with refuses("x", "increase"):
         loop.stability_map([2, 1])
+
+
+def test_references_need_not_last() -> None:
+    short = fa.Motion([0, 0.3], [0, 0.4], [0, 0], [0, 0])
+    loop = fa.closed_loop(BENT, drive(reference=short, feedforward="motion"))
+    assert loop.growth == fa.closed_loop(BENT, drive()).growth

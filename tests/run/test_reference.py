@@ -29,7 +29,8 @@ SECTIONS = (fa.Rectangle, fa.Circle, fa.Tube, fa.sections.Ellipse, fa.sections.B
 SENSORS = (fa.sensors.Encoder, fa.sensors.Tachometer, fa.sensors.ForceTorque, fa.sensors.StrainGauge,
            fa.sensors.Accelerometer, fa.sensors.Camera)  # fmt: skip
 LAWS = (fa.PD, fa.StrainFeedback, fa.StateFeedback, fa.LinearController, fa.LinearController.pid,
-        fa.LinearController.ppf, fa.LinearController.irc, fa.MPC, fa.FeedForward, fa.ComputedTorque)  # fmt: skip
+        fa.LinearController.ppf, fa.LinearController.irc, fa.Servo, fa.MPC, fa.FeedForward,
+        fa.ComputedTorque)  # fmt: skip
 OTHERS = (fa.Link, fa.Placement, fa.RigidBody, fa.Beam, fa.Material, fa.Patch, fa.Piezo, fa.Look, fa.Load, fa.Motor,
           fa.sensors.LowPass)  # fmt: skip
 TYPES = """fixed revolute prismatic cylindrical universal planar spherical free axes rectangle circle tube ellipse box

@@ -205,3 +205,21 @@ def test_feedforward_by_a_callable_reference_is_refused() -> None:
     law = fa.Servo(0, kp=1, kv=1, rate=100, reference=lambda t: t, feedforward="gravity")
     with refuses("feedforward", "gravity", "Motion"):
         fa.simulate(RIGID, T, control=law)
+
+
+@pytest.mark.parametrize("options", [{"integrator": "implicit", "step": 1e-3}, {"integrator": "gauss", "step": 1e-3}])
+def test_derivatives_know_that_the_first_sample_finds_it_at_rest(options: dict[str, Any]) -> None:
+    law = fa.Servo(1, kp=20, kv=4, ki=30, rate=200, filter=40, delay=2e-3, current_loop=80)
+
+    def run(elbow: float, kv: float = 4.0) -> fa.Result:
+        moved = fa.Servo(1, kp=20, kv=kv, ki=30, rate=200, filter=40, delay=2e-3, current_loop=80)
+        return fa.simulate(BENT, T[:61], [0, 0, 0, elbow, 0, 0], control=moved, **options)
+
+    result, d = fa.simulate(BENT, T[:61], [0, 0, 0, 0.3, 0, 0], control=law, **options), 1e-5
+    paths = ["q0.3", "control.0.kv"]
+    slopes = [(run(0.3 + d).q - run(0.3 - d).q) / (2 * d), (run(0.3, 4 + d).q - run(0.3, 4 - d).q) / (2 * d)]
+    weights = np.random.default_rng(0).uniform(size=result.q.shape)
+    found, back = result.sensitivities(paths), result.gradient({"q": weights}, paths)
+    for k, path in enumerate(paths):
+        assert abs(found.q[k] - slopes[k]).max() < 1e-5 * abs(slopes[k]).max()
+        assert back[path] == pytest.approx((weights * slopes[k]).sum(), rel=1e-5)

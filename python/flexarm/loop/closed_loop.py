@@ -32,6 +32,7 @@ from .tuning import StabilityMap, Tuned, Tuner, gains_of, map_of
 
 _ROWS = 16  # poles that are printed
 _LIGHTLY = 0.3  # the damping ratio below which a mode is shaped
+_MOMENT = 1e-3  # s for which references are asked: only that they are there
 
 
 class ClosedLoop:
@@ -290,14 +291,17 @@ class ClosedLoop:
         return number, found[number]
 
     def stability_map(
-        self, x: ArrayLike | None = None, y: ArrayLike | None = None, over: tuple[str, str] | None = None
-    ) -> StabilityMap:
+        self, x: ArrayLike | None = None, y: ArrayLike | None = None, over: tuple[str, str] | None = None,
+        progress: Any = False,
+    ) -> StabilityMap:  # fmt: skip
         """Which values of two parameters are stable, such as kp and kv of a Servo.
 
         Args:
             x, y: values of the first and the second, (nx,) and (ny,), increasing; None: 80 from a hundredth of the
                 present value to a hundred times it.
-            over: the two parameters, as of `locus`; None: kp, and kv or kd, of the first controller that has them.
+            over: the paths of two parameters, such as ("control.0.delay", "link.0.tip.mass"); None: kp, and kv or kd,
+                of the first controller that has them.
+            progress: as of `locus`, of the rows done.
 
         Returns:
             StabilityMap: `.growth`, `.stable`, `.plot()`.
@@ -316,7 +320,7 @@ class ClosedLoop:
             if one.ndim != 1 or one.size < 2 or not (np.diff(one) > 0).all():
                 raise ValueError(f"{name}: must be at least two numbers that increase")
             values.append(one)
-        return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now)
+        return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now, progress)
 
     def tune(
         self, bandwidth: float, *, phase_margin: float = np.pi / 3, gain_margin: float = 2.0,
@@ -442,7 +446,7 @@ def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]
 def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:
     """The loop of a plant and controllers, linearised at time t."""
     arm, q, v = plant.arm, plant.q, plant.v
-    running, sampled, felt = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
+    running, sampled, felt = running_laws(arm, controls, np.array([t, t + _MOMENT]), loads)
     held = [held_law(arm, k, c, own, felt, q, v, t, loads, recorded=False)
             for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
     return Hybrid(plant, running, [x for x in held if x is not None], int(felt.sum()))

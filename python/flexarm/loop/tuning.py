@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
+from .._console import progress_bar
 from ..data.draw.loop import plot_map
 from ..data.draw.style import Figure
 from .hybrid import Complex, Hybrid, logarithm
@@ -55,8 +56,11 @@ class StabilityMap:
         return plot_map(self.over, self.x, self.y, self.growth, self.now)
 
 
-def map_of(build: Build, over: tuple[str, str], x: Array, y: Array, now: tuple[float, float]) -> StabilityMap:
-    """See ClosedLoop.stability_map. Where the matrix of the loop is bilinear in both values it is made of five."""
+def map_of(
+    build: Build, over: tuple[str, str], x: Array, y: Array, now: tuple[float, float], progress: Any
+) -> StabilityMap:
+    """See ClosedLoop.stability_map. Where the matrix of the loop is bilinear in both values it is made of those at the
+    corners."""
 
     def at(i: int, j: int) -> Hybrid:
         return build({over[0]: float(x[i]), over[1]: float(y[j])})
@@ -78,7 +82,12 @@ def map_of(build: Build, over: tuple[str, str], x: Array, y: Array, now: tuple[f
         s = np.linalg.eigvals(between(i, j)).astype(complex)
         return float((s if period is None else logarithm(s, period)).real.max(initial=-np.inf))
 
-    growth = np.array([[grown(i, j) for i in range(len(x))] for j in range(len(y))])
+    growth = np.empty((len(y), len(x)))
+    with progress_bar(progress, "mapping poles", len(y)) as bar:
+        for j in range(len(y)):
+            growth[j] = [grown(i, j) for i in range(len(x))]
+            if bar is not None:
+                bar(j + 1)
     return StabilityMap(over, x, y, growth, now)
 
 

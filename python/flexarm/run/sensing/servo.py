@@ -21,6 +21,7 @@ from ...model.acting.motor import Motor
 from ...model.acting.sampled import LinearController, as_floats, together
 from ...model.parts.chain import Chain
 from .lowpass import LowPass, as_low_pass
+from .sensor import Sensor
 from .sensors import Encoder
 
 _COMPUTED = ("gravity", "motion")
@@ -28,10 +29,11 @@ _STAYS = 1e4  # s for which the last torques of a move stay
 
 
 class Servo(LinearController):
-    """A drive as it is built: the position loop of a joint, u = kp (r - y) + ki int (r - y) dt + kv (r' - v) + forward.
+    """A drive as it is built: the position loop of a joint, from its encoder to its current.
 
-    A sample reads the encoder's y in its steps; v is the difference of the last two readings over the time between
-    them, behind a low pass. The integral does not wind up at a limit. It compiles to a `LinearController`, in C++.
+    u = kp (r - y) + ki int (r - y) dt + kv (r' - v) + feedforward. A sample reads the encoder's y in its steps; v is
+    the difference of the last two readings over the time between them, behind a low pass. The integral does not wind
+    up at a limit. It is a sampled linear law, which runs in C++.
 
     Args:
         link: the joint, or (link, freedom).
@@ -62,7 +64,7 @@ class Servo(LinearController):
 
     def __init__(
         self, link: int | str | Sequence[Any] = -1, *, kp: float, kv: float, ki: float = 0.0, rate: float,
-        sensor: Encoder | None = None, filter: LowPass | float | None = None, delay: float = 0.0,
+        sensor: Sensor | None = None, filter: LowPass | float | None = None, delay: float = 0.0,
         limit: float | None = None, reference: Any = 0.0, reference_rate: Any = None, feedforward: Any = None,
         current_loop: float | None = None, motor: Motor | None = None, tracking_time: float | None = None,
     ) -> None:  # fmt: skip
