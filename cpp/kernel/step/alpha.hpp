@@ -182,7 +182,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     iterations = 0;
     divided = L::everywhere(false);
     Mask good = L::everywhere(false);
-    engine.step_contacts(1.0 - alpha_f);
+    engine.step_contacts(gamma * by_a());
     converge(engine, h, q, v, tau, skip, good);
     met = engine.met() & good;
     engine.step_contacts(-1.0);
