@@ -25,6 +25,8 @@ void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& 
 
 /// Of a run: contacts go on from this state.
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+/// The same of the state at which the dynamics were last asked, when they are to go on.
+void note_contacts(Workspace& ws);
 /// Forces of the contacts on the arm, in the world (3 each), where the chain was moved last.
 void contact_forces(Workspace& ws, double* out);
 

@@ -1,6 +1,7 @@
 #include "flexarm/workspace.hpp"
 
 #include <string>
+#include <utility>
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
@@ -67,9 +68,19 @@ lanes::Single& Workspace::chain() {
 
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   if (arm.contacts().empty()) return;
-  ws.remembered.resize(lanes::kRemembered * arm.contacts().size());
-  ws.chain_to_move().move(q.data(), v.data());
-  ws.chain().contacts(ws.remembered.data(), nullptr);
+  const std::size_t count = lanes::kRemembered * arm.contacts().size();
+  if (!std::exchange(ws.noted, false)) {
+    ws.found.resize(count);
+    ws.chain_to_move().move(q.data(), v.data());
+    ws.chain().contacts(ws.found.data(), nullptr);
+  }
+  ws.remembered = ws.found;
+}
+
+void note_contacts(Workspace& ws) {
+  if (ws.remembered.empty()) return;
+  ws.chain().contacts(ws.found.data(), nullptr);
+  ws.noted = true;
 }
 
 void contact_forces(Workspace& ws, double* out) { ws.chain().contacts(nullptr, out); }

@@ -52,8 +52,7 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
   if (options.tolerance != 0.0) positive("tolerance", options.tolerance);
-  const bool rub = !rubs(arm).empty() || arm.sticks();
-  const GaussRule rule = rub ? radau_rule(s_) : GaussRule(s_);
+  const GaussRule rule = rubs(arm).empty() ? GaussRule(s_) : radau_rule(s_);
   c_ = rule.points;
   b_ = rule.weights;
   Eigen::MatrixXd powers(s_, s_);
@@ -112,7 +111,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   moved_ = Eigen::MatrixXd::Zero(n, s_);
   if (chooses()) {
-    seen_ = std::make_unique<StepError>(*arm_, ws, free_, c_, rests_.has_value() || arm_->sticks(), options_.tolerance);
+    seen_ = std::make_unique<StepError>(*arm_, ws, free_, c_, rests_.has_value(), options_.tolerance);
     missed_force_ = Eigen::VectorXd::Zero(n);
   }
   a_.colwise() = ws.a;

@@ -133,6 +133,7 @@ struct Simulation::Motion {
       }
     way.reached = events.reached;
     way.s.drive(way.reached);
+    way.s.ws.noted = false;
     way.s.remember();
     const Status begun = way.jump();
     if (status == Status::ok) status = begun;

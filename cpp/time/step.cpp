@@ -123,6 +123,7 @@ struct OneStep::Run {
   virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
   virtual bool accept(double h, double* v, double* x) = 0;
   virtual int iterations() const = 0;
+  virtual bool asked_at_end() const = 0;
 
   bool divided() const { return alpha && alpha->divided; }
   bool met() const { return alpha && alpha->met; }
@@ -215,6 +216,7 @@ struct OneStep::RunOf final : Run {
   }
   bool accept(double h, double* v, double* x) override { return method.accept(h, v, x, true); }
   int iterations() const override { return method.iterations; }
+  bool asked_at_end() const override { return method.asked_at_end(); }
 };
 
 const std::vector<OneStep::Traits>& OneStep::methods() {
@@ -417,6 +419,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   } else if (!run.rubs.empty()) {
     report(v, run.joints->before, friction_);
   }
+  if (run.asked_at_end()) note_contacts(ws);
   return status;
 }
 

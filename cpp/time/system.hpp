@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "arrays.hpp"
 #include "flexarm/problem.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
@@ -39,7 +38,7 @@ struct System {
     drive(t);
   }
   /// Contacts go on from the current state.
-  void remember() { remember_contacts(arm, ws, q, v); }
+  void remember();
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.
   Status accelerate(bool between = false);
   /// Runs the sampled controllers that are due up to time t, at the current state.

@@ -78,7 +78,7 @@ struct ContactState {
     now.push = push;
     drag = Sp::zero();
     met = L::everywhere(false);
-    if (by_end >= 0.0 && memory) share(*memory, by_end);
+    if (by_end >= 0.0 && memory) share(*memory, pair.hertz ? 0.4 : 0.5, by_end);
     if (!pair.rubs) return;
     const ContactMemory<S> before = begin(memory);
     const Lin moved = centre - before.frame.r - Sp::rotate(before.frame.R, sphere.offset);
@@ -156,15 +156,16 @@ struct ContactState {
   /// At the end of a step in which it touches or lets go: the force that, in the mean with that of its beginning, does
   /// the work that the spring has taken, its potential's difference over that of the gap (Gonzalez 1996, Laursen & Love
   /// 2002). So steps too long for an impact do not add energy.
+  /// @param work    that of the spring, in parts of its force times its depth
   /// @param by_end  weight of the force at the end, in that mean
-  void share(const ContactMemory<S>& before, double by_end) {
+  void share(const ContactMemory<S>& before, double work, double by_end) {
     const S over = 1.0 / (L::size(gap) + L::size(before.gap) + kNoLength);
     const auto known = before.known > 0.5;
     const auto touches = known & (before.gap > 0.0) & (push > 0.0);
     const auto leaves = known & (before.push > 0.0) & L::none_of(gap < 0.0);
     const S part = L::select(touches, -gap, -before.gap) * over;  // of the step, in touch
-    const S end = (0.5 / by_end) * part, begin = end - (1.0 - by_end) / by_end;
-    by_gap = L::select(touches, by_gap * end + ((0.5 / by_end) * push) * before.gap * over * over, by_gap);
+    const S end = (work / by_end) * part, begin = end - (1.0 - by_end) / by_end;
+    by_gap = L::select(touches, by_gap * end + ((work / by_end) * push) * before.gap * over * over, by_gap);
     by_gap = L::select(leaves, before.push * end * over, by_gap);
     by_rate = L::select(touches, by_rate * end, by_rate);
     push = L::select(touches, push * end, L::select(leaves, before.push * begin, push));

@@ -117,6 +117,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     predict(engine, h, x);
     return iterate(engine, h, q, v, tau, skip);
   }
+  /// Whether the engine was last asked at the end of the step, up to the last correction.
+  bool asked_at_end() const { return !L::any(divided); }
   Mask accept(double h, S* v, S* x, const Mask& where) {
     for (int i = 0; i < nv; ++i) {
       a_before[i] = L::select(where, a0[i], a_before[i]);

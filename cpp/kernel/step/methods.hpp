@@ -26,6 +26,7 @@
 //   step(.., given, skip)         from q, v to those at the end; given(c) sets the inputs at c of the step.
 //                                 @return where its equations are solved; elsewhere an arm's end is `unsolved`
 //   accept(h, v, x, where)        the step counts; @return where other forces act behind it, so that it must `begin`
+//   asked_at_end()                whether the engine was last asked there, up to the last correction
 //   q0, v0                        the state before the step, but for prescribed motions
 //   iterations, work              of the last step; of all
 //   divisions, doubt              steps that were divided, and the largest error that one may have, in each lane

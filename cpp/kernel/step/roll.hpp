@@ -78,9 +78,10 @@ struct Rolled {
   }
   Mask met() const { return chain.layout.contacts > 0 ? chain.by_state->met(chain.layout) : L::everywhere(false); }
   /// What a run remembers of contacts goes on from here.
-  void remember(const S* q, const S* v, const Mask& where) {
+  /// @param there  whether the chain is there
+  void remember(const S* q, const S* v, const Mask& where, bool there) {
     if (chain.layout.contacts == 0) return;
-    chain.move(q, v);
+    if (!there) chain.move(q, v);
     chain.by_state->remember(chain.layout, where);
   }
   /// Accelerations into x, which holds those that are given.
@@ -162,7 +163,7 @@ struct Roller {
     lose(bad & L::none_of(finite(tau)), flexarm::lanes::not_finite, step);
     lose(bad, Method::unsolved, step);
     const Mask other = method.accept(h, v, x, good);
-    arms.remember(q, v, good);
+    arms.remember(q, v, good, method.asked_at_end());
     if (L::any(other)) begin(other, step);
   }
 
@@ -211,7 +212,7 @@ struct Roller {
     for (int i = 0; i < arms.nv; ++i) v[i] = arms.of(v0, i);
     arms.normalise(q);
     set(0);
-    arms.remember(q, v, L::everywhere(true));
+    arms.remember(q, v, L::everywhere(true), false);
     change(0);
     begin(L::everywhere(true), 0);
     if (job.watched) job.scenarios->look(0, raw(q), raw(v), raw(changed));

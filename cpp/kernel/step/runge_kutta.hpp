@@ -80,6 +80,7 @@ struct RungeKutta {
     engine.normalise(q);
     return good;
   }
+  static constexpr bool asked_at_end() { return false; }
   Mask accept(double, S*, S*, const Mask&) {
     for (int c = 0; c < joints.count; ++c) joints.before[c] = joints.force[c];
     return L::everywhere(false);

@@ -52,6 +52,8 @@ class Workspace {
   std::vector<int> free;           ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;      ///< v^T M v (J), set by factor_shifted
   std::vector<double> remembered;  ///< what a run remembers of contacts; empty: no run
+  std::vector<double> found;       ///< what it will remember, where a step has noted that
+  bool noted = false;
 
   /// Laws without memory that every evaluation includes from now on; they must outlive the workspace.
   /// @throws std::invalid_argument where their lengths are not those of the arm
