@@ -503,3 +503,24 @@ def test_each_of_many_parameters_has_the_derivative_that_it_has_alone(order: Any
         assert np.abs(all_rows[k] - alone).max() < 1e-8 * size, path
         expected = (weights["q"] * alone).sum()
         assert abs(gradient[path] - expected) < 1e-8 * np.abs(weights["q"] * alone).sum(), path
+
+
+def test_derivatives_by_the_place_where_a_force_sets_in() -> None:
+    """A stop that a joint strikes, and a rope that gets tight: in a step of a run, a force begins near that place."""
+    body, t = fa.RigidBody(1.0, (0.5, 0, 0), 0.01 * np.eye(3), (1.0, 0, 0)), np.linspace(0, 0.6, 31)
+
+    def stopped(upper: float) -> fa.Arm:
+        return fa.Arm([fa.Link(fa.Revolute("z", upper=upper, limit_stiffness=5e3, limit_damping=1.0), body)])
+
+    def roped(length: float) -> fa.Arm:
+        rope = fa.Tendon([(0.3, 1, 0), 0], stiffness=2e4, length=length, name="rope")
+        return fa.Arm([fa.Link(fa.Revolute("z"), body)], (0, -9.81, 0), [rope])
+
+    for made, path, at in ((stopped, "link.0.joint.upper", 0.2), (roped, "strut.rope.length", 1.32)):
+        def run(x: float, made: Any = made) -> fa.Result:
+            return fa.simulate(made(x), t, v0=[2.0 if made is stopped else 0.0], integrator="gauss", step=1e-3)
+
+        slope = (run(at + 1e-7).q - run(at - 1e-7).q) / 2e-7
+        found, by = run(at).sensitivities([path]).q[0], run(at).gradient({"q": np.ones((31, 1))}, [path])[path]
+        np.testing.assert_allclose(found, slope, atol=1e-5 * np.abs(slope).max())
+        assert by == pytest.approx(slope.sum(), rel=1e-4)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array
+from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, can_vary, drive_name, numbered, value_at
 from .problem import Problem
 from .start import start
@@ -87,7 +88,7 @@ FOURTH = Difference.of(3e-4, ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)),
 SECOND = Difference.of(3e-5, ((-1, 1), (-0.5, 0.5)), (-1.5, 2.0, -0.5))
 _RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in what they have made
 _LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
-_BESIDE_KINKS = 1e-6  # largest step where contacts begin to push within steps of a run: few of them lie beside it
+_BESIDE_KINKS = 1e-6  # largest step where forces set in at a place: a larger one reaches over it from far
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
 
 
@@ -126,6 +127,13 @@ def start_of(setup: Setup, t: float, q0: Array | str | None, v0: Array | None, t
     return {"q0": q, "v0": np.zeros(arm.nv) if v0 is None else v0}
 
 
+def _has_kinks(arm: Arm) -> bool:
+    """Whether forces set in at places that parameters may move: of contacts, ropes and stops."""
+    stops = [x for link in arm.links for x in (link.joint.lower, link.joint.upper) if x is not None]
+    ropes = any(s.tension_only for s in arm.struts)
+    return bool(arm.contacts) or ropes or bool(np.isfinite(np.hstack([np.inf, *stops])).any())
+
+
 def _parameter(
     setup: Setup, path: str, t: ArrayLike, begin: dict[str, Array], tau: Array | None, by: Difference,
     of: tuple[Setup, Mapping[str, Array]] | None, word: str | None,
@@ -139,7 +147,7 @@ def _parameter(
             setup = replace(setup, **{_RELATIVE[root]: getattr(of[0], _RELATIVE[root])})
             others = {p: x for p, x in of[1].items() if p != path and p.startswith(root + ".")}
     why: ValueError | None = None
-    step = min(by.step, _BESIDE_KINKS) if setup.arm.contacts else by.step
+    step = min(by.step, _BESIDE_KINKS) if _has_kinks(setup.arm) else by.step
     for smaller in _SMALLER:
         h = step * scale * smaller
         for steps, weights in by.ways:
