@@ -227,8 +227,8 @@ TEST_CASE("arms that strike a wall in a pack, each as by itself, and as the step
   flexarm_test::place(base, 0.3, q, v);
   const oracle::Pose end = oracle::Oracle(base).pose(base.size() - 1, nullptr, base.zero());
   Contact wall{{static_cast<int>(base.size()) - 1, P::end, 0.0, {0, 0, 0}}, 0.0, {}, 1e5, 1.0, 0.2, 0.3, 1e5};
-  wall.against.axes << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // normal along x
-  wall.against.at = {-1, P::end, 0.0, end.p - Vector3d(1e-3, 0, 0)};
+  wall.against.axes << 0, 1, 0, 0, 0, 1, 1, 0, 0;  // normal along y
+  wall.against.at = {-1, P::end, 0.0, end.p + Vector3d(0, 1e-4, 0)};
   const Arm arm(base.links(), base.gravity(), base.seats(), {}, {wall});
   constexpr int kScenarios = 7, kSteps = 60;
   Eigen::MatrixXd q0(arm.nq(), kScenarios), v0(arm.nv(), kScenarios);
