@@ -68,6 +68,8 @@ class Fit:
             are at least this uncertain.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search converged, and why it ended.
+        derivatives: what the search and the intervals rest on, and why: ("exact", ""); or ("smoothed", why), those of
+            the loop whose sensors read without steps; or ("differences", why), of runs.
         starts: at each start, the root mean square of the residuals, in per cent of the columns' standard deviations
             (with given noise, in its units), and the same after the fit, or None if it was not fitted.
         stats: runs simulated, step (s) of the integrator, wall_time (s).
@@ -88,6 +90,7 @@ class Fit:
     at_bounds: list[str]
     converged: bool
     message: str
+    derivatives: tuple[str, str]
     starts: list[tuple[float, float | None]]
     stats: dict[str, Any]
     _comparison_with: Any = field(default=None)  #: (data, inputs) -> Comparison, of validate
@@ -155,6 +158,10 @@ class Fit:
         notes = []
         if not self.converged:
             notes.append(f"The search did not come to its end: {self.message}")
+        way, why = self.derivatives
+        if way != "exact":
+            of = "differences of runs" if way == "differences" else "those of the same loop without these steps"
+            notes.append(f"{why}; the derivatives taken are {of}, the residuals those of the run as it is.")
         if len(self.starts) > 1:
             ends = sorted(x for _, x in self.starts if x is not None)
             said = ", ".join(f"{x:.4g}" for x in ends)
@@ -210,6 +217,7 @@ class Fit:
             "at_bounds": list(self.at_bounds),
             "converged": self.converged,
             "message": self.message,
+            "derivatives": list(self.derivatives),
             "starts": [list(x) for x in self.starts],
             "notes": self.notes(),
             "stats": dict(self.stats),

@@ -111,6 +111,7 @@ def identify(
         try:
             found = search(points, keep, alone=starts is None)
             missed = task.refined(found, search)
+            leaps = search.averaged(found) if of.rough else None
         except RunStopped as e:
             if of.refused:
                 raise ValueError(of.why.removeprefix("parameters of scenario 0: ")) from None
@@ -125,7 +126,7 @@ def identify(
             raise FitInterrupted(f"interrupted after {of.count} runs; .fit is the best so far", fit) from None
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
-            fit = task.fit(found, points[: len(found.tried) or 1], began)
+            fit = task.fit(found, points[: len(found.tried) or 1], began, leaps)
         hints = task.sign_hints(points[0])
     poor = [
         f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
@@ -214,8 +215,8 @@ class Task:
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
-    def fit(self, found: Found, points: Array, began: float) -> Fit:
-        """The fit with the uncertainty of its values."""
+    def fit(self, found: Found, points: Array, began: float, leaps: Array | None = None) -> Fit:
+        """The fit with the uncertainty of its values, to which leaps of runs add a covariance."""
         from scipy.stats import t as student  # slow to import
 
         p, inner = self.residuals, found.inner
@@ -234,7 +235,7 @@ class Task:
                 test = tests[-1][name] = whiteness(r)
                 blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
                 row += len(r)
-        C = covariance(J, blocks)
+        C = covariance(J, blocks) + (0.0 if leaps is None else leaps)
         std = np.sqrt(np.diag(C))
         free = max(1, row - len(inner))
         reach = float(student.ppf(0.975, free)) if len(self.noise) < len(found.sigma) else 1.959964
@@ -269,6 +270,7 @@ class Task:
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,
+            derivatives=(p.way, p.rough),
             starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
             _comparison_with=partial(again._validated, inner),

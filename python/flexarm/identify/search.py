@@ -30,6 +30,7 @@ _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
+_ABOUT = 16  # points about the end, of runs that leap
 _LEAST = 1e-9  # of a column's first weight: smaller noise counts as rounding
 
 
@@ -216,8 +217,7 @@ class Search:
         from scipy.optimize import least_squares  # slow to import
 
         residuals, most, first = self.residuals, most or self.most, self._iterations
-        low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
-        high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
+        low, high = np.array([x.bounds for x in residuals.sought]).T
         n = len(inner)
         hold = np.zeros((n, n))
         at = _Point(inner)
@@ -283,6 +283,30 @@ class Search:
                 break
         found.sigma, found.message, found.converged = sigma, done.message, done.converged
         return found
+
+    def averaged(self, found: Found) -> Array:
+        """Moves a point to the mean of those to which single steps lead from points about it, and returns the covariance
+        (n, n) of the mean's distance from where one more leads. For runs that leap a little with every change of a
+        number, as quantised loops do: the leaps of a point are chance, and those of the rig are one more of them."""
+        residuals, n = self.residuals, len(found.inner)
+        low, high = np.array([x.bounds for x in residuals.sought]).T
+        rng, spread = np.random.default_rng(0), np.zeros((n, n))
+        for _ in range(2):
+            J = residuals.jacobian(found.inner, found.sigma)
+            A = pseudo_inverse(J)
+            std = np.sqrt(A.diagonal())
+            told = np.isfinite(std)
+            A = np.where(np.outer(told, told), A, 0.0)
+            about = np.clip(rng.normal(size=(_ABOUT, n)), -1, 1) * np.where(told, std, 0.0)
+            points = np.clip(found.inner + about, low, high)
+            ends = [u - A @ (J.T @ residuals.weighted(u, found.sigma, rows))
+                    for u, rows in zip(points, residuals.many(points), strict=True) if rows is not None]  # fmt: skip
+            if len(ends) < _ABOUT // 2:
+                break
+            found.inner = np.clip(np.mean(ends, axis=0), low, high)
+            spread = np.atleast_2d(np.cov(np.array(ends).T)) * (1 + 1 / len(ends))
+        found.sigma = self.estimated(found.inner, found.sigma)
+        return spread
 
     # -- noise ---------------------------------------------------------------------------------------------------------
 

@@ -90,6 +90,10 @@ class Sensor(Part):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
         not_negative("seed", self.seed)
 
+    def _smooth(self) -> Sensor:
+        """It, whose readings have no steps."""
+        return self._replaced({name: None for name in ("resolution", "pulses") if hasattr(self, name)})
+
     # -- defined by each kind of sensor --------------------------------------------------------------------------------
 
     def components(self, arm: Arm) -> list[Component]:
