@@ -32,7 +32,8 @@ def arguments(p: argparse.ArgumentParser) -> None:
                    "for each (default: all names that both have)")  # fmt: skip
     p.add_argument("--input", metavar="DRIVE=COLUMN", action="append",
                    help="a joint and the measured torque that drives it, '1=torque_1'; '1=motion:angle_1' of a joint "
-                   "that moves as measured; repeat for each (default: the scene's drives)")  # fmt: skip
+                   "that moves as measured; 'control.0.reference=command' of a controller that is given it; repeat for "
+                   "each (default: the scene's drives and references)")  # fmt: skip
     p.add_argument("--noise", metavar="COLUMN=STD", action="append",
                    help="standard deviation of a column (SI); of others it is estimated")  # fmt: skip
     p.add_argument("--validate", metavar="DATA", action="append", default=[],
@@ -84,6 +85,8 @@ def _key(where: str, text: str) -> Any:
     head, *rest = map(options.link, text.split("."))
     if head == "patch" and len(rest) == 2 and isinstance(rest[1], int):
         return (head, *rest)
+    if head == "control":
+        return text
     if head not in ("patch", "") and (not rest or (len(rest) == 1 and isinstance(rest[0], int))):
         return (head, *rest) if rest else head
     raise ValueError(f"{where}: must begin with a link, such as '1=torque_1', or '1.0=...', 'patch.0.0=...'")

@@ -52,6 +52,11 @@ def identify(
 ) -> Fit:
     """Fits unknown numbers of a scene to measured runs, by least squares of the outputs.
 
+    Derivatives are exact. Of a loop whose controller reads sensors in steps they are those of the same loop without
+    steps, and where a run has none at all (by the rate or delay of a controller) differences of runs; the report says
+    so. Such runs leap a little with every change of a number; the values are then means over 16 places about the end,
+    and the leaps widen the intervals.
+
     Args:
         scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator.
         data: a measured run, or several. Times are those of the scene.
@@ -62,7 +67,10 @@ def identify(
             "sensor.0.filter.frequency", "q0.1", "v0.1", "gravity.2".
         inputs: measured signals that drive the arm, by key of a drive: a column of forces or voltages, straight between
             the samples; (fa.Motion, column) of a joint that moves as measured; a function of the data that gives a
-            Motion, Torque or Voltage. For several runs a list of such tables, or one for all. None: the scene's drives.
+            Motion, Torque or Voltage. Or commands as they were given, with the drive in the model:
+            "control.0.reference" of a controller, whose reference is then a column, (fa.Motion, column), which has a
+            rate too, a function of the data, or a list of these where it has several. For several runs a list of such
+            tables, or one for all. None: the scene's drives and references.
         outputs: the measured quantity of each column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its
             second component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,).
             None: all names in both. Sensors are read without noise and quantisation, at the times of the data.
