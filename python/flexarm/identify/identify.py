@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, at_least, instance, known_keys, number, positive, whole
+from .._check import Array, at_least, choice, instance, known_keys, number, positive, whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..data.compare import Comparison
@@ -22,6 +22,7 @@ from ..run.integrators import OPTIONS, integrator_of
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
+from .loss import LOSSES
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .residuals import Residuals, scenarios
 from .runs import Run, measured_run
@@ -41,6 +42,7 @@ def identify(
     inputs: Any = None,
     outputs: Any = None,
     noise: Mapping[str, float] | None = None,
+    loss: str = "linear",
     starts: int | None = None,
     keep: int = 3,
     seed: int = 0,
@@ -75,6 +77,8 @@ def identify(
             second component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,).
             None: all names in both. Sensors are read without noise and quantisation, at the times of the data.
         noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
+        loss: of residuals over their noise, as SciPy's `least_squares` names it: "linear", their squares; "soft_l1",
+            "huber" or "cauchy", for data with outliers, which then count less. The noise is that of the other readings.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
             They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
             leaves more than a tenth of a column's deviation that is no white noise. seed: of the draw.
@@ -103,11 +107,12 @@ def identify(
     began = time.perf_counter()
     instance("scene", scene, Scene, "an fa.Scene, such as fa.load(...) gives")
     task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
+    robust = LOSSES.get(choice("loss", loss, ("linear", *LOSSES)))
     at_least("starts", 1 if starts is None else starts, 1)
     at_least("keep", keep, 1)
     at_least("max_iterations", max_iterations, 1)
     of = task.residuals
-    search = Search(of, task.noise, max_iterations)
+    search = Search(of, task.noise, max_iterations, robust)
     count = sum(run.measured.size for run in of.runs) + len(of.priors(np.zeros(len(of.sought)))[0])
     if count < len(of.sought):
         raise ValueError(f"parameters: {len(of.sought)} numbers are sought, and there are {count} readings")
@@ -228,6 +233,7 @@ class Task:
         from scipy.stats import t as student  # slow to import
 
         p, inner = self.residuals, found.inner
+        loss, p.loss = p.loss, None  # the derivatives are those of the residuals
         residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
         assert residuals is not None
         try:
@@ -240,9 +246,16 @@ class Task:
         for run, y in zip(p.runs, residuals, strict=True):
             tests.append({})
             for name, r in zip(run.outputs, y, strict=True):
-                test = tests[-1][name] = whiteness(r)
-                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
+                rows = slice(row, row + len(r))
                 row += len(r)
+                told = r if loss is None else loss.pull(r / found.sigma[name])
+                test = tests[-1][name] = whiteness(told)
+                rho = None if test.white else coloured(told)
+                if loss is not None:  # of an M-estimator: Huber 1981, 6.5
+                    bend, square = loss.spread(r / found.sigma[name])
+                    J[rows] *= np.sqrt(bend)
+                    rho = (np.eye(1, len(r))[0] if rho is None else rho) * square / bend
+                blocks.append((rows, rho))
         C = covariance(J, blocks) + (0.0 if leaps is None else leaps)
         std = np.sqrt(np.diag(C))
         free = max(1, row - len(inner))
@@ -275,6 +288,7 @@ class Task:
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
             loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
+            loss="linear" if loss is None else loss.name,
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,

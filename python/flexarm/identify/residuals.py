@@ -18,6 +18,7 @@ from ..run.result import Result
 from ..run.sensitivity import ROWS, RunStopped
 from ..run.simulation import source
 from ..run.start import state
+from .loss import Loss
 from .runs import Run
 from .unknown import Sought
 
@@ -47,7 +48,10 @@ class Residuals:
         count: runs simulated so far. look: called about ten times a second while runs are simulated.
         rough: why a run has no exact derivatives; "" if it has. way: which are taken, "exact", "smoothed" (of the loop
             whose sensors read without steps), or "differences" (of runs).
+        loss: of residuals over their standard deviations; None: their squares.
     """
+
+    loss: Loss | None = None
 
     def __init__(self, runs: list[Run], sought: list[Sought], options: Mapping[str, Any], workers: int) -> None:
         self.runs, self.sought, self.options, self.workers = runs, sought, dict(options), workers
@@ -257,7 +261,8 @@ class Residuals:
     # -- weighted ------------------------------------------------------------------------------------------------------
 
     def weighted(self, inner: Array, sigma: Mapping[str, float], found: list[Array] | None = None) -> Array:
-        """Residuals over their standard deviations, with those of priors at the end, (m,); nan if a run failed.
+        """Residuals over their standard deviations, with those of priors at the end, (m,); nan if a run failed. With a
+        loss, the numbers whose squares are the losses.
 
         Args:
             found: the residuals there, if they are known.
@@ -267,12 +272,19 @@ class Residuals:
         if found is None:
             return np.full(sum(run.measured.size for run in self.runs) + len(priors), np.nan)
         rows = [(y / _sigmas(run, sigma)).ravel() for run, y in zip(self.runs, found, strict=True)]
+        if self.loss:
+            rows = list(map(self.loss.rooted, rows))
         return np.concatenate([*rows, priors])
 
     def jacobian(self, inner: Array, sigma: Mapping[str, float]) -> Array:
         """Derivatives of `weighted`, (m, n)."""
         found = self.derivatives(inner)
         rows = [(y / _sigmas(run, sigma)).reshape(len(inner), -1) for run, y in zip(self.runs, found, strict=True)]
+        if self.loss:
+            at = self.residuals(inner)
+            assert at is not None
+            rows = [x * self.loss.slope((y / _sigmas(run, sigma)).ravel())
+                    for x, run, y in zip(rows, self.runs, at, strict=True)]  # fmt: skip
         return np.vstack([np.hstack(rows).T, self.priors(inner)[1]])
 
     def priors(self, inner: Array) -> tuple[Array, Array]:

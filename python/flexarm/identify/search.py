@@ -12,6 +12,7 @@ import numpy as np
 from .._check import Array
 from .._console import seconds
 from ..run.sensitivity import RunStopped
+from .loss import Loss, deviation
 from .residuals import Residuals
 from .runs import scales
 from .statistics import pseudo_inverse, upper, whiteness
@@ -120,13 +121,17 @@ class Search:
 
     Args:
         residuals: of the runs. noise: of columns, where it is given. most: iterations of one least squares.
+        loss: once the weights are those of the residual noise; None: squares.
 
     Attributes:
         first: the first weight of each column. best: the best point so far, or None.
     """
 
-    def __init__(self, residuals: Residuals, noise: Mapping[str, float], most: int) -> None:
+    def __init__(
+        self, residuals: Residuals, noise: Mapping[str, float], most: int, loss: Loss | None = None
+    ) -> None:  # fmt: skip
         self.residuals, self.noise, self.most, self.first = residuals, noise, most, scales(residuals.runs, noise)
+        self.loss = loss
         self.best: Array | None = None
         self._show: Callable[[int, str], None] | None = None
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, 0, time.monotonic()
@@ -178,6 +183,7 @@ class Search:
     def _from(self, starts: Array, keep: int, first: Found | None = None) -> Found:
         """The best point from these starts, with the first weights; then with weights from the residual noise. `first`:
         the end of the first start, if it is known."""
+        self.residuals.loss = None
         tried = [np.inf] * len(starts)
         if len(starts) > 1:
             for i, rows in enumerate(self.residuals.many(starts)):
@@ -274,6 +280,7 @@ class Search:
     def weighed(self, found: Found) -> Found:
         """Continues from a point with weights from the residual noise, until that settles."""
         first, sigma = dict(found.sigma), self.estimated(found.inner, found.sigma)
+        self.residuals.loss = self.loss
         for _ in range(_ROUNDS):
             self._cost = np.inf  # costs change with the weights
             done = self._fitted(found.inner, sigma)
@@ -321,7 +328,8 @@ class Search:
         for name in first.keys() - self.noise.keys():
             having = [(run, y) for run, y in zip(self.residuals.runs, found, strict=True) if name in run.outputs]
             r = np.concatenate([y[list(run.outputs).index(name)] for run, y in having])
-            out[name] = max(float(np.sqrt(np.mean(r**2) / free)), _LEAST * first[name])
+            size = deviation(r) if self.loss else _rms(r)
+            out[name] = max(size / float(np.sqrt(free)), _LEAST * first[name])
         return out
 
     def _explains(self, inner: Array) -> bool:
