@@ -67,7 +67,7 @@ class Fit:
         loose: groups of strongly correlated numbers (multiple correlations above 0.95), and how far they may change
             together until the root mean square of the residuals is 1 % larger: if residuals are not noise, the values
             are at least this uncertain.
-        loss: of the residuals, as given.
+        method, loss: as given. After "filter" residuals are those of each reading as it is predicted from those before.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search converged, and why it ended.
         derivatives: what the search and the intervals rest on, and why: ("exact", ""); or ("smoothed", why), those of
@@ -89,6 +89,7 @@ class Fit:
     whiteness: list[dict[str, Whiteness]]
     untold: list[Untold]
     loose: list[Loose]
+    method: str
     loss: str
     at_bounds: list[str]
     converged: bool
@@ -159,6 +160,8 @@ class Fit:
     def notes(self) -> list[str]:
         """Notes on the values, a sentence each."""
         notes = []
+        if self.method == "filter":
+            notes.append("Residuals are those of each reading as it is predicted from those before.")
         if not self.converged:
             notes.append(f"The search did not come to its end: {self.message}")
         way, why = self.derivatives
@@ -221,6 +224,7 @@ class Fit:
                      for c, run in zip(self.comparisons, self.whiteness, strict=True)],
             "untold": [dict(zip(x.names, x.changes, strict=True)) for x in self.untold],
             "loose": [{**dict(zip(x.names, x.changes, strict=True)), "correlation": x.correlation} for x in self.loose],
+            "method": self.method,
             "loss": self.loss,
             "at_bounds": list(self.at_bounds),
             "converged": self.converged,

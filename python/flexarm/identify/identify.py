@@ -22,8 +22,9 @@ from ..run.integrators import OPTIONS, integrator_of
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
-from .loss import LOSSES
+from .filtered import Likelihood, filtered, predicted
 from .fit import Fit, FitError, FitInterrupted, FitWarning
+from .loss import LOSSES
 from .residuals import Residuals, scenarios
 from .runs import Run, measured_run
 from .search import Found, Search
@@ -43,6 +44,7 @@ def identify(
     outputs: Any = None,
     noise: Mapping[str, float] | None = None,
     loss: str = "linear",
+    method: str = "simulation",
     starts: int | None = None,
     keep: int = 3,
     seed: int = 0,
@@ -79,6 +81,11 @@ def identify(
         noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
         loss: of residuals over their noise, as SciPy's `least_squares` names it: "linear", their squares; "soft_l1",
             "huber" or "cauchy", for data with outliers, which then count less. The noise is that of the other readings.
+        method: "simulation": a run is computed from its start to its end, and all that it misses is noise of readings;
+            or "filter": from there on, the likelihood of a `KalmanFilter` that reads the data, whose forces are noisy,
+            too: it also finds their noise, "force_noise.JOINT" (N m/sqrt(Hz); N/sqrt(Hz)), and that of readings. For
+            measured torques and motions that are not exact, and disturbances. Outputs are sensors that the filter
+            takes, and controllers do not sample.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
             They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
             leaves more than a tenth of a column's deviation that is no white noise. seed: of the draw.
@@ -108,6 +115,9 @@ def identify(
     instance("scene", scene, Scene, "an fa.Scene, such as fa.load(...) gives")
     task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
     robust = LOSSES.get(choice("loss", loss, ("linear", *LOSSES)))
+    choice("method", method, ("simulation", "filter"))
+    if robust and method == "filter":
+        raise ValueError(f"loss = {loss!r}: is of residuals, which method = 'filter' does not have; leave one out")
     at_least("starts", 1 if starts is None else starts, 1)
     at_least("keep", keep, 1)
     at_least("max_iterations", max_iterations, 1)
@@ -140,6 +150,8 @@ def identify(
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began, leaps)
+            if method == "filter":
+                fit = task.filtered(fit, found, max_iterations, began)
         hints = task.sign_hints(points[0])
     poor = [
         f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
@@ -288,6 +300,7 @@ class Task:
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
             loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
+            method="simulation",
             loss="linear" if loss is None else loss.name,
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
@@ -297,6 +310,65 @@ class Task:
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
             _comparison_with=partial(again._validated, inner),
         )  # fmt: skip
+
+    def filtered(self, fit: Fit, found: Found, most: int, began: float) -> Fit:
+        """The fit continued by the likelihood of a filter."""
+        p, n = self.residuals, len(found.inner)
+        of = Likelihood(p, found.inner, found.sigma, self.noise)
+        try:
+            converged, message = of.search(most)
+            J = of.rows(of.point)[1]
+        except RunStopped as e:
+            raise FitError(f"the filter fails: {e}", fit.values) from None
+        runs = [of.compared(k) for k in range(len(p.runs))]
+        tests: list[dict[str, Any]] = []
+        blocks: list[tuple[slice, Array | None]] = []
+        row = 0
+        for k, run in enumerate(p.runs):
+            tests.append({})
+            e, s = of.filtered(of.point, k)
+            for name, r in zip(run.outputs, (e / s).T, strict=True):
+                test = tests[-1][name] = whiteness(r)
+                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
+                row += len(r)
+        C = covariance(J, blocks)
+        std, values = np.sqrt(np.diag(C)), of.values(of.point)
+        slopes = [x.slope(float(u)) for x, u in zip(of.sought, of.point, strict=True)]
+        names = [x.name for x in of.sought]
+        with np.errstate(invalid="ignore"):
+            correlation = C / np.outer(std, std)
+        each = dict(zip(names, values.tolist(), strict=True))
+        scene = self._scene(of.point[:n], *scenarios(p.runs[0], p.parameters(0, of.point[None, :n]))[0][1:])
+        return replace(
+            fit, scene=scene, values=each,
+            intervals={x.name: _interval(x, float(u), 1.959964 * float(s))
+                       for x, u, s in zip(of.sought, of.point, std, strict=True)},
+            std=dict(zip(names, (std * np.abs(slopes)).tolist(), strict=True)), correlation=correlation,
+            start={x.name: float(x.of.start or 0.0) for x in of.sought},
+            noise={k: each.get(f"noise.{k}", x) for k, x in found.sigma.items()}, comparisons=runs, whiteness=tests,
+            untold=[], loose=[], converged=converged, message=message, method="filter",
+            at_bounds=[x.name for x, v in zip(of.sought, values, strict=True) if _at_bound(x, float(v))],
+            derivatives=("exact", ""),
+            stats={**fit.stats, "runs": p.count, "wall_time": time.perf_counter() - began},
+            _comparison_with=partial(self._predicted, each),
+        )  # fmt: skip
+
+    def _predicted(self, values: Mapping[str, float], data: Any, inputs: Any) -> Comparison:
+        """Another run, each reading predicted from those before."""
+        own = [x.path for x in self.residuals.sought if _own(x)]
+        if own:
+            raise ValueError(f"validate: the run's own '{own[0]}' is not known: fit it to this run, with the others fixed")
+        run = self._other(data, inputs)
+        fixed = {x.path: np.array([values[x.name]]) for x in self.residuals.sought}
+        setup, q, v = scenarios(run, fixed)[0]
+        return predicted(run, filtered(run, setup, q, v, values, self.noise, self.residuals.options.get("step"))[0])
+
+    def _other(self, data: Any, inputs: Any) -> Run:
+        """A run that was not used in the fit."""
+        if inputs is None:
+            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
+        paths = [x.path for x in self.residuals.sought]
+        return measured_run(self.scene, data, inputs, self.outputs, "data", paths)
 
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
         """The scene with the fitted values of its first run."""
@@ -313,10 +385,7 @@ class Task:
         )  # fmt: skip
 
     def _validated(self, inner: Array, data: Any, inputs: Any) -> Comparison:
-        p = self.residuals
-        if inputs is None:
-            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = measured_run(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
+        p, run = self.residuals, self._other(data, inputs)
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
         run.setup, run.q0, run.v0 = scenarios(run, fixed)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
