@@ -4,6 +4,7 @@ that drive the arm (Ljung, System Identification, 1999, ch. 7; Fisher scoring)."
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class Likelihood:
         for run in residuals.runs:
             for name, reader in run.outputs.items():
                 if reader.sensor is None:
-                    raise ValueError(f"outputs['{name}']: must be a sensor for method = 'filter', which filters readings")
+                    raise ValueError(f"outputs['{name}']: must be a sensor for method = 'filter'")
         run, result = residuals.runs[0], residuals.finished(inner, 0)[3]
         assert not isinstance(result, RunStopped)
         arm, moved = run.setup.arm, _moved(run.setup)
@@ -184,7 +185,7 @@ def filtered(
     made: list[Sensor] = []
     for k, sensor in sensors.items():
         own = std[first[k] : first[k] + len(sensor.components(arm))]
-        made.append(sensor._replaced({"noise": float(own[0]) if len(own) == 1 else tuple(own.tolist())}))
+        made.append(replace(sensor, noise=float(own[0]) if len(own) == 1 else tuple(own.tolist())))
     forces = np.zeros(arm.nv)
     for i, name, _ in joint_rates(arm):
         forces[i] = noise.get(f"force_noise.{name}", 0.0)

@@ -326,8 +326,8 @@ class Task:
         row = 0
         for k, run in enumerate(p.runs):
             tests.append({})
-            e, s = of.filtered(of.point, k)
-            for name, r in zip(run.outputs, (e / s).T, strict=True):
+            innovations, deviations = of.filtered(of.point, k)
+            for name, r in zip(run.outputs, (innovations / deviations).T, strict=True):
                 test = tests[-1][name] = whiteness(r)
                 blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
                 row += len(r)
@@ -357,7 +357,7 @@ class Task:
         """Another run, each reading predicted from those before."""
         own = [x.path for x in self.residuals.sought if _own(x)]
         if own:
-            raise ValueError(f"validate: the run's own '{own[0]}' is not known: fit it to this run, with the others fixed")
+            raise ValueError(f"validate: the run's own '{own[0]}' is not known; fit it to this run")
         run = self._other(data, inputs)
         fixed = {x.path: np.array([values[x.name]]) for x in self.residuals.sought}
         setup, q, v = scenarios(run, fixed)[0]

@@ -34,7 +34,7 @@ def scenarios(run: Run, parameters: Mapping[str, Array]) -> list[tuple[Setup, Ar
     """Setups and initial states of a run with values (B,) of parameters, by their paths."""
     variation = Variation(run.setup, parameters)
     setups = [variation.scenario(i) for i in range(max((len(x) for x in parameters.values()), default=1))]
-    states = [state(s.arm, run.first, run.v0, s.drive, s.loads, float(run.t[0])) for s in setups]
+    states = [state(s.arm, run.first, run.v0, s.drive, s.loads, float(run.t[0]), s.control) for s in setups]
     q, v = (np.array(x) for x in zip(*states, strict=True))
     return list(zip(setups, variation.initial("q0", q), variation.initial("v0", v), strict=True))
 

@@ -354,7 +354,7 @@ def measured_run(
     sensors, found = readers(scene, data, asked, inputs)
     given = drives(scene, data, inputs), tuple(scene.loads), controllers(scene, data, inputs)
     setup = Setup(scene.arm, *given, sensors)
-    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))
+    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]), setup.control)
     balance = scene.q0 if isinstance(scene.q0, str) else None
     check_one_start(balance, paths)
     warn_of_one_balance(scene.arm, scene.q0, setup.drive, setup.loads, float(data.t[0]), paths)

@@ -292,7 +292,7 @@ class Search:
         return found
 
     def averaged(self, found: Found) -> Array:
-        """Moves a point to the mean of those to which single steps lead from points about it, and returns the covariance
+        """Moves a point to the mean of those to which single steps lead from points about it. Returns the covariance
         (n, n) of the mean's distance from where one more leads. For runs that leap a little with every change of a
         number, as quantised loops do: the leaps of a point are chance, and those of the rig are one more of them."""
         residuals, n = self.residuals, len(found.inner)

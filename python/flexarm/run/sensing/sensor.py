@@ -11,7 +11,7 @@ import warnings
 import zlib
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -92,7 +92,7 @@ class Sensor(Part):
 
     def _smooth(self) -> Sensor:
         """It, whose readings have no steps."""
-        return self._replaced({name: None for name in ("resolution", "pulses") if hasattr(self, name)})
+        return replace(self, **{name: None for name in ("resolution", "pulses") if hasattr(self, name)})
 
     # -- defined by each kind of sensor --------------------------------------------------------------------------------
 
