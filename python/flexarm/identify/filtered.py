@@ -17,6 +17,7 @@ from ..data.data import Data
 from ..estimate.kalman import KalmanFilter
 from ..model.acting.drive import Motion, split_drives
 from ..model.parts.labels import joint_rates
+from ..run.held import held
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
 from .residuals import Residuals, scenarios
@@ -168,6 +169,8 @@ def filtered(
         RunStopped: the filter could not go on.
     """
     arm, data = setup.arm, run.data
+    if run.balance == "held":
+        setup = held(arm, setup.drive, setup.loads, setup.control, float(run.t[0])).setup
     every = max(1, int(np.ceil(data.step / step - 1e-6))) if step else 1
     t = np.interp(np.arange((len(data) - 1) * every + 1) / every, np.arange(len(data)), data.t)
     sensors: dict[int, Sensor] = {}

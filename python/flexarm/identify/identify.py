@@ -25,7 +25,7 @@ from ..run.sensitivity import RunStopped
 from .filtered import Likelihood, filtered, predicted
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .loss import LOSSES
-from .residuals import Residuals, scenarios
+from .residuals import Residuals, scenarios, smooth
 from .runs import Run, measured_run
 from .search import Found, Search
 from .statistics import coloured, covariance, loose, untold, whiteness
@@ -224,9 +224,13 @@ class Task:
     def _step_effect(self, found: Found) -> tuple[float, str]:
         """The largest change of a value by half the step, in standard deviations, and the name of that value."""
         p = self.residuals
-        J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
-        halved = Residuals(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
-        finer = halved.weighted(found.inner, found.sigma)
+        J = p.jacobian(found.inner, found.sigma)
+        here = p
+        if p.way == "smoothed":  # leaps are no error of the integrator
+            here = Residuals([replace(run, setup=smooth(run.setup)) for run in p.runs], p.sought, p.options, p.workers)
+        halved = Residuals(here.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
+        here.loss = halved.loss = p.loss
+        r, finer = (x.weighted(found.inner, found.sigma) for x in (here, halved))
         p.count += halved.count
         if not np.isfinite(finer).all():
             return 0.0, ""

@@ -39,6 +39,11 @@ def scenarios(run: Run, parameters: Mapping[str, Array]) -> list[tuple[Setup, Ar
     return list(zip(setups, variation.initial("q0", q), variation.initial("v0", v), strict=True))
 
 
+def smooth(setup: Setup) -> Setup:
+    """The setup with controllers whose sensors read without steps."""
+    return replace(setup, control=tuple(c._smooth() for c in setup.control))
+
+
 class Residuals:
     """Simulated less measured outputs of all runs, as functions of the unknowns' inner values.
 
@@ -90,7 +95,7 @@ class Residuals:
         _, q, v = zip(*made, strict=True)
         moving = {path: x for path, x in parameters.items() if not path.startswith("sensor.")}
         batch = simulate_batch(
-            of.arm, run.t, np.array(q), np.array(v), parameters=moving, drive=of.drive, loads=of.loads,
+            of.arm, run.t, "held" if run.balance == "held" else np.array(q), np.array(v), parameters=moving, drive=of.drive, loads=of.loads,
             control=of.control, outputs=ROWS, workers=workers, progress=self._look, **self.options,
         )  # fmt: skip
         failed = {f.index: RunStopped(f.reason, f.time) for f in batch.failures}
@@ -238,7 +243,7 @@ class Residuals:
         return found
 
     def _smoothed(self, inner: Array) -> list[Array]:
-        return self._exact(inner, lambda setup: replace(setup, control=tuple(c._smooth() for c in setup.control)))
+        return self._exact(inner, smooth)
 
     def _exact(self, inner: Array, made_of: Callable[[Setup], Setup] = lambda setup: setup) -> list[Array]:
         slopes, found = self.slopes_of_values(inner), [np.empty(0)] * len(self.runs)

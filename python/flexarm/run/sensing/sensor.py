@@ -92,7 +92,8 @@ class Sensor(Part):
 
     def _smooth(self) -> Sensor:
         """It, whose readings have no steps."""
-        return replace(self, **{name: None for name in ("resolution", "pulses") if hasattr(self, name)})
+        steps: dict[str, Any] = {name: None for name in ("resolution", "pulses") if hasattr(self, name)}
+        return replace(self, **steps)
 
     # -- defined by each kind of sensor --------------------------------------------------------------------------------
 
