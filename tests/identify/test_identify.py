@@ -410,3 +410,18 @@ def test_all_warnings_of_the_fitted_runs_are_told(data: fa.Data) -> None:
     options = {"integrator": "implicit", "step": 5e-3}
     with warns(fa.errors.StepWarning, "loads[0]", "0.001", "t = 0.50"):
         fa.identify(replace(scene(), loads=(push,), options=options), data, [MASS], **MEASURED)
+
+
+def test_each_run_has_a_scene_of_its_own() -> None:
+    """Tips of 50 and 80 g, which are known."""
+    twins = [scene(0.05 + x) for x in (0.0, 0.03)]
+    runs = [recorded(x, k) for k, x in enumerate(twins)]
+
+    base = [scene(0.05, 1.5e11), scene(0.08, 1.5e11)]
+    fit = fa.identify(base, runs, [MODULUS, DAMPING], **MEASURED)
+    assert inside(fit, {MODULUS: TRUE[MODULUS], DAMPING: TRUE[DAMPING]})
+    assert all(c.nrmse["strain"] < 0.05 for c in fit.comparisons)
+    alike = fa.identify(base[0], runs, [MODULUS, DAMPING], **MEASURED, starts=1)
+    assert alike.nrmse["strain"] > 5 * fit.nrmse["strain"]
+    with refuses("scene", "2 scenes", "3 runs"):
+        fa.identify(base, [*runs, runs[0]], [MODULUS], **MEASURED)

@@ -20,8 +20,8 @@ READ: dict[str, Any] = {"outputs": {"angle": "sensor.0", "strain": "sensor.1"}}
 def scene(control: Any, values: dict[str, float] = TRUE, q0: Any = None) -> fa.Scene:
     """A link that weighs on its joint, in a loop."""
     joint = fa.Revolute("y", reflected_inertia=0.01, damping=values[DAMPING])
-    beam = fa.Beam(0.5, fa.Rectangle(0.02, 0.004), fa.Material(7850, values[MODULUS], 0.3), {"bending_z": 2}, "legendre",
-                   damping_ratio=0.01)  # fmt: skip
+    steel = fa.Material(7850, values[MODULUS], 0.3)
+    beam = fa.Beam(0.5, fa.Rectangle(0.02, 0.004), steel, {"bending_z": 2}, "legendre", damping_ratio=0.01)
     arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(values[MASS]))], gravity=(0, 0, -9.81))
     sensors = (fa.sensors.Encoder(0, pulses=None), fa.sensors.StrainGauge(0, 0.01, face="+z"))
     options = {"integrator": "implicit", "step": 5e-4}
@@ -37,7 +37,8 @@ def recorded(base: fa.Scene, seed: int = 0) -> fa.Data:
     run, rng = base.run(), np.random.default_rng(seed)
     y = [s.read(run).y[:, 0] + std * rng.normal(size=T.size) for s, std in zip(base.sensors, (5e-4, 1e-5), strict=True)]
     columns = {"angle": y[0], "strain": y[1], "torque": run.tau[:, 0] + 0.01 * rng.normal(size=T.size)}
-    return fa.Data(T, {**columns, "command": COMMAND}, {"angle": "rad", "strain": "1", "torque": "N m", "command": "rad"})
+    units = {"angle": "rad", "strain": "1", "torque": "N m", "command": "rad"}
+    return fa.Data(T, {**columns, "command": COMMAND}, units)
 
 
 def far(fit: fa.results.Fit, true: dict[str, float]) -> float:
@@ -129,9 +130,10 @@ def test_commands_of_no_controller_are_refused() -> None:
 
 def test_runs_with_commands_and_numbers_of_their_own() -> None:
     """Two recordings with commands of their own; each has its own zero of the gauge, one payload is on both."""
-    law = fa.LinearController.pid(20, 30, 0.5, 0, rate=500, delay=0.002, reference=(T, COMMAND))
-    one = scene(law, q0="held")
-    other = scene(fa.LinearController.pid(20, 30, 0.5, 0, rate=500, delay=0.002, reference=(T, COMMAND[::-1])), q0="held")
+    one, other = (
+        scene(fa.LinearController.pid(20, 30, 0.5, 0, rate=500, delay=0.002, reference=(T, r)), q0="held")
+        for r in (COMMAND, COMMAND[::-1])
+    )
     runs = [recorded(one), recorded(other, 1)]
     moved = [fa.Data(T, {**d.columns, "strain": d["strain"] + 1e-5 * k, "command": c}, d.units)
              for k, (d, c) in enumerate(zip(runs, (COMMAND, COMMAND[::-1]), strict=True))]  # fmt: skip

@@ -129,6 +129,6 @@ def test_likelihood_of_a_mass_on_a_rail_by_hand() -> None:
 def test_what_the_filter_cannot_take_is_refused() -> None:
     data = recorded(scene())
     with refuses("outputs['angle']", "sensor", "filter"):
-        fa.identify(scene(), data, [MASS], inputs={0: "torque"}, outputs={"angle": "q link 0 revolute"}, method="filter")
+        fa.identify(scene(), data, [MASS], outputs={"angle": "q link 0 revolute"}, method="filter")
     with refuses("method", "kalman", "filter"):
         fa.identify(scene(), data, [MASS], **MEASURED, method="kalman")

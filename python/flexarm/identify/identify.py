@@ -36,7 +36,7 @@ _POOR = 0.5  # NRMSE of a poor fit
 
 
 def identify(
-    scene: Scene,
+    scene: Scene | Sequence[Scene],
     data: Data | Sequence[Data],
     parameters: Parameters,
     *,
@@ -62,7 +62,8 @@ def identify(
     and the leaps widen the intervals.
 
     Args:
-        scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator.
+        scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator. Or one for each run,
+            which may differ in all numbers that are known, such as payloads; what is sought is the same in all of them.
         data: a measured run, or several. Times are those of the scene.
         parameters: the unknown numbers, by path as in `simulate_batch`, with the start of the search: a number, None
             (the scene's value) or an `Unknown`, which has bounds and prior knowledge. A list of paths starts at the
@@ -112,7 +113,6 @@ def identify(
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
-    instance("scene", scene, Scene, "an fa.Scene, such as fa.load(...) gives")
     task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
     robust = LOSSES.get(choice("loss", loss, ("linear", *LOSSES)))
     choice("method", method, ("simulation", "filter"))
@@ -411,22 +411,25 @@ class Task:
 
 
 def _task(
-    scene: Scene, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
+    scene: Any, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
     workers: Any,
 ) -> Task:  # fmt: skip
     """The request of `identify`, checked."""
+    scenes = list(scene) if isinstance(scene, (list, tuple)) else [scene]
+    for one in scenes or [None]:
+        instance("scene", one, Scene, "an fa.Scene, such as fa.load(...) gives")
     if not isinstance(parameters, (str, Mapping, list, tuple, set)):
         raise ValueError(f"parameters = {parameters!r}: must be paths, or a dictionary by paths")
     paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
-    runs = _runs(scene, data, inputs, outputs, paths)
+    runs = _runs(scenes, data, inputs, outputs, paths)
     known_keys("noise", noise or {}, [name for run in runs for name in run.outputs])
     noise = {name: positive(f"noise['{name}']", x) for name, x in (noise or {}).items()}
     unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
     _check_states(runs, unknown)
-    options, auto = _options(scene, runs, integrator, step)
+    options, auto = _options(scenes[0], runs, integrator, step)
     residuals = Residuals(runs, unknown, options, default_workers(workers))
     _finer(residuals)
-    return Task(scene, residuals, noise, inputs, outputs, auto)
+    return Task(scenes[0], residuals, noise, inputs, outputs, auto)
 
 
 def _own(x: Sought) -> bool:
@@ -434,7 +437,7 @@ def _own(x: Sought) -> bool:
     return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
 
 
-def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
+def _runs(scenes: list[Scene], data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
     """The measured runs."""
     several = isinstance(data, (list, tuple))
     all_data = list(data) if several else [data]
@@ -443,9 +446,11 @@ def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) 
     all_inputs = inputs if isinstance(inputs, (list, tuple)) else [inputs] * len(all_data)
     if len(all_inputs) != len(all_data):
         raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
+    if len(scenes) not in (1, len(all_data)):
+        raise ValueError(f"scene: are {len(scenes)} scenes, for {len(all_data)} runs")
     named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    rows = zip(all_data, all_inputs, named, strict=True)
-    return [measured_run(scene, d, i, outputs, name, paths) for d, i, name in rows]
+    rows = zip(scenes * (len(all_data) // len(scenes)), all_data, all_inputs, named, strict=True)
+    return [measured_run(scene, d, i, outputs, name, paths) for scene, d, i, name in rows]
 
 
 def _check_states(runs: list[Run], unknown: list[Sought]) -> None:

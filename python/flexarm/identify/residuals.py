@@ -94,8 +94,9 @@ class Residuals:
         made, of = scenarios(run, parameters), run.setup
         _, q, v = zip(*made, strict=True)
         moving = {path: x for path, x in parameters.items() if not path.startswith("sensor.")}
+        start = "held" if run.balance == "held" else np.array(q)  # or without the memory that holds it
         batch = simulate_batch(
-            of.arm, run.t, "held" if run.balance == "held" else np.array(q), np.array(v), parameters=moving, drive=of.drive, loads=of.loads,
+            of.arm, run.t, start, np.array(v), parameters=moving, drive=of.drive, loads=of.loads,
             control=of.control, outputs=ROWS, workers=workers, progress=self._look, **self.options,
         )  # fmt: skip
         failed = {f.index: RunStopped(f.reason, f.time) for f in batch.failures}
