@@ -1,6 +1,7 @@
 """Do 95 % intervals of `fa.identify` hold in 95 % of all fits?
 
-    python bench/identify/coverage.py [-o DIR] [-n TWINS] [--seed SEED]
+    python bench/identify/coverage.py [-o DIR] [-n TWINS] [--seed SEED] [--case CASE ...]
+    python bench/identify/coverage.py --docs CSV ...
 
 Each twin is an arm of one flexible link with numbers drawn at random (30 % about those of the scene), a torque that is
 measured, and noise. Counted is how often the truth lies within its interval, and the median error, in per cent. Fitted
@@ -9,15 +10,16 @@ between columns; noise that is coloured (behind a first-order filter); a quantis
 that sticks and slides; a drive and sensors with a delay, an offset, a gain and a filter that are sought with the rest.
 Fitted from one start within 10 %: a length, a thickness, a density and two gains that the model has wrong by 0.5 %, and
 the same where the fit is told so (each is sought, with a prior of 0.5 %); outliers; a measured torque that is noisy;
-and a digital loop on an encoder's steps, driven by its command. The last column is the time of a fit (s).
+and a digital loop on an encoder's steps, driven by its command.
 Then: of 24 twins, whose starts are wrong by a factor of 3 in each number, how many are found from 1 and from 8 starts.
-Writes coverage.csv and coverage.md into DIR (default: here).
+Writes coverage.csv and coverage.md into DIR (default: here); with --docs, the table of such files into the page.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import re
 import time
 import warnings
 from collections.abc import Iterator
@@ -28,6 +30,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 
+DOCS = Path(__file__).parents[2] / "docs" / "identify.md"
 T = np.linspace(0.0, 1.0, 251)
 TRUE = {
     "link.0.tip.mass": 0.05,
@@ -69,12 +72,13 @@ class Case:
 
 CASES = {
     "white": Case("white noise", TRUE, near=False),
-    "coloured": Case("coloured noise", TRUE, coloured=True, near=False),
-    "encoder": Case("encoder of 2000 counts a turn, no other noise of the angle", TRUE, pulses=2000, near=False),
+    "coloured": Case("coloured noise, behind a filter of 8 Hz", TRUE, coloured=True, near=False),
+    "encoder": Case("an encoder's steps, 2000 a turn, and no other noise of the angle", TRUE, pulses=2000, near=False),
     "friction": Case("dry friction, stick and slip", {**TRUE, **FRICTION}, step=5e-4, near=False),
-    "chain": Case("delay, offset, gain and filter sought", {**TRUE, **CHAIN}, share=0.3, near=False),
+    "chain": Case("delay of the drive, offset, gain and filter of sensors sought, too", {**TRUE, **CHAIN}, share=0.3,
+                  near=False),
     "wrong": Case("white noise; five other numbers of the model wrong by 0.5 %", TRUE, wrong=True),
-    "told": Case("the same, each of the five sought with a prior of 0.5 %", TRUE, wrong=True, told=True),
+    "told": Case("the same, each of the five sought with a prior of 0.5 %", TRUE, wrong=True, told=True, step=2.5e-4),
     "outliers": Case("5 % of the readings wrong by a deviation of their column", TRUE, outliers=True),
     "huber": Case('the same, `loss="huber"`', TRUE, outliers=True, fit={"loss": "huber"}),
     "torque": Case("measured torque with 0.02 N m of noise", TRUE, torque_noise=True),
@@ -183,39 +187,67 @@ def found(starts: int | None, count: int = 24) -> int:
     return good
 
 
+NAMES = {
+    "link.0.tip.mass": "tip mass", "link.0.beam.material.youngs_modulus": "modulus", "link.0.joint.damping": "damping",
+    "link.0.joint.reflected_inertia": "rotor", "link.0.joint.coulomb": "friction", "drive.0.delay": "delay",
+    "sensor.0.offset": "offset", "sensor.1.gain": "gain", "sensor.1.filter.frequency": "filter",
+}  # fmt: skip
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """Of the rows of coverage.csv."""
+    head = ["arms", "noise", "truth within the 95 % interval, for each number (%)", "all (%)", "median error (%)"]
+    lines = [f"| {' | '.join(head)} |", "|-|-|-|-|-|"]
+    for name, case in CASES.items():
+        rows = [r for r in found if r["case"] == name]
+        hits, off = dict[str, float](), dict[str, float]()
+        for p in case.true if rows else ():
+            own = [[float(r[k]) for k in ("low", "true", "high", "value")] for r in rows if r["number"] == p]
+            low, true, high, value = np.array(own).T
+            hits[p], off[p] = 100 * np.mean((low <= true) & (true <= high)), 100 * np.median(np.abs(value / true - 1))
+        if rows:
+            each = ", ".join(f"{NAMES[p]} {x:.1f}" for p, x in hits.items())
+            error = ", ".join(f"{x:.2g}" for x in off.values())
+            lines.append(f"| {len(own)} | {case.title} | {each} | {np.mean(list(hits.values())):.1f} | {error} |")
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables")
     parser.add_argument("-n", type=int, default=200, help="twins of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of all draws")
     parser.add_argument("--case", choices=CASES, action="append", help="these alone")
+    parser.add_argument("--docs", metavar="CSV", type=Path, nargs="+", help="write docs/identify.md's table of these")
     args = parser.parse_args()
+    if args.docs:
+        found = [row for path in args.docs for row in csv.DictReader(path.open())]
+        text = DOCS.read_text(encoding="utf-8")
+        begin, end = "<!-- coverage: written by bench/identify/coverage.py -->\n", "<!-- end of coverage -->"
+        text = re.sub(f"{begin}.*?{end}", lambda _: begin + table(found) + end, text, flags=re.DOTALL)
+        DOCS.write_text(text, encoding="utf-8")
+        return
     args.o.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
-    head = "| simulated arms | noise | truth within the 95 % interval, for each number (%) | all (%) | error (%) | s |"
-    rows, lines = [], [head, "|-|-|-|-|-|-|"]
+    keys = ["case", "twin", "number", "true", "start", "value", "low", "high", "std"]
+    rows: list[dict[str, Any]] = []
     for name in args.case or CASES:
-        case, began, inside, off = CASES[name], time.perf_counter(), [], []
-        count = round(case.share * args.n)
-        for k, (true, fit) in enumerate(fits(case, count, args.seed)):
-            off.append([abs(fit.values[p] / x - 1) for p, x in true.items()])
-            inside.append([fit.intervals[p][0] <= x <= fit.intervals[p][1] for p, x in true.items()])
+        began, count = time.perf_counter(), round(CASES[name].share * args.n)
+        for k, (true, fit) in enumerate(fits(CASES[name], count, args.seed)):
             for p, x in true.items():
-                rows.append([name, k, p, x, fit.start[p], fit.values[p], *fit.intervals[p], fit.std[p]])
-        hit = np.array(inside)
-        spent = (time.perf_counter() - began) / count
-        parts = zip(case.true, hit.mean(0), strict=True)
-        each = ", ".join(f"{p.removeprefix('link.0.')} {100 * x:.1f}" for p, x in parts)
-        error = ", ".join(f"{100 * x:.2g}" for x in np.median(off, axis=0))
-        lines.append(f"| {count} | {case.title} | {each} | {100 * hit.mean():.1f} | {error} | {spent:.2f} |")
-        print(lines[-1], flush=True)
+                row = [name, k, p, x, fit.start[p], fit.values[p], *fit.intervals[p], fit.std[p]]
+                rows.append(dict(zip(keys, row, strict=True)))
+        print(f"{name}: {(time.perf_counter() - began) / count:.2f} s for each fit", flush=True)
+    text = table(rows)
     if not args.case:
         told = ", ".join(f"starts={n}: {found(n)}" for n in (1, 8, None))
-        lines.append(f"\nOf 24 arms with starts wrong by a factor of 3 in each number, it finds with {told}.")
-        print(lines[-1])
+        text += f"\nOf 24 arms with starts wrong by a factor of 3 in each number, it finds with {told}.\n"
+    print(text)
     with (args.o / "coverage.csv").open("w", newline="") as f:
-        csv.writer(f).writerows([["case", "twin", "number", "true", "start", "value", "low", "high", "std"], *rows])
-    (args.o / "coverage.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        writer = csv.DictWriter(f, keys)
+        writer.writeheader()
+        writer.writerows(rows)
+    (args.o / "coverage.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from typing import Any
 from .._console import complain
 from ..data.data import Data
 from ..identify.fit import FitError, FitInterrupted
-from ..identify.identify import identify
+from ..identify.identify import METHODS, identify
+from ..identify.loss import LOSSES
 from ..identify.unknown import Unknown
 from ..model.acting.drive import Motion
 from ..run.scene.scene import load
@@ -40,6 +41,11 @@ def arguments(p: argparse.ArgumentParser) -> None:
                    help="a run kept aside, which the fit is compared with; repeat for each")  # fmt: skip
     p.add_argument("--starts", metavar="N", type=int,
                    help="from how many starts to search (default: one, and 8 where that explains little)")  # fmt: skip
+    p.add_argument("--loss", choices=("linear", *LOSSES), default="linear",
+                   help="of residuals: others than linear are for data with outliers")  # fmt: skip
+    p.add_argument("--method", choices=METHODS, default="simulation",
+                   help="of the likelihood: a run from its start to its end, or that of a Kalman filter, for noisy "
+                   "torques (%(default)s)")  # fmt: skip
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", help="of columns whose heading tells none")
     folder = "folder to write into (%(default)s)"
     p.add_argument("-o", dest="folder", default="flexarm-identify", metavar="DIR", help=folder)
@@ -118,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         fit = identify(
             scene, runs, _parameters(args.parameter), inputs=inputs or None, outputs=outputs, noise=noise or None,
-            starts=args.starts, progress=True,
+            loss=args.loss, method=args.method, starts=args.starts, progress=True,
         )  # fmt: skip
     except FitError as e:
         complain(str(e))

@@ -31,6 +31,7 @@ from .search import Found, Search
 from .statistics import coloured, covariance, loose, untold, whiteness
 from .unknown import Parameters, Sought, drawn, sought
 
+METHODS = ("simulation", "filter")
 _STARTS = 8  # if one is not enough
 _POOR = 0.5  # NRMSE of a poor fit
 
@@ -115,7 +116,7 @@ def identify(
     began = time.perf_counter()
     task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
     robust = LOSSES.get(choice("loss", loss, ("linear", *LOSSES)))
-    choice("method", method, ("simulation", "filter"))
+    choice("method", method, METHODS)
     if robust and method == "filter":
         raise ValueError(f"loss = {loss!r}: is of residuals, which method = 'filter' does not have; leave one out")
     at_least("starts", 1 if starts is None else starts, 1)
