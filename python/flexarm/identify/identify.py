@@ -24,7 +24,7 @@ from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
 from .filtered import Likelihood, filtered, predicted
 from .fit import Fit, FitError, FitInterrupted, FitWarning
-from .loss import LOSSES
+from .loss import LOSSES, deviation
 from .residuals import Residuals, scenarios, smooth
 from .runs import Run, measured_run
 from .search import Found, Search
@@ -157,7 +157,7 @@ def identify(
     poor = [
         f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
         + (hints.get(name) or "or this is a local minimum; try more starts")
-        for name, x in fit.nrmse.items()
+        for name, x in (_without_outliers(fit) if robust else fit.nrmse).items()
         if x > _POOR
     ]
     own = [w for w in heard if issubclass(w.category, RunWarning)]
@@ -492,6 +492,12 @@ def _finer(residuals: Residuals) -> None:
         sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in residuals.sought)
         fine = bool(step) and (bool(looks) or sought_too)
         run.every = int(np.clip(round(run.data.step / step), 1, _ROWS)) if fine and step else 1
+
+
+def _without_outliers(fit: Fit) -> dict[str, float]:
+    """By column, the noise over the deviation of the data, both by medians."""
+    data = {name: np.concatenate([c.measured[name] for c in fit.comparisons if name in c.nrmse]) for name in fit.noise}
+    return {name: fit.noise[name] / (deviation(y - np.median(y)) or np.inf) for name, y in data.items()}
 
 
 def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:

@@ -338,6 +338,8 @@ class Search:
         assert found is not None
         rows = [(r, x) for run, y in zip(self.residuals.runs, found, strict=True)
                 for r, x in zip(y, run.measured, strict=True)]  # fmt: skip
+        if self.loss:
+            return all(deviation(r) < _LEFT * deviation(x - np.median(x)) or whiteness(r).white for r, x in rows)
         return all(_rms(r) < _LEFT * x.std() or whiteness(r).white for r, x in rows)
 
     def _minus_log_likelihood(self, found: Found) -> float:
