@@ -9,8 +9,8 @@ from starts that are wrong by up to a factor of 3 in each number: white noise th
 between columns; noise that is coloured (behind a first-order filter); a quantised encoder; a joint with dry friction
 that sticks and slides; a drive and sensors with a delay, an offset, a gain and a filter that are sought with the rest.
 Fitted from one start within 10 %: a length, a thickness, a density and two gains that the model has wrong by 0.5 %, and
-the same where the fit is told so (each is sought, with a prior of 0.5 %); outliers; a measured torque that is noisy;
-and a digital loop on an encoder's steps, driven by its command.
+the same where the fit is told so (each is sought, with a prior of 0.5 %); outliers; a measured torque that is noisy,
+or was not measured; and a digital loop on an encoder's steps, driven by its command.
 Then: of 24 twins, whose starts are wrong by a factor of 3 in each number, how many are found from 1 and from 8 starts.
 Writes coverage.csv and coverage.md into DIR (default: here); with --docs, the table of such files into the page.
 """
@@ -38,6 +38,7 @@ TRUE = {
     "link.0.joint.damping": 0.05,
     "link.0.joint.reflected_inertia": 0.01,
 }
+BEAM = dict(list(TRUE.items())[:2])
 FRICTION = {"link.0.joint.coulomb": 0.12}
 CHAIN = {"drive.0.delay": 0.0061, "sensor.0.offset": 0.02, "sensor.1.gain": 1.1, "sensor.1.filter.frequency": 20.0}
 NOISE = {"angle": 5e-4, "strain": 2e-6}
@@ -66,6 +67,7 @@ class Case:
     outliers: bool = False
     torque_noise: bool = False
     loop: bool = False
+    motion: bool = False  #: whether the torque was not measured
     near: bool = True  #: whether the fit starts within 10 %, from there alone
     fit: dict[str, Any] = field(default_factory=dict)  #: further arguments
 
@@ -83,6 +85,8 @@ CASES = {
     "huber": Case('the same, `loss="huber"`', TRUE, outliers=True, fit={"loss": "huber"}),
     "torque": Case("measured torque with 0.02 N m of noise", TRUE, torque_noise=True),
     "filter": Case('the same, `method="filter"`', TRUE, torque_noise=True, fit={"method": "filter"}),
+    "motion": Case('torque not measured, `inputs={0: (fa.Motion, "angle")}`', BEAM, motion=True, share=0.5),
+    "free": Case('the same without inputs, `method="filter"`', BEAM, motion=True, share=0.5, fit={"method": "filter"}),
     "loop": Case("digital PD at 500 Hz on an encoder of 2000 counts a turn, by its command", TRUE, pulses=2000,
                  share=0.2, loop=True, step=5e-4),
 }  # fmt: skip
@@ -152,6 +156,7 @@ def fits(case: Case, count: int, seed: int = 0) -> Iterator[tuple[dict[str, floa
     """Truth and fit of each twin."""
     base = scene(case.step, "link.0.joint.coulomb" in case.true, "sensor.1.filter.frequency" in case.true)
     base = looped(base) if case.loop else base
+    model = replace(base, drive={}) if case.motion else base
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         true = {name: x * rng.uniform(0.7, 1.3) for name, x in case.true.items()}
@@ -163,9 +168,14 @@ def fits(case: Case, count: int, seed: int = 0) -> Iterator[tuple[dict[str, floa
             sought[name] = fa.Unknown(start, low=start / 4, high=start * 4)
         if case.told:
             sought |= {name: fa.Unknown(x, mean=x, std=SHARE * x) for name, x in WRONG.items()}
+        inputs: dict[Any, Any] = {"control.0.reference": "command"} if case.loop else {0: "torque"}
+        outputs = {"angle": "sensor.0", "strain": "sensor.1"}
+        if case.motion and case.fit:
+            inputs = {}
+        elif case.motion:
+            inputs, outputs = {0: (fa.Motion, "angle")}, {"strain": "sensor.1"}
         yield true, fa.identify(
-            base, data, sought, inputs={"control.0.reference": "command"} if case.loop else {0: "torque"},
-            outputs={"angle": "sensor.0", "strain": "sensor.1"}, starts=1 if case.near else 16, keep=2, seed=k,
+            model, data, sought, inputs=inputs, outputs=outputs, starts=1 if case.near else 16, keep=2, seed=k,
             workers=1, **case.fit,
         )  # fmt: skip
 

@@ -56,6 +56,8 @@ class Likelihood:
             if i not in moved:
                 most = float(np.abs(result.tau[:, i]).max()) or float(np.abs(result.tau).max()) or 1.0
                 starts[f"force_noise.{name}"] = _SHARE * most * float(np.sqrt(run.data.step))
+                if not _driven(run.setup, i):
+                    starts[f"force_drift.{name}"] = most / float(np.sqrt(run.data.t[-1] - run.data.t[0]))
         noises = [Sought(name, name, None, Unknown(float(x), low=_LEAST * x * name.startswith("force"), log=True))
                   for name, x in starts.items()]  # fmt: skip
         self.sought = [*residuals.sought, *noises]
@@ -146,6 +148,14 @@ class Likelihood:
         return predicted(self.residuals.runs[k], self.filtered(self.point, k)[0])
 
 
+def _driven(setup: Setup, rate: int) -> bool:
+    """Whether a drive or a controller acts on a rate."""
+    arm = setup.arm
+    if rate in arm.by_rate("drive", split_drives(arm, setup.drive)[0]):
+        return True
+    return any(column[rate] != 0.0 for c in setup.control for column in c._columns(arm))
+
+
 def _moved(setup: Setup) -> set[int]:
     laws = setup.arm.by_rate("drive", split_drives(setup.arm, setup.drive)[0])
     return {i for i, law in laws.items() if isinstance(law, Motion)}
@@ -189,11 +199,16 @@ def filtered(
     for k, sensor in sensors.items():
         own = std[first[k] : first[k] + len(sensor.components(arm))]
         made.append(replace(sensor, noise=float(own[0]) if len(own) == 1 else tuple(own.tolist())))
-    forces = np.zeros(arm.nv)
+    forces, offsets, drift = np.zeros(arm.nv), {}, {}
     for i, name, _ in joint_rates(arm):
         forces[i] = noise.get(f"force_noise.{name}", 0.0)
+        if f"force_drift.{name}" in noise:
+            link = max(k for k in range(len(arm.links)) if arm._core.first(k) <= i)
+            key = f"offset.{link}.{i - arm._core.first(link)}"
+            drift[key] = noise[f"force_drift.{name}"]
+            offsets[key] = (0.0, drift[key] * float(np.sqrt(t[-1] - t[0])))
     given: dict[str, Any] = {"drive": setup.drive, "loads": setup.loads, "control": setup.control}
-    kalman = KalmanFilter(arm, made, (t[-1] - t[0]) / (len(t) - 1), force_noise=forces, q_std=0.0, v_std=0.0, q=q, v=v,
+    kalman = KalmanFilter(arm, made, (t[-1] - t[0]) / (len(t) - 1), force_noise=forces, estimate=offsets, drift=drift, q_std=0.0, v_std=0.0, q=q, v=v,
                           t=float(t[0]), **given)  # fmt: skip
     try:
         found = kalman.run(t, None, readings)
