@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import flexarm as fa
 import numpy as np
@@ -98,6 +99,18 @@ def test_a_noisy_torque_by_the_filters_likelihood() -> None:
     assert set(fit.to_dict()["values"]) == {*TRUE, "noise.angle", "noise.strain", of}
     again = fit.validate(recorded(replace(scene(), drive={0: noisy}), 2))
     assert again.rmse["strain"] < 2.5 * NOISE["strain"]
+
+
+def test_a_torque_that_was_not_measured() -> None:
+    """The filter finds how far to smooth the angle; as a motion, its noise becomes accelerations."""
+    data = recorded(scene())
+    free = replace(scene(0.07), drive={})
+    fit = fa.identify(free, data, [MASS], outputs=MEASURED["outputs"], starts=1, method="filter")
+    assert abs(fit.values[MASS] - TRUE[MASS]) < 3 * fit.std[MASS] and fit.std[MASS] < 0.01 * TRUE[MASS]
+    assert fit.noise == pytest.approx(NOISE, rel=0.2) and fit.values["force_drift.link 0 revolute"] > 0.1
+    given: dict[str, Any] = {"inputs": {0: (fa.Motion, "angle")}, "outputs": {"strain": "sensor.1"}}
+    moved = fa.identify(scene(0.07), data, [MASS], **given, starts=1)
+    assert abs(moved.values[MASS] - TRUE[MASS]) > 5 * abs(fit.values[MASS] - TRUE[MASS])
 
 
 def test_likelihood_of_a_mass_on_a_rail_by_hand() -> None:

@@ -67,6 +67,16 @@ def test_nothing_moves(name: str, options: dict[str, Any]) -> None:
         np.testing.assert_allclose(run.tau[0, [0, 3]], np.array([200, 100]) * (AT - run.q[0, [0, 3]]), rtol=1e-9)
 
 
+def test_a_joint_that_needs_no_force() -> None:
+    """Its axis is vertical, and it turns no sooner than the others."""
+    upright = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.05)), *arm().links], gravity=(0, 0, -9.81))
+    more = {"rate": 500, "delay": 1e-3, "filter_time": 4e-3}
+    law = [fa.LinearController.pid(20, 10, 2, k, reference=r, **more) for k, r in enumerate((0.2, *AT))]
+    run = fa.simulate(upright, T, "held", control=law, integrator="implicit", step=5e-4)
+    assert np.abs(run.v).max() < 1e-7 and run.tau[0, 0] == pytest.approx(0, abs=1e-12)
+    np.testing.assert_allclose(run.q[-1, [0, 1, 4]], (0.2, *AT), atol=1e-8)
+
+
 def test_it_begins_as_a_loop_that_has_come_to_rest() -> None:
     """The oracle: the same loop let settle for long, and its way when a command comes then."""
     law = pid(rate=500, delay=1e-3)

@@ -34,7 +34,8 @@ _HALVINGS = 10
 
 class Likelihood:
     """The likelihood of measured runs as a function of a point: inner values of the unknowns, then of the noises, which
-    are "noise.COLUMN" of readings that have no given noise, and "force_noise.JOINT".
+    are "noise.COLUMN" of readings that have no given noise, "force_noise.JOINT", and of joints that nothing drives
+    "force_drift.JOINT".
 
     Attributes:
         sought: all these. point: where the search is.
@@ -208,8 +209,8 @@ def filtered(
             drift[key] = noise[f"force_drift.{name}"]
             offsets[key] = (0.0, drift[key] * float(np.sqrt(t[-1] - t[0])))
     given: dict[str, Any] = {"drive": setup.drive, "loads": setup.loads, "control": setup.control}
-    kalman = KalmanFilter(arm, made, (t[-1] - t[0]) / (len(t) - 1), force_noise=forces, estimate=offsets, drift=drift, q_std=0.0, v_std=0.0, q=q, v=v,
-                          t=float(t[0]), **given)  # fmt: skip
+    given |= {"force_noise": forces, "estimate": offsets, "drift": drift, "q_std": 0.0, "v_std": 0.0, "q": q, "v": v}
+    kalman = KalmanFilter(arm, made, (t[-1] - t[0]) / (len(t) - 1), t=float(t[0]), **given)
     try:
         found = kalman.run(t, None, readings)
     except RuntimeError as e:

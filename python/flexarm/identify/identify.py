@@ -85,9 +85,10 @@ def identify(
             "huber" or "cauchy", for data with outliers, which then count less. The noise is that of the other readings.
         method: "simulation": a run is computed from its start to its end, and all that it misses is noise of readings;
             or "filter": from there on, the likelihood of a `KalmanFilter` that reads the data, whose forces are noisy,
-            too: it also finds their noise, "force_noise.JOINT" (N m/sqrt(Hz); N/sqrt(Hz)), and that of readings. For
-            measured torques and motions that are not exact, and disturbances. Outputs are sensors that the filter
-            takes, and controllers do not sample.
+            too: it also finds their noise, "force_noise.JOINT" (N m/sqrt(Hz); N/sqrt(Hz)), that of readings, and, on
+            joints that nothing drives, the drift of an unknown torque, "force_drift.JOINT" (N m/sqrt(s); N/sqrt(s)).
+            For measured torques that are not exact, disturbances, and joints of which the motion alone was measured.
+            Outputs are sensors that the filter takes, and controllers do not sample.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
             They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
             leaves more than a tenth of a column's deviation that is no white noise. seed: of the draw.

@@ -164,7 +164,7 @@ def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
             e0 = _reference(c, arm, np.array([t, t + 1e-3])) - taps_of(arm, c, q, np.zeros(arm.nv), setup.forces)[1]
             made.reference = _less(c.reference, e0)
             control[k] = made
-        if not c.continuous and c.delay:
+        if not c.continuous and c.delay and (law.columns @ u).any():
             control.append(_Before(law.columns @ u, c.delay))
     return replace(setup, control=tuple(control))
 
