@@ -152,8 +152,10 @@ def identify(
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began, leaps)
-            if method == "filter":
-                fit = task.filtered(fit, found, max_iterations, began)
+            try:
+                fit = task.filtered(fit, found, max_iterations, began) if method == "filter" else fit
+            except KeyboardInterrupt:
+                raise FitInterrupted("interrupted in the filter; .fit is that by simulation", fit) from None
         hints = task.sign_hints(points[0])
     poor = [
         f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
