@@ -83,7 +83,7 @@ class Likelihood:
         return filtered(run, setup, q, v, noise, self.told, self.residuals.options.get("step"))
 
     def parts(self, point: Array) -> tuple[Array, Array]:
-        """Innovations of all runs over their standard deviations, and the logarithms of these, (m,) each."""
+        """Innovations of all runs, and the logarithms of their standard deviations, (m,) each."""
         found = [self.filtered(point, k) for k in range(len(self.residuals.runs))]
         self.residuals.count += len(found)
         e, s = (np.concatenate([x[i].T.ravel() for x in found]) for i in (0, 1))
@@ -215,4 +215,6 @@ def filtered(
         found = kalman.run(t, None, readings)
     except RuntimeError as e:
         raise RunStopped(str(e), np.nan) from None
-    return found.innovations[::every, columns], found.innovation_std[::every, columns]
+    e, s = found.innovations[::every, columns], found.innovation_std[::every, columns]
+    lost = np.isnan(e)  # readings at the range of their sensor
+    return np.where(lost, 0.0, e), np.where(lost, 1.0, s)
