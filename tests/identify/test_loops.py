@@ -67,6 +67,20 @@ def test_a_loop_on_an_encoders_steps() -> None:
     assert fit.nrmse["angle"] < 0.95 * smooth.nrmse["angle"]
 
 
+@pytest.mark.filterwarnings("ignore:step")
+def test_a_servo_by_its_commands() -> None:
+    """An industrial drive as one object, with its encoder's steps."""
+    def drive(reference: Any) -> fa.Servo:
+        encoder = fa.sensors.Encoder(0, pulses=4000)
+        return fa.Servo(0, kp=20, kv=0.8, ki=20, rate=500, sensor=encoder, filter=60.0, delay=1e-3, limit=3.0,
+                        reference=reference)  # fmt: skip
+
+    base = scene(drive((T, COMMAND)), q0="held")
+    guess = replace(wrong(base), control=(drive(0.0),))
+    fit = fa.identify(guess, recorded(base), list(TRUE), inputs={"control.0.reference": "command"}, **READ)
+    assert far(fit, TRUE) < 3.5 and fit.derivatives[0] == "smoothed" and fit.nrmse["strain"] < 0.15
+
+
 def test_a_delay_is_sought_by_differences() -> None:
     law = fa.LinearController.pid(20, 30, 0.5, 0, rate=500, delay=0.002, reference=(T, COMMAND), limit=3.0)
     base, true = scene(law), {**TRUE, "control.0.delay": 0.002}

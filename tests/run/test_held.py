@@ -50,6 +50,9 @@ LAWS = {
     "memoryless": [fa.LinearController([], D=[[150.0, 5.0]], rate=500, delay=1e-3, actuate=[k], reference=[r, 0.0],
                                        measure=[("joint", k), ("rate", k)]) for k, r in enumerate(AT)],
     "sensors": on_sensors(),
+    "servo": [fa.Servo(k, kp=60, kv=3, ki=ki, rate=1000, delay=1e-3, filter=200.0, limit=20.0, reference=r,
+                       feedforward=forward)
+              for k, (r, ki, forward) in enumerate(zip(AT, (80.0, 0.0), (None, "gravity"), strict=True))],
 }  # fmt: skip
 
 
@@ -117,6 +120,9 @@ def test_what_does_not_hold_is_refused() -> None:
         fa.simulate(arm(), T, "held", control=pd(limit=1.0))
     with refuses("control[0]", "Sampled", "held"):
         fa.simulate(arm(), T, "held", control=fa.Sampled(lambda t, y: 0.0, 100))
+    lagging = fa.Servo(0, kp=60, kv=3, rate=1000, current_loop=300.0)
+    with refuses("control[0]", "Servo", "current loop"):
+        fa.simulate(arm(), T, "held", control=[lagging, pd()[1]])
     washed = fa.StrainFeedback(200, 20, 3.0, 0, reference=AT[0], washout=1.0)
     with refuses("control[0]", "washout"):
         fa.simulate(arm(), T, "held", control=[washed, pd()[1]])

@@ -215,6 +215,6 @@ def filtered(
         found = kalman.run(t, None, readings)
     except RuntimeError as e:
         raise RunStopped(str(e), np.nan) from None
-    e, s = found.innovations[::every, columns], found.innovation_std[::every, columns]
-    lost = np.isnan(e)  # readings at the range of their sensor
-    return np.where(lost, 0.0, e), np.where(lost, 1.0, s)
+    innovations, std = (x[::every, columns] for x in (found.innovations, found.innovation_std))
+    lost = np.isnan(innovations)  # readings at the range of their sensor
+    return np.where(lost, 0.0, innovations), np.where(lost, 1.0, std)

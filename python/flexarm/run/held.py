@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +19,14 @@ from ..arm.variation import Setup
 from ..loop.laws import taps_of
 from ..model.acting.control import Controller, Run, gain_of, padded
 from ..model.acting.drive import Motion, Torque, is_patch, is_strut, split_drives, voltage_forces
+from ..model.acting.following import plus
 from ..model.acting.load import Load, at_time
-from ..model.acting.sampled import LinearController, is_samples
+from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
 _TRIES = 100
 _LONGEST = 0.3  # a step of the joints (rad, m)
 _SETTLED = 1e-10  # a step of all, in parts of where they are, or of this
-_NONE = 1e-12  # of an error that an integral removes
 _LONG = 1e9  # s: a time after all runs
 
 
@@ -108,25 +109,23 @@ def held(
 def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
     """Controller k about q."""
     arm, c = setup.arm, setup.control[k]
-    times = np.array([t, t + 1e-3])
-    if isinstance(c, LinearController):
+    run = Run(np.array([t, t + 1e-3]), setup.forces, 0, c.memory, k, list(setup.control))
+    if isinstance(c, LinearController) and c.memory == (len(c.A) if c.continuous else 0):
         taps, y, _ = taps_of(arm, c, q, np.zeros(arm.nv), setup.forces)
-        by_q = np.array([tap.by_q for tap in taps]).reshape(-1, arm.nq)
+        by_q = c._takes() @ np.array([tap.by_q for tap in taps]).reshape(-1, arm.nq)
         A = c.A if c.continuous else c.A - np.eye(len(c.A))
         felt = np.any(c.C != 0, axis=0)
         for _ in range(felt.size):  # what no output feels need not stand still: the integral of a PID without one
             felt |= np.any(A[felt] != 0, axis=0)
         A, B, C = A[np.ix_(felt, felt)], c.B[felt], c.C[:, felt]
-        e = _reference(c, arm, times) - y
+        e = _error(c, arm, run, y)
         columns = gain_of(c.motor) * np.array(c._columns(arm)).T
         limit = np.broadcast_to(c.limit, len(c.D))
         return _Law(columns, c.u0 + c.D @ e, -c.D @ by_q, C, B @ e, -B @ by_q, A, limit)
-    laws, sampled = c._laws(arm, Run(times, setup.forces, 0, c.memory, k))
+    laws, sampled = c._laws(arm, run)
     if sampled or c.memory:
-        raise ValueError(
-            f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{' with a washout' * bool(c.memory)}: give "
-            "q0 in numbers"
-        )
+        what = " with a current loop" if sampled and c.memory else " with a washout" if c.memory else ""
+        raise ValueError(f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{what}: give q0 in numbers")
     by_q = -np.array([law.by_q for law in laws]).reshape(-1, arm.nq)
     at = [0.0 if law.reference is None else float(np.ravel(law.reference(t))[0]) for law in laws]
     columns, n = np.array([law.column for law in laws]).reshape(-1, arm.nv).T, len(laws)
@@ -135,12 +134,12 @@ def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
     return _Law(columns, np.array(at) + by_q @ q, by_q, *no_memory, limit)
 
 
-def _reference(c: LinearController, arm: Arm, times: Array) -> Array:
-    """The reference of y at the start, (ny,)."""
-    given = c._given(arm, times)
+def _error(c: LinearController, arm: Arm, run: Run, y: Array) -> Array:
+    """e (ny,) at the start, from readings y there."""
+    given, t = c._given(arm, run), float(run.times[0])
     if isinstance(given, list):
-        return np.array([float(np.ravel(law(times[0]))[0]) for law in given])
-    return np.asarray(given(float(times[0])) if callable(given) else given, dtype=float)
+        given = np.array([float(np.ravel(law(t))[0]) for law in given])
+    return np.asarray(given(t) if callable(given) else given, dtype=float) - c._takes() @ y
 
 
 def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
@@ -161,8 +160,9 @@ def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
         if len(c.A):  # x = x0 + z, e = e0 + d: the same law of z and d begins at zero, with u for u0
             made = copy.copy(c)
             made.u0 = u
-            e0 = _reference(c, arm, np.array([t, t + 1e-3])) - taps_of(arm, c, q, np.zeros(arm.nv), setup.forces)[1]
-            made.reference = _less(c.reference, e0)
+            run = Run(np.array([t, t + 1e-3]), setup.forces, 0, c.memory, k, list(setup.control))
+            e0 = _error(c, arm, run, taps_of(arm, c, q, np.zeros(arm.nv), setup.forces)[1])
+            made._given = partial(_less, c._given, e0)  # type: ignore[method-assign]
             control[k] = made
         if not c.continuous and c.delay and (law.columns @ u).any():
             control.append(_Before(law.columns @ u, c.delay))
@@ -185,25 +185,17 @@ class _Before(Controller):
                   for x, f in zip(units, u, strict=True)]  # fmt: skip
         less = _core.LinearLaw(none, np.zeros((0, 1)), np.zeros((n, 0)), np.zeros((n, 1)), np.array(units).T,
                                np.zeros((1, nq)), np.zeros((1, nv)), np.full(n, np.inf), np.zeros(1), None, -u,
-                               np.zeros((0, n)), np.full(n, np.inf))  # fmt: skip
+                               np.zeros((0, n)), np.full(n, np.inf), np.zeros(1), np.zeros(1), np.zeros((0, 0)),
+                               float(run.times[0]))  # fmt: skip
         return always, [_core.Sampler(float(run.times[0]), _LONG, self.until, less)]
 
 
-def _less(reference: Any, by: Array) -> Any:
-    """A reference less constants (ny,)."""
-    if np.abs(by).max(initial=0.0) < _NONE:
-        return reference
-    if is_samples(reference):
-        t, r = reference
-        r = np.asarray(r, dtype=float)
-        return t, r.reshape(len(r), -1) - by
-    if isinstance(reference, Motion) and len(by) == 1:
-        return reference.moved(-float(by[0]), 0.0)
-    if callable(reference):
-        if isinstance(reference, Motion):
-            raise ValueError("q0 = 'held': a Motion of several measurements, of which one is not reached: give samples")
-        return lambda t: np.asarray(reference(t), dtype=float) - by
-    return np.asarray(reference, dtype=float) - by
+def _less(given: Callable[[Arm, Run], Any], by: Array, arm: Arm, run: Run) -> Any:
+    """A reference of e, less constants (ny,)."""
+    of = given(arm, run)
+    if isinstance(of, list):
+        return [plus(law, Torque(-float(x))) for law, x in zip(of, by, strict=True)]
+    return (lambda t: np.asarray(of(t), dtype=float) - by) if callable(of) else np.asarray(of) - by
 
 
 def acting(arm: Arm, drive: Mapping[Any, Any], t: float) -> tuple[Array, dict[Any, float]]:
