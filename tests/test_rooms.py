@@ -47,7 +47,9 @@ INTERNALS = {
     ),
     "cli.paper identify.validate.rig identify.validate.validate": "a published experiment, and its measures",
     "data.draw": "figures of made-up numbers",
-    "identify.identify identify.search identify.statistics run.simulation": "steps of a least squares: their formulas",
+    "identify.filtered identify.identify identify.loss identify.search identify.statistics run.simulation": (
+        "steps of a least squares: their formulas"
+    ),
     "robots.segments view view.meshes": "geometry without a run",
 }
 

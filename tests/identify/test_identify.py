@@ -12,37 +12,7 @@ import numpy as np
 import pytest
 from flexarm import _console
 from messages import refuses, warns
-
-MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
-TRUE = {MASS: 0.05, MODULUS: 2.09e11, DAMPING: 0.05}
-NOISE = {"angle": 3e-4, "strain": 2e-6}
-MEASURED: dict[str, Any] = {"inputs": {0: "torque"}, "outputs": {"angle": "sensor.0", "strain": "sensor.1"}}
-T = np.linspace(0.0, 1.0, 201)
-
-
-def torque(t: float) -> float:
-    return float(0.3 * np.sin(2 * np.pi * (1.0 + 3.0 * t) * t))
-
-
-def scene(mass: float = 0.05, modulus: float = 2.09e11, damping: float = 0.05, coulomb: float = 0.0) -> fa.Scene:
-    joint = fa.Revolute("z", damping=damping, reflected_inertia=0.01, coulomb=coulomb)
-    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, modulus, 0.3), modes={"bending_y": 2},
-                   basis="legendre", damping_ratio=0.01)  # fmt: skip
-    arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(mass))])
-    sensors = (fa.sensors.Encoder(0, pulses=None), fa.sensors.StrainGauge(0, 0.01))
-    return fa.Scene(arm, {0: fa.Torque(T, [torque(x) for x in T])}, t=T, sensors=sensors)
-
-
-def recorded(twin: fa.Scene, seed: int = 0, noise: dict[str, float] = NOISE) -> fa.Data:
-    """What a rig would record; its torque as it was asked for, whatever the drive made of it."""
-    fine = np.linspace(T[0], T[-1], 8 * (len(T) - 1) + 1)
-    run = fa.simulate(twin.arm, fine, twin.q0, twin.v0, drive=twin.drive, integrator="implicit", step=2.5e-4)
-    rng = np.random.default_rng(seed)
-    columns = {
-        name: sensor.read(run).y[::8, 0] + noise.get(name, 0.0) * rng.normal(size=len(T))
-        for name, sensor in zip(("angle", "strain"), twin.sensors, strict=True)
-    }
-    return fa.Data(T, {**columns, "torque": [torque(x) for x in T]}, {"angle": "rad", "strain": "1", "torque": "N m"})
+from twin import DAMPING, MASS, MEASURED, MODULUS, NOISE, TRUE, T, recorded, scene
 
 
 @pytest.fixture(scope="module")
@@ -440,3 +410,18 @@ def test_all_warnings_of_the_fitted_runs_are_told(data: fa.Data) -> None:
     options = {"integrator": "implicit", "step": 5e-3}
     with warns(fa.errors.StepWarning, "loads[0]", "0.001", "t = 0.50"):
         fa.identify(replace(scene(), loads=(push,), options=options), data, [MASS], **MEASURED)
+
+
+def test_each_run_has_a_scene_of_its_own() -> None:
+    """Tips of 50 and 80 g, which are known."""
+    twins = [scene(0.05 + x) for x in (0.0, 0.03)]
+    runs = [recorded(x, k) for k, x in enumerate(twins)]
+
+    base = [scene(0.05, 1.5e11), scene(0.08, 1.5e11)]
+    fit = fa.identify(base, runs, [MODULUS, DAMPING], **MEASURED)
+    assert inside(fit, {MODULUS: TRUE[MODULUS], DAMPING: TRUE[DAMPING]})
+    assert all(c.nrmse["strain"] < 0.05 for c in fit.comparisons)
+    alike = fa.identify(base[0], runs, [MODULUS, DAMPING], **MEASURED, starts=1)
+    assert alike.nrmse["strain"] > 2 * fit.nrmse["strain"]
+    with refuses("scene", "2 scenes", "3 runs"):
+        fa.identify(base, [*runs, runs[0]], [MODULUS], **MEASURED)

@@ -364,10 +364,15 @@ def test_what_does_not_know_the_past_refuses_friction_by_name() -> None:
             make()
     with refuses(*named):
         run.gradient({"q": np.ones_like(run.q)}, ["contact.toe.stiffness"])
-    data = run.to_data()
-    fitted = {"parameters": ["contact.toe.stiffness"], "outputs": ["q hinge"], "noise": {"q hinge": 1e-4}}
-    with refuses(*named):
-        fa.identify(fa.Scene(arm, t=T), data, **fitted)
+
+
+def test_a_contact_that_rubs_is_identified_by_differences() -> None:
+    made = fa.Scene(crane(RUBS, STOP), t=T, options={"integrator": "implicit", "step": 1e-3})
+    guess = replace(made, arm=crane(replace(RUBS, stiffness=0.8 * RUBS.stiffness), STOP))
+    data = made.run().to_data()
+    fit = fa.identify(guess, data, parameters=["contact.toe.stiffness"], outputs=["q hinge"], noise={"q hinge": 1e-3})
+    assert fit.values["contact.toe.stiffness"] == pytest.approx(RUBS.stiffness, rel=0.01)
+    assert fit.derivatives[0] == "differences" and "coulomb = 0.4" in fit.derivatives[1]
 
 
 def test_a_contact_is_identified_from_a_run() -> None:

@@ -119,7 +119,7 @@ class Start:
         if scene.q0 is None or self.balanced:
             return
         arm, at = scene.arm, elastic_rates(scene.arm)
-        q, v = state(arm, scene.q0, scene.v0, scene.drive, scene.loads, float(scene.t[0]))
+        q, v = state(arm, scene.q0, scene.v0, scene.drive, scene.loads, float(scene.t[0]), scene.control)
         if not at.any() or v[at].any():
             return
         try:
@@ -158,7 +158,7 @@ class Start:
         q0 = restated(given.start(), given.arm, arm, parts)
         if not self.balanced:
             return q0, v0
-        q, v = state(arm, q0, v0, scene.drive, scene.loads, float(scene.t[0]))
+        q, v = state(arm, q0, v0, scene.drive, scene.loads, float(scene.t[0]), scene.control)
         try:
             sag = _joints_released(scene, q) if self.free else _joints_held(scene, q, v)[0]
         except ValueError as e:

@@ -8,7 +8,8 @@ from typing import Any
 from .._console import complain
 from ..data.data import Data
 from ..identify.fit import FitError, FitInterrupted
-from ..identify.identify import identify
+from ..identify.identify import METHODS, identify
+from ..identify.loss import LOSSES
 from ..identify.unknown import Unknown
 from ..model.acting.drive import Motion
 from ..run.scene.scene import load
@@ -32,13 +33,19 @@ def arguments(p: argparse.ArgumentParser) -> None:
                    "for each (default: all names that both have)")  # fmt: skip
     p.add_argument("--input", metavar="DRIVE=COLUMN", action="append",
                    help="a joint and the measured torque that drives it, '1=torque_1'; '1=motion:angle_1' of a joint "
-                   "that moves as measured; repeat for each (default: the scene's drives)")  # fmt: skip
+                   "that moves as measured; 'control.0.reference=command' of a controller that is given it; repeat for "
+                   "each (default: the scene's drives and references)")  # fmt: skip
     p.add_argument("--noise", metavar="COLUMN=STD", action="append",
                    help="standard deviation of a column (SI); of others it is estimated")  # fmt: skip
     p.add_argument("--validate", metavar="DATA", action="append", default=[],
                    help="a run kept aside, which the fit is compared with; repeat for each")  # fmt: skip
     p.add_argument("--starts", metavar="N", type=int,
                    help="from how many starts to search (default: one, and 8 where that explains little)")  # fmt: skip
+    p.add_argument("--loss", choices=("linear", *LOSSES), default="linear",
+                   help="of residuals: others than linear are for data with outliers")  # fmt: skip
+    p.add_argument("--method", choices=METHODS, default="simulation",
+                   help="of the likelihood: a run from its start to its end, or that of a Kalman filter, for noisy "
+                   "torques (%(default)s)")  # fmt: skip
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", help="of columns whose heading tells none")
     folder = "folder to write into (%(default)s)"
     p.add_argument("-o", dest="folder", default="flexarm-identify", metavar="DIR", help=folder)
@@ -84,6 +91,8 @@ def _key(where: str, text: str) -> Any:
     head, *rest = map(options.link, text.split("."))
     if head == "patch" and len(rest) == 2 and isinstance(rest[1], int):
         return (head, *rest)
+    if head == "control":
+        return text
     if head not in ("patch", "") and (not rest or (len(rest) == 1 and isinstance(rest[0], int))):
         return (head, *rest) if rest else head
     raise ValueError(f"{where}: must begin with a link, such as '1=torque_1', or '1.0=...', 'patch.0.0=...'")
@@ -115,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         fit = identify(
             scene, runs, _parameters(args.parameter), inputs=inputs or None, outputs=outputs, noise=noise or None,
-            starts=args.starts, progress=True,
+            loss=args.loss, method=args.method, starts=args.starts, progress=True,
         )  # fmt: skip
     except FitError as e:
         complain(str(e))

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)
-    q, _ = state(scene.arm, scene.q0, None, scene.drive, scene.loads, float(scene.t[0]))
+    q, _ = state(scene.arm, scene.q0, None, scene.drive, scene.loads, float(scene.t[0]), scene.control)
     modes = scene.arm.modes(q=q, speed=speed, lock=lock)
     spin = ", ".join(f"{_joint(scene, k)} at {w:g}" for k, w in speed.items() if w) or "at rest"
     held = f", {', '.join(_joint(scene, k) for k in lock)} locked" if lock else ""

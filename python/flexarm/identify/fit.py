@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _APART = 1.5  # ratio of residuals to the given noise, above which a report names it
+_FAR = 4.0  # standard deviations, beyond which a report counts outliers
 
 
 class FitWarning(UserWarning):
@@ -66,8 +67,11 @@ class Fit:
         loose: groups of strongly correlated numbers (multiple correlations above 0.95), and how far they may change
             together until the root mean square of the residuals is 1 % larger: if residuals are not noise, the values
             are at least this uncertain.
+        method, loss: as given. After "filter" residuals are those of each reading as it is predicted from those before.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search converged, and why it ended.
+        derivatives: what the search and the intervals rest on, and why: ("exact", ""); or ("smoothed", why), those of
+            the loop whose sensors read without steps; or ("differences", why), of runs.
         starts: at each start, the root mean square of the residuals, in per cent of the columns' standard deviations
             (with given noise, in its units), and the same after the fit, or None if it was not fitted.
         stats: runs simulated, step (s) of the integrator, wall_time (s).
@@ -85,9 +89,12 @@ class Fit:
     whiteness: list[dict[str, Whiteness]]
     untold: list[Untold]
     loose: list[Loose]
+    method: str
+    loss: str
     at_bounds: list[str]
     converged: bool
     message: str
+    derivatives: tuple[str, str]
     starts: list[tuple[float, float | None]]
     stats: dict[str, Any]
     _comparison_with: Any = field(default=None)  #: (data, inputs) -> Comparison, of validate
@@ -153,8 +160,18 @@ class Fit:
     def notes(self) -> list[str]:
         """Notes on the values, a sentence each."""
         notes = []
+        if self.method == "filter":
+            notes.append("Residuals are those of each reading as it is predicted from those before.")
         if not self.converged:
             notes.append(f"The search did not come to its end: {self.message}")
+        way, why = self.derivatives
+        if way != "exact":
+            of = "differences of runs" if way == "differences" else "those of the same loop without these steps"
+            notes.append(f"{why}; the derivatives taken are {of}, the residuals those of the run as it is.")
+        for name in self.noise if self.loss != "linear" else ():
+            r = np.concatenate([c.simulated[name] - c.measured[name] for c in self.comparisons if name in c.nrmse])
+            out = int((np.abs(r) > _FAR * self.noise[name]).sum())
+            notes.append(f"{out} of {len(r)} readings of {name} are more than {_FAR:g} standard deviations off.")
         if len(self.starts) > 1:
             ends = sorted(x for _, x in self.starts if x is not None)
             said = ", ".join(f"{x:.4g}" for x in ends)
@@ -207,9 +224,12 @@ class Fit:
                      for c, run in zip(self.comparisons, self.whiteness, strict=True)],
             "untold": [dict(zip(x.names, x.changes, strict=True)) for x in self.untold],
             "loose": [{**dict(zip(x.names, x.changes, strict=True)), "correlation": x.correlation} for x in self.loose],
+            "method": self.method,
+            "loss": self.loss,
             "at_bounds": list(self.at_bounds),
             "converged": self.converged,
             "message": self.message,
+            "derivatives": list(self.derivatives),
             "starts": [list(x) for x in self.starts],
             "notes": self.notes(),
             "stats": dict(self.stats),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, at_least, instance, known_keys, number, positive, whole
+from .._check import Array, at_least, choice, instance, known_keys, number, positive, whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..data.compare import Comparison
@@ -22,25 +22,30 @@ from ..run.integrators import OPTIONS, integrator_of
 from ..run.scene.scene import Scene
 from ..run.sensing.sensor import Sensor
 from ..run.sensitivity import RunStopped
+from .filtered import Likelihood, filtered, predicted
 from .fit import Fit, FitError, FitInterrupted, FitWarning
-from .residuals import Residuals, scenarios
+from .loss import LOSSES, deviation
+from .residuals import Residuals, scenarios, smooth
 from .runs import Run, measured_run
 from .search import Found, Search
 from .statistics import coloured, covariance, loose, untold, whiteness
 from .unknown import Parameters, Sought, drawn, sought
 
+METHODS = ("simulation", "filter")
 _STARTS = 8  # if one is not enough
 _POOR = 0.5  # NRMSE of a poor fit
 
 
 def identify(
-    scene: Scene,
+    scene: Scene | Sequence[Scene],
     data: Data | Sequence[Data],
     parameters: Parameters,
     *,
     inputs: Any = None,
     outputs: Any = None,
     noise: Mapping[str, float] | None = None,
+    loss: str = "linear",
+    method: str = "simulation",
     starts: int | None = None,
     keep: int = 3,
     seed: int = 0,
@@ -52,8 +57,14 @@ def identify(
 ) -> Fit:
     """Fits unknown numbers of a scene to measured runs, by least squares of the outputs.
 
+    Derivatives are exact. Of a loop whose controller reads sensors in steps they are those of the same loop without
+    steps, and where a run has none at all (by the rate or delay of a controller) differences of runs; the report says
+    so. Such runs leap a little with every change of a number; the values are then means over 16 places about the end,
+    and the leaps widen the intervals.
+
     Args:
-        scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator.
+        scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator. Or one for each run,
+            which may differ in all numbers that are known, such as payloads; what is sought is the same in all of them.
         data: a measured run, or several. Times are those of the scene.
         parameters: the unknown numbers, by path as in `simulate_batch`, with the start of the search: a number, None
             (the scene's value) or an `Unknown`, which has bounds and prior knowledge. A list of paths starts at the
@@ -62,11 +73,22 @@ def identify(
             "sensor.0.filter.frequency", "q0.1", "v0.1", "gravity.2".
         inputs: measured signals that drive the arm, by key of a drive: a column of forces or voltages, straight between
             the samples; (fa.Motion, column) of a joint that moves as measured; a function of the data that gives a
-            Motion, Torque or Voltage. For several runs a list of such tables, or one for all. None: the scene's drives.
+            Motion, Torque or Voltage. Or commands as they were given, with the drive in the model:
+            "control.0.reference" of a controller, whose reference is then a column, (fa.Motion, column), which has a
+            rate too, a function of the data, or a list of these where it has several. For several runs a list of such
+            tables, or one for all. None: the scene's drives and references.
         outputs: the measured quantity of each column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its
             second component), the name of a column of `result.to_data()`, or a function of a Result that returns (nt,).
             None: all names in both. Sensors are read without noise and quantisation, at the times of the data.
         noise: standard deviation of columns, in SI. For others it is estimated from the residuals, until it settles.
+        loss: of residuals over their noise, as SciPy's `least_squares` names it: "linear", their squares; "soft_l1",
+            "huber" or "cauchy", for data with outliers, which then count less. The noise is that of the other readings.
+        method: "simulation": a run is computed from its start to its end, and all that it misses is noise of readings;
+            or "filter": from there on, the likelihood of a `KalmanFilter` that reads the data, whose forces are noisy,
+            too: it also finds their noise, "force_noise.JOINT" (N m/sqrt(Hz); N/sqrt(Hz)), that of readings, and, on
+            joints that nothing drives, the drift of an unknown torque, "force_drift.JOINT" (N m/sqrt(s); N/sqrt(s)).
+            For measured torques that are not exact, disturbances, and joints of which the motion alone was measured.
+            Outputs are sensors that the filter takes, and controllers do not sample.
         starts: number of starts; all but the first are drawn within the bounds, or within a factor of 3 of the first.
             They are simulated as one batch, and the best `keep` of them are fitted. None: one, or 8 if one fails or
             leaves more than a tenth of a column's deviation that is no white noise. seed: of the draw.
@@ -93,13 +115,16 @@ def identify(
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
-    instance("scene", scene, Scene, "an fa.Scene, such as fa.load(...) gives")
     task = _task(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
+    robust = LOSSES.get(choice("loss", loss, ("linear", *LOSSES)))
+    choice("method", method, METHODS)
+    if robust and method == "filter":
+        raise ValueError(f"loss = {loss!r}: is of residuals, which method = 'filter' does not have; leave one out")
     at_least("starts", 1 if starts is None else starts, 1)
     at_least("keep", keep, 1)
     at_least("max_iterations", max_iterations, 1)
     of = task.residuals
-    search = Search(of, task.noise, max_iterations)
+    search = Search(of, task.noise, max_iterations, robust)
     count = sum(run.measured.size for run in of.runs) + len(of.priors(np.zeros(len(of.sought)))[0])
     if count < len(of.sought):
         raise ValueError(f"parameters: {len(of.sought)} numbers are sought, and there are {count} readings")
@@ -111,6 +136,7 @@ def identify(
         try:
             found = search(points, keep, alone=starts is None)
             missed = task.refined(found, search)
+            leaps = search.averaged(found) if of.rough else None
         except RunStopped as e:
             if of.refused:
                 raise ValueError(of.why.removeprefix("parameters of scenario 0: ")) from None
@@ -125,12 +151,16 @@ def identify(
             raise FitInterrupted(f"interrupted after {of.count} runs; .fit is the best so far", fit) from None
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
-            fit = task.fit(found, points[: len(found.tried) or 1], began)
+            fit = task.fit(found, points[: len(found.tried) or 1], began, leaps)
+            try:
+                fit = task.filtered(fit, found, max_iterations, began) if method == "filter" else fit
+            except KeyboardInterrupt:
+                raise FitInterrupted("interrupted in the filter; .fit is that by simulation", fit) from None
         hints = task.sign_hints(points[0])
     poor = [
         f"column '{name}': the residual is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
         + (hints.get(name) or "or this is a local minimum; try more starts")
-        for name, x in fit.nrmse.items()
+        for name, x in (_without_outliers(fit) if robust else fit.nrmse).items()
         if x > _POOR
     ]
     own = [w for w in heard if issubclass(w.category, RunWarning)]
@@ -198,9 +228,13 @@ class Task:
     def _step_effect(self, found: Found) -> tuple[float, str]:
         """The largest change of a value by half the step, in standard deviations, and the name of that value."""
         p = self.residuals
-        J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
-        halved = Residuals(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
-        finer = halved.weighted(found.inner, found.sigma)
+        J = p.jacobian(found.inner, found.sigma)
+        here = p
+        if p.way == "smoothed":  # leaps are no error of the integrator
+            here = Residuals([replace(run, setup=smooth(run.setup)) for run in p.runs], p.sought, p.options, p.workers)
+        halved = Residuals(here.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
+        here.loss = halved.loss = p.loss
+        r, finer = (x.weighted(found.inner, found.sigma) for x in (here, halved))
         p.count += halved.count
         if not np.isfinite(finer).all():
             return 0.0, ""
@@ -214,11 +248,12 @@ class Task:
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
-    def fit(self, found: Found, points: Array, began: float) -> Fit:
-        """The fit with the uncertainty of its values."""
+    def fit(self, found: Found, points: Array, began: float, leaps: Array | None = None) -> Fit:
+        """The fit with the uncertainty of its values, to which leaps of runs add a covariance."""
         from scipy.stats import t as student  # slow to import
 
         p, inner = self.residuals, found.inner
+        loss, p.loss = p.loss, None  # the derivatives are those of the residuals
         residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
         assert residuals is not None
         try:
@@ -231,10 +266,17 @@ class Task:
         for run, y in zip(p.runs, residuals, strict=True):
             tests.append({})
             for name, r in zip(run.outputs, y, strict=True):
-                test = tests[-1][name] = whiteness(r)
-                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
+                rows = slice(row, row + len(r))
                 row += len(r)
-        C = covariance(J, blocks)
+                told = r if loss is None else loss.pull(r / found.sigma[name])
+                test = tests[-1][name] = whiteness(told)
+                rho = None if test.white else coloured(told)
+                if loss is not None:  # of an M-estimator: Huber 1981, 6.5
+                    bend, square = loss.spread(r / found.sigma[name])
+                    J[rows] *= np.sqrt(bend)
+                    rho = (np.eye(1, len(r))[0] if rho is None else rho) * square / bend
+                blocks.append((rows, rho))
+        C = covariance(J, blocks) + (0.0 if leaps is None else leaps)
         std = np.sqrt(np.diag(C))
         free = max(1, row - len(inner))
         reach = float(student.ppf(0.975, free)) if len(self.noise) < len(found.sigma) else 1.959964
@@ -266,13 +308,75 @@ class Task:
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
             loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
+            method="simulation",
+            loss="linear" if loss is None else loss.name,
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,
+            derivatives=(p.way, p.rough),
             starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
             _comparison_with=partial(again._validated, inner),
         )  # fmt: skip
+
+    def filtered(self, fit: Fit, found: Found, most: int, began: float) -> Fit:
+        """The fit continued by the likelihood of a filter."""
+        p, n = self.residuals, len(found.inner)
+        of = Likelihood(p, found.inner, found.sigma, self.noise)
+        try:
+            converged, message = of.search(most)
+            J = of.rows(of.point)[1]
+        except RunStopped as e:
+            raise FitError(f"the filter fails: {e}", fit.values) from None
+        runs = [of.compared(k) for k in range(len(p.runs))]
+        tests: list[dict[str, Any]] = []
+        blocks: list[tuple[slice, Array | None]] = []
+        row = 0
+        for k, run in enumerate(p.runs):
+            tests.append({})
+            innovations, deviations = of.filtered(of.point, k)
+            for name, r in zip(run.outputs, (innovations / deviations).T, strict=True):
+                test = tests[-1][name] = whiteness(r)
+                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
+                row += len(r)
+        C = covariance(J, blocks)
+        std, values = np.sqrt(np.diag(C)), of.values(of.point)
+        slopes = [x.slope(float(u)) for x, u in zip(of.sought, of.point, strict=True)]
+        names = [x.name for x in of.sought]
+        with np.errstate(invalid="ignore"):
+            correlation = C / np.outer(std, std)
+        each = dict(zip(names, values.tolist(), strict=True))
+        scene = self._scene(of.point[:n], *scenarios(p.runs[0], p.parameters(0, of.point[None, :n]))[0][1:])
+        return replace(
+            fit, scene=scene, values=each,
+            intervals={x.name: _interval(x, float(u), 1.959964 * float(s))
+                       for x, u, s in zip(of.sought, of.point, std, strict=True)},
+            std=dict(zip(names, (std * np.abs(slopes)).tolist(), strict=True)), correlation=correlation,
+            start={x.name: float(x.of.start or 0.0) for x in of.sought},
+            noise={k: each.get(f"noise.{k}", x) for k, x in found.sigma.items()}, comparisons=runs, whiteness=tests,
+            untold=[], loose=[], converged=converged, message=message, method="filter",
+            at_bounds=[x.name for x, v in zip(of.sought, values, strict=True) if _at_bound(x, float(v))],
+            derivatives=("exact", ""),
+            stats={**fit.stats, "runs": p.count, "wall_time": time.perf_counter() - began},
+            _comparison_with=partial(self._predicted, each),
+        )  # fmt: skip
+
+    def _predicted(self, values: Mapping[str, float], data: Any, inputs: Any) -> Comparison:
+        """Another run, each reading predicted from those before."""
+        own = [x.path for x in self.residuals.sought if _own(x)]
+        if own:
+            raise ValueError(f"validate: the run's own '{own[0]}' is not known; fit it to this run")
+        run = self._other(data, inputs)
+        fixed = {x.path: np.array([values[x.name]]) for x in self.residuals.sought}
+        setup, q, v = scenarios(run, fixed)[0]
+        return predicted(run, filtered(run, setup, q, v, values, self.noise, self.residuals.options.get("step"))[0])
+
+    def _other(self, data: Any, inputs: Any) -> Run:
+        """A run that was not used in the fit."""
+        if inputs is None:
+            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
+        paths = [x.path for x in self.residuals.sought]
+        return measured_run(self.scene, data, inputs, self.outputs, "data", paths)
 
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
         """The scene with the fitted values of its first run."""
@@ -289,10 +393,7 @@ class Task:
         )  # fmt: skip
 
     def _validated(self, inner: Array, data: Any, inputs: Any) -> Comparison:
-        p = self.residuals
-        if inputs is None:
-            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = measured_run(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
+        p, run = self.residuals, self._other(data, inputs)
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
         run.setup, run.q0, run.v0 = scenarios(run, fixed)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
@@ -314,22 +415,25 @@ class Task:
 
 
 def _task(
-    scene: Scene, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
+    scene: Any, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
     workers: Any,
 ) -> Task:  # fmt: skip
     """The request of `identify`, checked."""
+    scenes = list(scene) if isinstance(scene, (list, tuple)) else [scene]
+    for one in scenes or [None]:
+        instance("scene", one, Scene, "an fa.Scene, such as fa.load(...) gives")
     if not isinstance(parameters, (str, Mapping, list, tuple, set)):
         raise ValueError(f"parameters = {parameters!r}: must be paths, or a dictionary by paths")
     paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
-    runs = _runs(scene, data, inputs, outputs, paths)
+    runs = _runs(scenes, data, inputs, outputs, paths)
     known_keys("noise", noise or {}, [name for run in runs for name in run.outputs])
     noise = {name: positive(f"noise['{name}']", x) for name, x in (noise or {}).items()}
     unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
     _check_states(runs, unknown)
-    options, auto = _options(scene, runs, integrator, step)
+    options, auto = _options(scenes[0], runs, integrator, step)
     residuals = Residuals(runs, unknown, options, default_workers(workers))
     _finer(residuals)
-    return Task(scene, residuals, noise, inputs, outputs, auto)
+    return Task(scenes[0], residuals, noise, inputs, outputs, auto)
 
 
 def _own(x: Sought) -> bool:
@@ -337,7 +441,7 @@ def _own(x: Sought) -> bool:
     return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
 
 
-def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
+def _runs(scenes: list[Scene], data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
     """The measured runs."""
     several = isinstance(data, (list, tuple))
     all_data = list(data) if several else [data]
@@ -346,9 +450,11 @@ def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) 
     all_inputs = inputs if isinstance(inputs, (list, tuple)) else [inputs] * len(all_data)
     if len(all_inputs) != len(all_data):
         raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
+    if len(scenes) not in (1, len(all_data)):
+        raise ValueError(f"scene: are {len(scenes)} scenes, for {len(all_data)} runs")
     named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    rows = zip(all_data, all_inputs, named, strict=True)
-    return [measured_run(scene, d, i, outputs, name, paths) for d, i, name in rows]
+    rows = zip(scenes * (len(all_data) // len(scenes)), all_data, all_inputs, named, strict=True)
+    return [measured_run(scene, d, i, outputs, name, paths) for scene, d, i, name in rows]
 
 
 def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
@@ -389,6 +495,12 @@ def _finer(residuals: Residuals) -> None:
         sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in residuals.sought)
         fine = bool(step) and (bool(looks) or sought_too)
         run.every = int(np.clip(round(run.data.step / step), 1, _ROWS)) if fine and step else 1
+
+
+def _without_outliers(fit: Fit) -> dict[str, float]:
+    """By column, the noise over the deviation of the data, both by medians."""
+    data = {name: np.concatenate([c.measured[name] for c in fit.comparisons if name in c.nrmse]) for name in fit.noise}
+    return {name: fit.noise[name] / (deviation(y - np.median(y)) or np.inf) for name, y in data.items()}
 
 
 def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from ..data.compare import Comparison
 from ..data.data import Data, constant
 from ..data.signal import DataWarning
 from ..data.units import unit
+from ..model.acting.control import Controller
 from ..model.acting.drive import Motion, Torque, Voltage, is_patch, is_strut
 from ..run import outputs as run_outputs
 from ..run.result import Result
@@ -132,10 +133,51 @@ def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[A
         raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
     found = dict(scene.drive)
     for key, signal in (inputs or {}).items():
+        if _of_control(key):
+            continue
         place = _place(scene.arm, f"inputs[{key!r}]", key)
         same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 means the last link
         found[same[0] if same else key] = _law(scene.arm, data, key, signal)
     return found
+
+
+def controllers(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> tuple[Controller, ...]:
+    """The scene's controllers, with the commands of the data as their references where given."""
+    found = list(scene.control)
+    for key, signal in (inputs or {}).items():
+        if not _of_control(key):
+            continue
+        where, names = f"inputs[{key!r}]", [f"control.{k}.{name}" for k, c in enumerate(found) for name in _commands(c)]
+        _, k, name = choice(where, key, names).split(".")
+        controller = found[int(k)]
+        try:
+            given = {**controller._arguments(), name: _command(where, data, signal)}
+            if np.all(given.get("limit") == np.inf):  # none, as it is kept
+                given["limit"] = None
+            found[int(k)] = type(controller)(**given)
+        except ValueError as e:
+            raise ValueError(str(e) if str(e).startswith(where) else f"{where}: {e}") from None
+    return tuple(found)
+
+
+def _of_control(key: Any) -> bool:
+    return isinstance(key, str) and key.startswith("control.")
+
+
+def _commands(controller: Controller) -> list[str]:
+    """Arguments of a controller that a column may give."""
+    return [name for name in ("reference", "reference_rate") if name in controller._arguments()]
+
+
+def _command(where: str, data: Data, signal: Any) -> Any:
+    """A reference: samples of a column, a Motion of it, or what a function of the data gives; or a list of these."""
+    if isinstance(signal, (tuple, list)) and len(signal) == 2 and signal[0] is Motion:
+        return Motion(data.t, data[choice(where, signal[1], data)])
+    if isinstance(signal, (tuple, list)):
+        return [_command(f"{where}[{k}]", data, x) for k, x in enumerate(signal)]
+    if callable(signal):
+        return signal(data)
+    return data.t, data[choice(where, signal, data)]
 
 
 def _place(arm: Arm, where: str, key: Any) -> Any:
@@ -184,8 +226,12 @@ def _law(arm: Arm, data: Data, key: Any, signal: Any) -> Any:
 
 def used_inputs(inputs: Mapping[Any, Any] | None) -> set[str]:
     """Names of the columns that drive the arm."""
-    given = [x[1] if isinstance(x, (tuple, list)) and len(x) == 2 else x for x in (inputs or {}).values()]
-    return {x for x in given if isinstance(x, str)}
+    found: set[str] = set()
+    for x in (inputs or {}).values():
+        parts = x if isinstance(x, (tuple, list)) else [x]
+        found |= {y for part in parts for y in (part if isinstance(part, (tuple, list)) else [part])
+                  if isinstance(y, str)}  # fmt: skip
+    return found
 
 
 # -- outputs -----------------------------------------------------------------------------------------------------------
@@ -306,8 +352,9 @@ def measured_run(
         raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
     scene.check_goes_on("a fit")
     sensors, found = readers(scene, data, asked, inputs)
-    setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
-    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))
+    given = drives(scene, data, inputs), tuple(scene.loads), controllers(scene, data, inputs)
+    setup = Setup(scene.arm, *given, sensors)
+    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]), setup.control)
     balance = scene.q0 if isinstance(scene.q0, str) else None
     check_one_start(balance, paths)
     warn_of_one_balance(scene.arm, scene.q0, setup.drive, setup.loads, float(data.t[0]), paths)

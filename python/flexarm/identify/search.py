@@ -12,6 +12,7 @@ import numpy as np
 from .._check import Array
 from .._console import seconds
 from ..run.sensitivity import RunStopped
+from .loss import Loss, deviation
 from .residuals import Residuals
 from .runs import scales
 from .statistics import pseudo_inverse, upper, whiteness
@@ -30,6 +31,7 @@ _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
+_ABOUT = 16  # points about the end, of runs that leap
 _LEAST = 1e-9  # of a column's first weight: smaller noise counts as rounding
 
 
@@ -119,13 +121,17 @@ class Search:
 
     Args:
         residuals: of the runs. noise: of columns, where it is given. most: iterations of one least squares.
+        loss: once the weights are those of the residual noise; None: squares.
 
     Attributes:
         first: the first weight of each column. best: the best point so far, or None.
     """
 
-    def __init__(self, residuals: Residuals, noise: Mapping[str, float], most: int) -> None:
+    def __init__(
+        self, residuals: Residuals, noise: Mapping[str, float], most: int, loss: Loss | None = None
+    ) -> None:  # fmt: skip
         self.residuals, self.noise, self.most, self.first = residuals, noise, most, scales(residuals.runs, noise)
+        self.loss = loss
         self.best: Array | None = None
         self._show: Callable[[int, str], None] | None = None
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, 0, time.monotonic()
@@ -177,6 +183,7 @@ class Search:
     def _from(self, starts: Array, keep: int, first: Found | None = None) -> Found:
         """The best point from these starts, with the first weights; then with weights from the residual noise. `first`:
         the end of the first start, if it is known."""
+        self.residuals.loss = None
         tried = [np.inf] * len(starts)
         if len(starts) > 1:
             for i, rows in enumerate(self.residuals.many(starts)):
@@ -216,8 +223,7 @@ class Search:
         from scipy.optimize import least_squares  # slow to import
 
         residuals, most, first = self.residuals, most or self.most, self._iterations
-        low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in residuals.sought])
-        high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in residuals.sought])
+        low, high = np.array([x.bounds for x in residuals.sought]).T
         n = len(inner)
         hold = np.zeros((n, n))
         at = _Point(inner)
@@ -274,6 +280,7 @@ class Search:
     def weighed(self, found: Found) -> Found:
         """Continues from a point with weights from the residual noise, until that settles."""
         first, sigma = dict(found.sigma), self.estimated(found.inner, found.sigma)
+        self.residuals.loss = self.loss
         for _ in range(_ROUNDS):
             self._cost = np.inf  # costs change with the weights
             done = self._fitted(found.inner, sigma)
@@ -283,6 +290,30 @@ class Search:
                 break
         found.sigma, found.message, found.converged = sigma, done.message, done.converged
         return found
+
+    def averaged(self, found: Found) -> Array:
+        """Moves a point to the mean of those to which single steps lead from points about it. Returns the covariance
+        (n, n) of the mean's distance from where one more leads. For runs that leap a little with every change of a
+        number, as quantised loops do: the leaps of a point are chance, and those of the rig are one more of them."""
+        residuals, n = self.residuals, len(found.inner)
+        low, high = np.array([x.bounds for x in residuals.sought]).T
+        rng, spread = np.random.default_rng(0), np.zeros((n, n))
+        for _ in range(2):
+            J = residuals.jacobian(found.inner, found.sigma)
+            A = pseudo_inverse(J)
+            std = np.sqrt(A.diagonal())
+            told = np.isfinite(std)
+            A = np.where(np.outer(told, told), A, 0.0)
+            about = np.clip(rng.normal(size=(_ABOUT, n)), -1, 1) * np.where(told, std, 0.0)
+            points = np.clip(found.inner + about, low, high)
+            ends = [u - A @ (J.T @ residuals.weighted(u, found.sigma, rows))
+                    for u, rows in zip(points, residuals.many(points), strict=True) if rows is not None]  # fmt: skip
+            if len(ends) < _ABOUT // 2:
+                break
+            found.inner = np.clip(np.mean(ends, axis=0), low, high)
+            spread = np.atleast_2d(np.cov(np.array(ends).T)) * (1 + 1 / len(ends))
+        found.sigma = self.estimated(found.inner, found.sigma)
+        return spread
 
     # -- noise ---------------------------------------------------------------------------------------------------------
 
@@ -297,7 +328,8 @@ class Search:
         for name in first.keys() - self.noise.keys():
             having = [(run, y) for run, y in zip(self.residuals.runs, found, strict=True) if name in run.outputs]
             r = np.concatenate([y[list(run.outputs).index(name)] for run, y in having])
-            out[name] = max(float(np.sqrt(np.mean(r**2) / free)), _LEAST * first[name])
+            size = deviation(r) if self.loss else _rms(r)
+            out[name] = max(size / float(np.sqrt(free)), _LEAST * first[name])
         return out
 
     def _explains(self, inner: Array) -> bool:
@@ -306,6 +338,8 @@ class Search:
         assert found is not None
         rows = [(r, x) for run, y in zip(self.residuals.runs, found, strict=True)
                 for r, x in zip(y, run.measured, strict=True)]  # fmt: skip
+        if self.loss:
+            return all(deviation(r) < _LEFT * deviation(x - np.median(x)) or whiteness(r).white for r, x in rows)
         return all(_rms(r) < _LEFT * x.std() or whiteness(r).white for r, x in rows)
 
     def _minus_log_likelihood(self, found: Found) -> float:

@@ -88,6 +88,12 @@ class Sought(NamedTuple):
             return float(np.log(value)) if value > 0 else -np.inf
         return value / self.scale
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Of the inner value."""
+        low, high = self.of.low, self.of.high
+        return self.inner(low) if np.isfinite(low) else -np.inf, self.inner(high) if np.isfinite(high) else np.inf
+
     def value(self, inner: float) -> float:
         return float(np.exp(inner)) if self.log else inner * self.scale
 

@@ -123,7 +123,7 @@ def check_paths(parameters: Sequence[str], least: int = 0) -> None:
 def start_of(setup: Setup, t: float, q0: Array | str | None, v0: Array | None, tau: Array | None) -> dict[str, Array]:
     """q0 and v0 in numbers, at time t (s)."""
     arm = setup.arm
-    q = start(arm, q0, setup.drive, setup.loads, t, tau)
+    q = start(arm, q0, setup.drive, setup.loads, t, tau, setup.control)
     return {"q0": q, "v0": np.zeros(arm.nv) if v0 is None else v0}
 
 

@@ -19,6 +19,7 @@ from ..model.acting.acts import Acts
 from ..model.acting.control import PD, Controller
 from ..model.acting.load import driven_forces
 from ..model.parts.labels import joint_rates
+from .held import held
 from .result import Result
 from .start import start
 from .steps import missed
@@ -41,9 +42,14 @@ class Problem(Acts):
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
                  events: Any, remembered: dict[int, _core.Remembered] | None = None) -> None:  # fmt: skip
         times = _output_times(t)
-        q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
+        acting = control
+        if isinstance(q0, str) and q0 == "held":
+            q, setup = held(arm, drive, loads, control, float(times[0]), tau)
+            acting = setup.control
+        else:
+            q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
-        super().__init__(arm, times, drive, loads, control, remembered)
+        super().__init__(arm, times, drive, loads, acting, remembered)
         self._start_motions({"q0": q, "v0": v0})
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
         found = read_events(events)

@@ -146,7 +146,9 @@ def simulate(
         q0: initial coordinates (nq,), or those of joints as `arm.pose` takes them, {"elbow": 0.3}; `arm.zero` if None.
             Prescribed joints start where their motion does; a different q0 is an error. Or "equilibrium": at rest in
             balance with gravity, springs, and the loads, torques and voltages that act at the start, joints with a
-            motion where it starts; or "trim": the other joints held at zero too, only the beams sag.
+            motion where it starts; or "trim": the other joints held at zero too, only the beams sag; or "held": at
+            rest as the controllers hold it, whose references have always been what they are at the start: integrals
+            and delays have what holds the arm.
         v0: initial rates (nv,), likewise; zero if None.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,

@@ -12,24 +12,30 @@ from .._check import Array, array, choice, outside
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
 from ..arm.variation import OF_ARM
-from ..model.acting.drive import Motion, is_patch, is_strut, split_drives, voltage_forces
+from ..model.acting.drive import Motion, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time, pushes
+from .held import acting as acting
+from .held import held
 
-WORDS = ("equilibrium", "trim")
+WORDS = ("equilibrium", "trim", "held")
 NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
 
 
 def start(
-    arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, tau: Any = None
-) -> Array:
-    """q (nq,) of a q0: numbers, joints by name, or where the arm is in balance at time t (s); zero if None.
+    arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, tau: Any = None,
+    control: Any = None,
+) -> Array:  # fmt: skip
+    """q (nq,) of a q0: numbers, joints by name, or where the arm is in balance at time t (s), "held" by `control`; zero
+    if None.
 
     Raises:
         ValueError: bad numbers or names, or no balance was found.
     """
     if not isinstance(q0, str):
         return arm._place("q0", q0)
-    word, loads = choice("q0", q0, WORDS), (*(loads or ()), *pushes(arm, drive))
+    if choice("q0", q0, WORDS) == "held":
+        return held(arm, drive, loads, control, t, tau).q
+    word, loads = q0, (*(loads or ()), *pushes(arm, drive))
     moved = {key: float(law(t)[0]) for key, law in (drive or {}).items() if isinstance(law, Motion)}
     pose = arm.pose(moved)
     forces, volts = acting(arm, drive or {}, t)
@@ -40,10 +46,12 @@ def start(
 
 
 def state(
-    arm: Arm, q0: Any, v0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float
-) -> tuple[Array, Array]:
+    arm: Arm, q0: Any, v0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float,
+    control: Any = None,
+) -> tuple[Array, Array]:  # fmt: skip
     """q (nq,) and v (nv,) at time t (s); joints whose motion is prescribed are where that is."""
-    q, v = np.array(start(arm, q0, drive, loads, t)), np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
+    q = np.array(start(arm, q0, drive, loads, t, None, control))
+    v = np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
     for i, law in arm.by_rate("drive", split_drives(arm, drive)[0]).items():
         if isinstance(law, Motion):
             q[arm.coordinate_of(i)], v[i] = law(t)[:2]
@@ -95,13 +103,3 @@ def warn_of_one_balance(
             stacklevel=outside(),
         )
 
-
-def acting(arm: Arm, drive: Mapping[Any, Any], t: float) -> tuple[Array, dict[Any, float]]:
-    """Forces of the joints' drives (nv,) and voltages of the patches, by (link, patch), at time t (s)."""
-    tau, volts = np.zeros(arm.nv), {}
-    for key, law in drive.items():
-        if is_patch(key):
-            volts[arm._link(key[1], "drive: link"), key[2]] = float(law(t))
-        elif not isinstance(law, Motion) and not is_strut(arm, key):
-            tau[arm.joint_rate(key, "drive: link")] += float(law(t))
-    return tau, volts

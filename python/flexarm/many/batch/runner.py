@@ -15,6 +15,7 @@ from ... import _core
 from ..._check import Array, at_least
 from ..._threads import later
 from ...arm.variation import Setup
+from ...run.held import held
 from .arguments import check_balls
 from .executor import gather
 from .job import ENDED, FAILED, Job, renamed
@@ -45,8 +46,11 @@ def run_steps(
     if q0 is not None:
         check_balls(one, q0)
     integrator = job.stepping
+    acting = setups
+    if job.balance == "held":
+        acting = [held(s.arm, s.drive, s.loads, s.control, float(job.t[0])).setup for s in setups]
     apart = not all(_core.in_kernels(integrator.name, arm._core) for arm in arms)
-    problems = problems_of(setups, len(indices), job.t, job.options.get("events"), indices, apart)
+    problems = problems_of(acting, len(indices), job.t, job.options.get("events"), indices, apart)
     prescribed = problems[0].prescribed
     for i in prescribed:
         for name, given, at in (("q0", q0, one.coordinate_of(i)), ("v0", v0, i)):

@@ -88,7 +88,7 @@ def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
     for i in range(count):
         s = variation.scenario(i)
         try:
-            found.append(start(s.arm, word, s.drive, s.loads, t))
+            found.append(start(s.arm, word, s.drive, s.loads, t, None, s.control))
         except ValueError as e:
             raise ValueError(f"q0 = {word!r}, scenario {i}: {e}") from None
     return np.array(found)
@@ -133,7 +133,8 @@ def simulate_batch(
 
     Args:
         arm, t, drive, loads, control: as of `simulate`.
-        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,). A q0 of "equilibrium" or "trim" is the balance of each scenario.
+        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,). A q0 of "equilibrium", "trim" or "held" is the balance of each
+            scenario.
         tau: generalised forces (N, N m), (B, nt, nv) or (nt, nv), held from t[k] to t[k + 1]; the last row acts on
             nothing. An axis of length 1 stands for all scenarios or times.
         parameters: values (B, ...), by their paths in a scene: "link.0.tip.mass", "link.1.beam.length",

@@ -108,6 +108,10 @@ class Controller:
     def check_smooth(self, arm: Chain, name: str) -> None:
         """Raises ValueError, with `name`, if its forces jump with its measurements."""
 
+    def _smooth(self) -> Controller:
+        """It, with sensors that do not read in steps."""
+        return self
+
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 

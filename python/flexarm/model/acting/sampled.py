@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import sys
 from collections.abc import Callable, Sequence
 from functools import reduce
@@ -160,6 +161,11 @@ class Sampled(Controller):
                     f"{name}.measure[{k}]: {sensor.type} reads in steps of {steps.max():.3g}, through which a run has "
                     "no derivatives: give it none (resolution or pulses = None)"
                 )
+
+    def _smooth(self) -> Sampled:
+        made = copy.copy(self)
+        made.measure = self.measure and [e._smooth() if hasattr(e, "sampler") else e for e in self.measure]
+        return made
 
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
         """The function (t, q, v, a) -> y of one run; samplers with filters are added to `opened`."""

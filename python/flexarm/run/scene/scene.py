@@ -56,7 +56,7 @@ class Scene:
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero; q0 as `simulate` takes it: numbers, joints by name, or
-            "equilibrium" or "trim", for each model of the arm; `start()` returns numbers.
+            "equilibrium", "trim" or "held", for each model of the arm; `start()` returns numbers.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
             step, spectral_radius, stages.
         name: the scene's title.
@@ -97,7 +97,7 @@ class Scene:
 
     def start(self) -> Array:
         """Coordinates at the start, (nq,)."""
-        return start(self.arm, self.q0, self.drive, self.loads, float(self.t[0]))
+        return start(self.arm, self.q0, self.drive, self.loads, float(self.t[0]), None, self.control)
 
     def __repr__(self) -> str:
         return f"Scene({self.name!r}, {_links(self.arm.names)}, {self.arm.nv} coordinates, {self._times()})"

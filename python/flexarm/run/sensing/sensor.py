@@ -11,7 +11,7 @@ import warnings
 import zlib
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -89,6 +89,11 @@ class Sensor(Part):
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
         not_negative("seed", self.seed)
+
+    def _smooth(self) -> Sensor:
+        """It, whose readings have no steps."""
+        steps: dict[str, Any] = {name: None for name in ("resolution", "pulses") if hasattr(self, name)}
+        return replace(self, **steps)
 
     # -- defined by each kind of sensor --------------------------------------------------------------------------------
 
