@@ -361,7 +361,7 @@ def draw_press(path: Path, drawn: dict[str, Array]) -> None:
         ax.plot(drawn["default t"], drawn["default forces"][:, k], color=colour, lw=0.9,
                 label=f"{labels[k]}, flexarm")  # fmt: skip
     ax.axhline(PRESSER.force, color=GREY, lw=0.7, ls="--")
-    ax.set(xlabel="time (s)", ylabel="N", title="(b) approach, impact, 20 N; from 1 s on it slides", xlim=(0, 2.5),
+    ax.set(xlabel="time (s)", ylabel="N", title="(b) approach, impact, 20 N; from 1.1 s on it slides", xlim=(0, 2.5),
            ylim=(-10, 40))  # fmt: skip
     ax.legend(frameon=False, fontsize=8.5, loc="upper right", ncols=2)
     ax = axes[1, 0]

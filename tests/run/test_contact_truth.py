@@ -115,12 +115,12 @@ def test_a_stiff_ground_at_steps_of_a_millisecond(stiffness: float) -> None:
 
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e8])
-def test_steps_too_long_for_an_impact_bring_no_energy(stiffness: float, step: float) -> None:
+def test_steps_too_long_for_an_impact_keep_energy(stiffness: float, step: float) -> None:
     """Undamped, and steps up to some hundred times as long as the contact."""
     t = np.arange(0, 10.0, step)
     run = fa.simulate(ball({"stiffness": stiffness}), t, [0.25], integrator="implicit", step=step)
     energy = np.asarray(sum(run.energy())) - 0.5 * G * 0.05
-    assert (run.q[:, 0] > 0.05).any() and energy.max() < 1.001 * energy[0]
+    assert run.contact("ground").touching.any() and np.ptp(energy) < 1e-6 * energy[0]
 
 
 # -- stick and slide ---------------------------------------------------------------------------------------------------
