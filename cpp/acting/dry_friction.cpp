@@ -26,7 +26,7 @@ void refuse_friction(const Arm& arm, const char* method) {
   }
 }
 
-void refuse_sticking(const Arm& arm, const std::string& what) {
+void refuse_contact_friction(const Arm& arm, const std::string& what) {
   for (std::size_t k = 0; k < arm.contacts().size(); ++k)
     if (const double mu = arm.contacts()[k].coulomb; mu > 0.0)
       bad_value("contacts[" + std::to_string(k) + "].coulomb", mu,

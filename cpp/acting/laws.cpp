@@ -201,7 +201,7 @@ LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
 
 LinearLaw servo(const Arm& arm, int i, const ServoGains& gains, double period, const Commands& commands, double first) {
   const int q = coordinate(arm, i);
-  if (!(gains.resolution >= 0.0)) bad_value("resolution", gains.resolution, "must be zero or positive");
+  non_negative("resolution", gains.resolution);
   const auto [s, start] = servo_law(gains, period);
   Eigen::MatrixXd by_q = Eigen::MatrixXd::Zero(4, arm.nq());
   by_q(0, q) = by_q(1, q) = 1.0;

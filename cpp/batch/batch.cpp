@@ -218,7 +218,8 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   };
   for (const auto& x : p.problems) {
     x->check();
-    if (x->arm->nq() != one.arm->nq() || x->arm->nv() != one.arm->nv())
+    if (x->arm->nq() != one.arm->nq() || x->arm->nv() != one.arm->nv() ||
+        x->arm->contacts().size() != one.arm->contacts().size())
       bad_value("problems", "an arm", "must have the sizes of the first");
     if (x->loads.size() != one.loads.size() || x->feedback.size() != one.feedback.size() ||
         x->samplers.size() != one.samplers.size() || x->events.size() != one.events.size() || moves(*x) != moves(one))

@@ -54,7 +54,7 @@ class Places {
     applied = s_.tau;
     for (const Rub& r : rubs_) {
       const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
-      const int is = contact(e, r.rate);
+      const int is = way(e, r.rate);
       const double v = s_.v[r.rate], way = given ? (v > 0.0) - (v < 0.0) : is == Tape::held ? 0.0 : (is > 0) - (is < 0);
       needed[r.rate] += (std::abs(is) < Tape::held ? r.coulomb : r.stiction) * way;
     }
@@ -106,7 +106,7 @@ class Places {
     return out;
   }
   /// Whether the equation of a rate does not count at a place: it is given, or held.
-  bool fixed(Index e, Index i) const { return given(i) || std::abs(contact(e, i)) >= Tape::held; }
+  bool fixed(Index e, Index i) const { return given(i) || std::abs(way(e, i)) >= Tape::held; }
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
 
   /// Moves the workspace to place e.
@@ -143,7 +143,7 @@ class Places {
     const MatrixXd E = rate_matrix(e);  // whose columns are at right angles
     return E.colwise().squaredNorm().cwiseInverse().asDiagonal() * E.transpose();
   }
-  int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
+  int way(Index e, Index i) const { return tape_.way[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;
   const VectorXd tau_;
@@ -173,8 +173,7 @@ inline std::vector<Index> shared_places(const Tape& tape) {
     const double t = tape.t[static_cast<std::size_t>(e)], other = tape.t[static_cast<std::size_t>(f)];
     if (std::abs(t - other) > kSameTime * std::max(1.0, std::abs(t)) || tape.held_at(e) != tape.held_at(f))
       return false;
-    if (!same(tape.q, e, f) || !same(tape.v, e, f) || !same(tape.contact, e, f) || !same(tape.sides, e, f))
-      return false;
+    if (!same(tape.q, e, f) || !same(tape.v, e, f) || !same(tape.way, e, f) || !same(tape.sides, e, f)) return false;
     const Index n = static_cast<Index>(tape.a.size()) / count;
     const Eigen::Map<const VectorXd> a(tape.a.data() + e * n, n), b(tape.a.data() + f * n, n);
     return (a - b).lpNorm<Eigen::Infinity>() <= kSame * a.lpNorm<Eigen::Infinity>();

@@ -44,7 +44,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
                                        const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
                                        Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
                                        int threads) {
-  refuse_sticking(*of.arm, kRuns);
+  refuse_contact_friction(*of.arm, kRuns);
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -261,7 +261,7 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
-  refuse_sticking(*of.arm, kRuns);
+  refuse_contact_friction(*of.arm, kRuns);
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);

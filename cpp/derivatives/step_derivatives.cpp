@@ -14,7 +14,7 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
       step_(method, arm, h, options),
       tape_(step_.stages()) {
   refuse_friction(arm, "step_derivatives");
-  refuse_sticking(arm, "step_derivatives");
+  refuse_contact_friction(arm, "step_derivatives");
   refuse_balls(arm, "derivatives of steps");
   for (const Load& load : loads) problem_.loads.push_back({load, {}, {}});
 }

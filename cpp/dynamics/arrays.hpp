@@ -25,8 +25,10 @@ void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& 
 
 /// Of a run: contacts go on from this state.
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
-/// The same of the state at which the dynamics were last asked, when they are to go on.
+/// A step notes the contacts where the dynamics were last asked, its end; if it counts, and has noted them, the run
+/// remembers that. @return whether it has
 void note_contacts(Workspace& ws);
+bool remember_note(Workspace& ws);
 /// Forces of the contacts on the arm, in the world (3 each), where the chain was moved last.
 void contact_forces(Workspace& ws, double* out);
 

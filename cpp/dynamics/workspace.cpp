@@ -67,20 +67,25 @@ lanes::Single& Workspace::chain() {
 }
 
 void remember_contacts(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  ws.noted = false;
   if (arm.contacts().empty()) return;
-  const std::size_t count = lanes::kRemembered * arm.contacts().size();
-  if (!std::exchange(ws.noted, false)) {
-    ws.found.resize(count);
-    ws.chain_to_move().move(q.data(), v.data());
-    ws.chain().contacts(ws.found.data(), nullptr);
-  }
-  ws.remembered = ws.found;
+  ws.remembered.resize(lanes::kRemembered * arm.contacts().size());
+  ws.chain_to_move().move(q.data(), v.data());
+  ws.chain().contacts(ws.remembered.data(), nullptr);
 }
 
 void note_contacts(Workspace& ws) {
   if (ws.remembered.empty()) return;
-  ws.chain().contacts(ws.found.data(), nullptr);
+  ws.note.resize(ws.remembered.size());
+  ws.chain().contacts(ws.note.data(), nullptr);
   ws.noted = true;
+}
+
+bool remember_note(Workspace& ws) {
+  if (!ws.noted) return false;
+  ws.remembered = ws.note;
+  ws.noted = false;
+  return true;
 }
 
 void contact_forces(Workspace& ws, double* out) { ws.chain().contacts(nullptr, out); }

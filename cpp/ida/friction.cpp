@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
 constexpr double kInstant = 1e-12;  // parts of the time simulated that are no time at all
-constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
+constexpr double kSlack = 1e-9;     // parts of its stiction by which a joint may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
 constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
@@ -32,7 +32,7 @@ std::vector<RubbingJoint> rubbing_joints(const Arm& arm, const std::vector<Drive
   return out;
 }
 
-/// The run: its contacts, and its problem between two switches.
+/// The run: its joints, and its problem between two switches.
 class Sliding {
  public:
   Sliding(const Problem& problem, Control& control, const std::vector<Parameter>& parameters)
@@ -58,7 +58,7 @@ class Sliding {
 
   /// Which freedoms stick and which slide, from t on, as the implicit method has it (joint_friction.hpp); the speeds of
   /// those that stick become zero.
-  /// @param switched  the contact that has come to rest or has been torn loose, or null
+  /// @param switched  the joint that has come to rest or has been torn loose, or null
   void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const RubbingJoint* switched) {
     for (const RubbingJoint& c : joints_)
       if (!c.given && (&c == switched || std::abs(v[c.coordinate]) <= kStill)) v[c.coordinate] = 0.0;
@@ -73,7 +73,7 @@ class Sliding {
     prepare(q, v);
   }
 
-  /// `settle`, and the tangents' leap, where a part of the run has been ended by the switch of a contact.
+  /// `settle`, and the tangents' leap, where a part of the run has been ended by the switch of a joint.
   void settle(const Trajectory& part, const Eigen::VectorXd& q, Eigen::VectorXd& v, const RubbingJoint& switched,
               double span) {
     const double t = part.reached;
@@ -106,9 +106,9 @@ class Sliding {
     return tangents_ ? tangents_->parameters() : none;
   }
 
-  /// Whether the force that holds a contact was no longer finite.
+  /// Whether the force that holds a joint was no longer finite.
   bool ran_away() const { return ran_away_; }
-  /// The contacts of the events that `part` has added.
+  /// The joints of the events that `part` has added.
   const std::vector<const RubbingJoint*>& switching() const { return switching_; }
 
   /// Adds a row at a state where no integrator has been.
@@ -147,7 +147,7 @@ class Sliding {
   }
 
  private:
-  /// The events of the run, with as many occurrences as are left to their ends, and after them one for each contact
+  /// The events of the run, with as many occurrences as are left to their ends, and after them one for each joint
   /// that may switch.
   void watch(const Trajectory& done) {
     std::vector<Event>& events = part_.events = problem_.events;

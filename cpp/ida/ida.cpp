@@ -311,7 +311,7 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
   int look = 1;
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
-    const bool sticks = s.arm.sticks();  // then each step counts by itself
+    const bool sticks = s.arm.has_contact_friction();  // then each step counts by itself
     const double stop = stop_time(s, out.reached, t, functions);
     IDASetStopTime(solver.memory, sticks ? std::min(stop, goal) : stop);
     check_flag(IDASetMaxNumSteps(solver.memory, look));
@@ -402,9 +402,9 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
   const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>& by) {
     return simulate_smooth(of, times, options, alive, control, by);
   };
-  if (!parameters.empty()) refuse_sticking(*problem.arm, "the derivatives of a run");
+  if (!parameters.empty()) refuse_contact_friction(*problem.arm, "the derivatives of a run");
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
-  refuse_sticking(*problem.arm, "\"ida\", beside dry friction of joints,");
+  refuse_contact_friction(*problem.arm, "\"ida\", beside dry friction of joints,");
   return simulate_with_friction(problem, t, part, control, parameters);
 }
 

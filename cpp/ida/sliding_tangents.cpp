@@ -7,36 +7,36 @@ namespace flexarm {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-Drive held(const Arm& arm, const RubbingJoint& contact, const VectorXd& q) {
-  const double place = q[arm.coordinate_of(contact.coordinate)];
+Drive held(const Arm& arm, const RubbingJoint& joint, const VectorXd& q) {
+  const double place = q[arm.coordinate_of(joint.coordinate)];
   const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
-  return {contact.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true};
+  return {joint.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true};
 }
 
-Drive sliding_force(const RubbingJoint& contact, double coulomb) {
-  const double force = -contact.sense * coulomb;
-  return {contact.coordinate, {}, [force](double) { return force; }, Eigen::Vector2d(-1e300, 1e300), {}, true};
+Drive sliding_force(const RubbingJoint& joint, double coulomb) {
+  const double force = -joint.sense * coulomb;
+  return {joint.coordinate, {}, [force](double) { return force; }, Eigen::Vector2d(-1e300, 1e300), {}, true};
 }
 
-SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, System& free, std::size_t contacts)
+SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, System& free, std::size_t joints)
     : parameters_(parameters), near_(parameters) {
   const StateTangents all(free, near_);  // which checks them
   by_q_ = all.q;
   by_v_ = all.v;
-  coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Index>(contacts), all.size());
+  coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Index>(joints), all.size());
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (const Neighbour& n : near_[k].neighbours) {
       const std::vector<Rub> rub = rubs(*n.problem.arm);
-      for (std::size_t j = 0; j < contacts; ++j) {
+      for (std::size_t j = 0; j < joints; ++j) {
         coulomb_by_(static_cast<Index>(j), static_cast<Index>(k)) += n.weight * rub[j].coulomb;
         stiction_by_(static_cast<Index>(j), static_cast<Index>(k)) += n.weight * rub[j].stiction;
       }
     }
 }
 
-void SlidingTangents::prepare(const Arm& arm, const std::vector<RubbingJoint>& contacts, const VectorXd& q,
+void SlidingTangents::prepare(const Arm& arm, const std::vector<RubbingJoint>& joints, const VectorXd& q,
                               const VectorXd& v) {
-  for (const RubbingJoint& c : contacts)
+  for (const RubbingJoint& c : joints)
     if (!c.given && c.sense == 0) by_v_.row(c.coordinate).setZero();
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (std::size_t i = 0; i < near_[k].neighbours.size(); ++i) {
@@ -46,8 +46,8 @@ void SlidingTangents::prepare(const Arm& arm, const std::vector<RubbingJoint>& c
       n.q0 = q + offset * by_q_.col(static_cast<Index>(k));
       n.v0 = v + offset * by_v_.col(static_cast<Index>(k));
       const std::vector<Rub> rub = rubs(*n.arm);
-      for (std::size_t j = 0; j < contacts.size(); ++j) {
-        const RubbingJoint& c = contacts[j];
+      for (std::size_t j = 0; j < joints.size(); ++j) {
+        const RubbingJoint& c = joints[j];
         if (c.given) continue;
         n.drives.push_back(c.sense == 0 ? held(arm, c, n.q0) : sliding_force(c, rub[j].coulomb));
       }
@@ -67,12 +67,12 @@ void SlidingTangents::leap(const Trajectory& part, std::size_t n, const Saltatio
   switched.leap(gap, by_v_);
 }
 
-void SlidingTangents::separate(Trajectory& out, Index row, std::size_t n, const RubbingJoint& contact,
+void SlidingTangents::separate(Trajectory& out, Index row, std::size_t n, const RubbingJoint& joint,
                                double sense) const {
   for (std::size_t k = 0; k < out.tangents.size(); ++k) {
-    double& force = out.tangents[k].friction(row, contact.coordinate);
+    double& force = out.tangents[k].friction(row, joint.coordinate);
     force = -sense * coulomb_by_(static_cast<Index>(n), static_cast<Index>(k));
-    out.tangents[k].tau(row, contact.coordinate) -= force;
+    out.tangents[k].tau(row, joint.coordinate) -= force;
   }
 }
 

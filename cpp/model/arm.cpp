@@ -138,7 +138,7 @@ void Arm::check(const Contact& contact, const std::string& name) const {
     bad_value(name + ".against.axes", off, "off a rotation matrix: its columns must be right-handed unit axes");
 }
 
-bool Arm::sticks() const {
+bool Arm::has_contact_friction() const {
   return std::any_of(contacts_.begin(), contacts_.end(), [](const Contact& c) { return c.coulomb > 0.0; });
 }
 

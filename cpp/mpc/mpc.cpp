@@ -39,7 +39,7 @@ void check_inputs(const char* field, const VectorXd& x, Index nu, double least) 
 void check(const Problem& problem, const MpcOptions& o) {
   const Arm& arm = *problem.arm;
   const Index nu = o.columns.cols();
-  refuse_sticking(arm, "predictive control");
+  refuse_contact_friction(arm, "predictive control");
   if (nu < 1 || o.columns.rows() != arm.nv() || !o.columns.allFinite())
     bad_value("columns", o.columns.rows(), "rows; must be finite, a row for each rate, a column for each input");
   for (const Drive& d : problem.drives)

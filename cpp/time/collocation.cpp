@@ -78,8 +78,8 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   M_all_ = C_all_ = K_all_ = Eigen::MatrixXd::Zero(arm.nv(), arm.nv());
   once_ = twice_ = Eigen::VectorXd::Zero(s_);
   rub_ = v0_;
-  contact_.resize(static_cast<std::size_t>(arm.nv()), Tape::free);
-  was_ = contact_;
+  ways_.resize(static_cast<std::size_t>(arm.nv()), Tape::free);
+  was_ = ways_;
   if (!rubs(arm).empty()) rests_.emplace("rk4", arm, 1.0, ImplicitOptions{}, DryFriction::left_to_caller);
   for (const Link& link : arm.links()) mass_ += link.mass();
 }
@@ -124,14 +124,14 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
   h_ = 0.0;  // nothing to extrapolate
   if (!rests_) return Status::ok;
   if (const Status status = rests_->start(ws, q, v, tau); status != Status::ok) return status;
-  was_ = contact_;
-  rests_->contacts(v, true, contact_.data());
-  for (std::size_t i = 0; i < contact_.size(); ++i)
-    if ((contact_[i] == Tape::held) != (was_[i] == Tape::held)) fresh_ = false;
+  was_ = ways_;
+  rests_->ways(v, true, ways_.data());
+  for (std::size_t i = 0; i < ways_.size(); ++i)
+    if ((ways_[i] == Tape::held) != (was_[i] == Tape::held)) fresh_ = false;
   a_.colwise() = ws.a;
   rub_ = rests_->friction();
   for (Eigen::Index i = 0; i < v.size(); ++i)
-    if (contact_[static_cast<std::size_t>(i)] == Tape::held) {
+    if (ways_[static_cast<std::size_t>(i)] == Tape::held) {
       rub_[i] = 0.0;
       v_.row(i).setZero();
     }
@@ -418,7 +418,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
     tape_->entries.push_back({h, 1.0, tape_->points()});
     for (int i = 0; i < s_; ++i) {
       tape_->add(tape_->now + c_[i] * h, q_.col(i), v_.col(i), a_.col(i));
-      std::copy(contact_.begin(), contact_.end(), tape_->last_contacts());
+      std::copy(ways_.begin(), ways_.end(), tape_->last_ways());
     }
   }
   if (arm_->within_reach(q, v)) return Status::ok;
@@ -440,7 +440,7 @@ void CollocationStep::memory(const std::function<void(double&)>& visit) {
   if (!rests_) return;
   rests_->memory(visit);
   for (double& x : rub_) visit(x);
-  for (signed char& c : contact_) {
+  for (signed char& c : ways_) {
     double number = c;
     visit(number);
     c = static_cast<signed char>(number);

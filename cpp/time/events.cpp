@@ -14,7 +14,7 @@ constexpr int kLooksInside = 8;  // places of an interpolated step at which even
 
 Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, double c, double t, Tape& tape) {
   Tape::Row row{entry, c, {}, {}, tape.add(t, s.q, s.v, s.ws.a)};
-  if (s.rubbing) s.rubbing->contacts(s.v, true, tape.last_contacts());
+  if (s.rubbing) s.rubbing->ways(s.v, true, tape.last_ways());
   if (inside) inside->weights(c, row.v_by_a, row.q_by_a);
   tape.rows.push_back(std::move(row));
   return static_cast<Eigen::Index>(tape.rows.size()) - 1;

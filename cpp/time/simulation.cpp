@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
 #include "stepper.hpp"
@@ -133,8 +134,7 @@ struct Simulation::Motion {
       }
     way.reached = events.reached;
     way.s.drive(way.reached);
-    way.s.ws.noted = false;
-    way.s.remember();
+    remember_contacts(way.s.arm, way.s.ws, way.s.q, way.s.v);
     const Status begun = way.jump();
     if (status == Status::ok) status = begun;
     seen.start(way.reached);

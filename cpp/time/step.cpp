@@ -275,7 +275,7 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
     if (!run_->rubs.empty()) report(v, run_->joints->before, friction_);
     if (tape_ && run_->stages.remembers) {
       tape_->entries.push_back({0.0, 1.0, tape_->add(tape_->now, q, v, ws.a)});
-      contacts(v, true, tape_->last_contacts());
+      ways(v, true, tape_->last_ways());
     }
     return Status::ok;
   }
@@ -330,7 +330,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
   if (!of.in_turn) {
     const Eigen::Map<const Eigen::VectorXd> a(run_->alpha->a, v.size());
     tape_->add(tape_->now + h, q, v, a);
-    contacts(v, false, tape_->last_contacts());
+    ways(v, false, tape_->last_ways());
     return;
   }
   const Eigen::VectorXd q1 = q, v1 = v, a1 = ws.a;
@@ -348,7 +348,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
     a.col(i) = ws.a;
     run_->engine.rates(q.data(), v.data(), dq.col(i).data());
     tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
-    contacts(v, false, tape_->last_contacts());
+    ways(v, false, tape_->last_ways());
   }
   q = q1;
   v = v1;
@@ -377,7 +377,7 @@ std::vector<double> OneStep::way() const {
   return out;
 }
 
-void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
+void OneStep::ways(const Eigen::VectorXd& v, bool instant, signed char* out) const {
   const JointFriction<Engine>& c = *run_->joints;
   for (int k = 0; k < c.count; ++k) {
     const double now = instant ? c.sign(v[c.at[k]]) : 0.0;
@@ -419,7 +419,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   } else if (!run.rubs.empty()) {
     report(v, run.joints->before, friction_);
   }
-  if (run.asked_at_end()) note_contacts(ws);
+  if (status == Status::ok && run.asked_at_end()) note_contacts(ws);
   return status;
 }
 

@@ -140,7 +140,7 @@ bool Stepper::look() {
   const bool due = tape_ && s.control.due(until), changed = s.sample(until);
   if (!due) return changed;
   const Eigen::Index place = tape_->add(reached, s.q, s.v, s.a);
-  if (s.rubbing) s.rubbing->contacts(s.v, true, tape_->last_contacts());
+  if (s.rubbing) s.rubbing->ways(s.v, true, tape_->last_ways());
   tape_->samples.push_back({static_cast<Eigen::Index>(tape_->entries.size()) - 1, place, until, s.control.held()});
   tape_->tau = s.control.held();
   return changed;
@@ -183,12 +183,12 @@ Status Stepper::try_step(double from, double h, double last, int level) {
   return visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given_) : Status::not_converged;
 }
 
-Status Stepper::look_at_contacts(Status status) {
-  if (!joints_.empty() && status == Status::ok) s.rubbing->contacts(s.v, true, ways_.data());
+Status Stepper::look_at_joints(Status status) {
+  if (!joints_.empty() && status == Status::ok) s.rubbing->ways(s.v, true, ways_.data());
   return status;
 }
 
-/// A contact that no longer sticks, or slides as it did, at the system's state, which has been driven; or null.
+/// A joint that no longer sticks, or slides as it did, at the system's state, which has been driven; or null.
 Stepper::RubbingJoint* Stepper::broken() {
   bool held = false;
   for (RubbingJoint& c : joints_) {
@@ -288,8 +288,8 @@ Saltation Stepper::saltation(const RubbingJoint& now) {
   if (s.accelerate(true) != Status::ok) s.ws.a.setZero();  // the next step says why
   const Eigen::VectorXd q = s.q, v = s.v, a = s.ws.a;
   tape_->entries.push_back({0.0, 1.0, tape_->add(reached, q, v, a)});
-  signed char* contacts = tape_->last_contacts();
-  std::copy(ways_.begin(), ways_.end(), contacts);
+  signed char* ways = tape_->last_ways();
+  std::copy(ways_.begin(), ways_.end(), ways);
   if (was_ != Tape::held) return Saltation::at_rest(i, a);
   const auto force = [&](double t, const Eigen::VectorXd& at, const Eigen::VectorXd& rates) {
     s.drive(t, at, rates);
@@ -301,7 +301,7 @@ Saltation Stepper::saltation(const RubbingJoint& now) {
   const Saltation out = Saltation::torn(i, now.of.stiction, forced_, reached, q, v, a, d, force);
   s.q = q;
   s.v = v;
-  contacts[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;
+  ways[i] = out.tears > 0.0 ? Tape::torn_ahead : Tape::torn_back;
   return out;
 }
 

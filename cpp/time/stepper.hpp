@@ -41,7 +41,7 @@ class Stepper {
   Stepper(const Problem& problem, Control& control, Step& method, double step, const Eigen::VectorXd& looks);
   /// Drives, and samples controllers, at the start. The method itself is started by `start`.
   void begin();
-  Status start() { return look_at_contacts(method.start(s.ws, s.q, s.v, s.tau)); }
+  Status start() { return look_at_joints(method.start(s.ws, s.q, s.v, s.tau)); }
 
   /// The time that steps must end at next, at most `until`.
   double next_stop(double until) const;
@@ -70,9 +70,9 @@ class Stepper {
   /// Runs sampled controllers that are due at the time reached.
   Status sample();
   /// Other forces act from here on.
-  Status jump() { return look_at_contacts(method.jump(s.ws, s.q, s.v, s.tau)); }
+  Status jump() { return look_at_joints(method.jump(s.ws, s.q, s.v, s.tau)); }
   /// To be called when the method and the system have been given another state.
-  void recalled() { look_at_contacts(Status::ok); }
+  void recalled() { look_at_joints(Status::ok); }
   /// Why a status is not ok, for people.
   std::string reason(Status status) const;
   void record(Tape* tape) { tape_ = tape; }
@@ -166,7 +166,7 @@ class Stepper {
   /// Begins anew behind a switch.
   Status settle();
   Saltation saltation(const RubbingJoint& now);
-  Status look_at_contacts(Status status);
+  Status look_at_joints(Status status);
   RubbingJoint* broken();
   Status try_step(double from, double h, double last, int level);
   /// @return whether the forces have changed
@@ -185,7 +185,7 @@ class Stepper {
   std::vector<RubbingJoint> joints_;  // of a method that has no switches within its steps
   std::vector<signed char> ways_;     // of all rates, their Tape::Way until the next switch
   RubbingJoint* switched_ = nullptr;  // in the step that has been taken
-  signed char was_ = Tape::free;      // its contact before
+  signed char was_ = Tape::free;      // its way before
   bool forced_ = false;               // it did not last at the step's very beginning
   RubbingJoint* restless_ = nullptr;  // one that switches without end
   Eigen::VectorXd q0_, v0_;           // where the step began

@@ -74,7 +74,9 @@ void System::drive(double t) {
   ws.give(tau.data());
 }
 
-void System::remember() { remember_contacts(arm, ws, q, v); }
+void System::remember() {
+  if (!remember_note(ws)) remember_contacts(arm, ws, q, v);
+}
 
 Status System::accelerate(bool between) {
   return rubbing ? rubbing->accelerate(ws, q, v, tau, friction, between) : forward_dynamics(arm, ws, q, v, tau);

@@ -132,7 +132,7 @@ struct ContactState {
     const Lin out{side(y.x) * L::larger(beyond.x, o), side(y.y) * L::larger(beyond.y, o),
                   side(y.z) * L::larger(beyond.z, o)};
     const S far = length(out), near = L::larger(beyond.x, L::larger(beyond.y, beyond.z));
-    const auto inside = near < 0.0;  // then the nearest face
+    const auto inside = L::none_of(near > 0.0);  // then the nearest face
     const auto by_x = (beyond.x > beyond.y) & (beyond.x > beyond.z), by_y = L::none_of(by_x) & (beyond.y > beyond.z);
     const auto by_z = L::none_of(by_x | by_y);
     gap = L::select(inside, near, far) - radius;

@@ -7,8 +7,7 @@
 //   place(q0, u, q)               q = q0 displaced by u, rates times time, on the manifold; not of prescribed ones
 //   rates(q, v, dq)               dq/dt, of a quaternion too; normalise(q) gives quaternions unit length
 //   step_contacts(by_end), met()  whether forces of contacts are those at the end of a step, and where any touches or
-//   lets
-//                                 go in it (arm/contacts.hpp)
+//                                 lets go in it (arm/contacts.hpp)
 //   accelerate(q, v, tau, x)      forward dynamics; x holds the prescribed ones
 //   inverse(q, v, a, tau, anew)   inverse dynamics, and, where `anew`, the data that `factor` needs
 //   factor(shift, twice)          of M + shift: where it is positive definite; twice = v^T M v

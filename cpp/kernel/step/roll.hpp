@@ -106,7 +106,7 @@ struct Roller {
   Roll& job;
   Arms arms;
   Method method;
-  S *q, *v, *tau, *x, *y, *forces, *touched, *changed;
+  S *q, *v, *tau, *x, *y, *forces, *contact_forces, *changed;
   Mask lost = L::everywhere(false);
 
   Roller(Roll& j, Arena& arena) : job(j), arms(j, arena) {
@@ -114,7 +114,7 @@ struct Roller {
     arena.take(nq, q);
     arena.take(nv, v, tau, y, forces);
     arena.take_zeros(nv, x);
-    arena.take(3 * j.layout->contacts, touched);
+    arena.take(3 * j.layout->contacts, contact_forces);
     arena.take(1, changed);
     arms.laws.given = tau;
     method.lay_out(arena, nq, nv, j.rubbing, j.rubs, j.options);
@@ -163,8 +163,10 @@ struct Roller {
     lose(bad & L::none_of(finite(tau)), flexarm::lanes::not_finite, step);
     lose(bad, Method::unsolved, step);
     const Mask other = method.accept(h, v, x, good);
-    arms.remember(q, v, good, method.asked_at_end());
-    if (L::any(other)) begin(other, step);
+    arms.remember(q, v, good & L::none_of(other), method.asked_at_end());
+    if (!L::any(other)) return;
+    begin(other, step);
+    arms.remember(q, v, good & other, true);
   }
 
   /// Lets controllers look, and other forces act, where `step` steps are taken. @return where other forces act
@@ -202,8 +204,8 @@ struct Roller {
       }
     }
     if (wanted > 1 && arms.chain.layout.contacts > 0)
-      arms.chain.by_state->put_contact_forces(arms.chain.layout, touched);
-    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), raw(touched), job.status);
+      arms.chain.by_state->put_contact_forces(arms.chain.layout, contact_forces);
+    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), raw(contact_forces), job.status);
   }
 
   /// From the state in `memory` (see isa.cpp).

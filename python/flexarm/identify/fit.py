@@ -167,7 +167,8 @@ class Fit:
         way, why = self.derivatives
         if way != "exact":
             of = "differences of runs" if way == "differences" else "those of the same loop without these steps"
-            notes.append(f"{why}; the derivatives taken are {of}, the residuals those of the run as it is.")
+            residuals = "" if self.method == "filter" else ", the residuals those of the run as it is"
+            notes.append(f"{why}; the derivatives taken are {of}{residuals}.")
         for name in self.noise if self.loss != "linear" else ():
             r = np.concatenate([c.simulated[name] - c.measured[name] for c in self.comparisons if name in c.nrmse])
             out = int((np.abs(r) > _FAR * self.noise[name]).sum())

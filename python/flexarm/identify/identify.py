@@ -356,7 +356,7 @@ class Task:
             noise={k: each.get(f"noise.{k}", x) for k, x in found.sigma.items()}, comparisons=runs, whiteness=tests,
             untold=[], loose=[], converged=converged, message=message, method="filter",
             at_bounds=[x.name for x, v in zip(of.sought, values, strict=True) if _at_bound(x, float(v))],
-            derivatives=("exact", ""),
+            derivatives=("differences", "The likelihood of a filter has no exact derivatives"),
             stats={**fit.stats, "runs": p.count, "wall_time": time.perf_counter() - began},
             _comparison_with=partial(self._predicted, each),
         )  # fmt: skip

@@ -22,6 +22,6 @@ std::vector<Rub> rubs(const Arm& arm);
 void refuse_friction(const Arm& arm, const char* method);
 
 /// @throws std::invalid_argument for contacts with friction, whose past `what` does not know
-void refuse_sticking(const Arm& arm, const std::string& what);
+void refuse_contact_friction(const Arm& arm, const std::string& what);
 
 }  // namespace flexarm

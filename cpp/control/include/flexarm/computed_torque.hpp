@@ -15,8 +15,8 @@
 namespace flexarm {
 
 /// Forces at the joints, M_j(q) a + h_j(q, v), of the arm with its elastic coordinates at rest: in static balance with
-/// gravity at these joint positions, or at zero. Joint springs, stops and viscous friction are in them, dry friction
-/// and loads are not. The calls allocate nothing, one object per thread.
+/// gravity at these joint positions, or at zero. Joint springs, stops, viscous friction, struts and normal forces of
+/// contacts are in them, dry friction and loads are not. The calls allocate nothing, one object per thread.
 class ComputedTorque {
  public:
   /// One freedom of a joint. All freedoms of all joints need one, none of them a ball's.

@@ -52,7 +52,7 @@ class Workspace {
   std::vector<int> free;           ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;      ///< v^T M v (J), set by factor_shifted
   std::vector<double> remembered;  ///< what a run remembers of contacts; empty: no run
-  std::vector<double> found;       ///< what it will remember, where a step has noted that
+  std::vector<double> note;        ///< the same at the end of a step, if `noted`, before it counts
   bool noted = false;
 
   /// Laws without memory that every evaluation includes from now on; they must outlive the workspace.

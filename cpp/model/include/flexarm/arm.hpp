@@ -66,7 +66,7 @@ class Arm {
   const std::vector<Strut>& struts() const { return struts_; }
   const std::vector<Contact>& contacts() const { return contacts_; }
   /// Whether any contact has friction, which depends on the way that it has come.
-  bool sticks() const;
+  bool has_contact_friction() const;
   /// Whether every link sits on the end of the one before it.
   bool is_chain() const;
   const Eigen::Vector3d& gravity() const { return gravity_; }

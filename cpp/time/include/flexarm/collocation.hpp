@@ -59,7 +59,7 @@ class CollocationStep final : public Step {
   struct Ball {
     Eigen::Index q, v;  ///< its first coordinate and rate
   };
-  bool held(int rate) const { return contact_[static_cast<std::size_t>(rate)] == Tape::held; }
+  bool held(int rate) const { return ways_[static_cast<std::size_t>(rate)] == Tape::held; }
   void reduce();
   bool place(double h);
   bool turn_balls(double h);
@@ -82,15 +82,15 @@ class CollocationStep final : public Step {
   const Arm* arm_;
   CollocationOptions options_;
   int s_;
-  Eigen::VectorXd c_, b_;             ///< points and weights of the step
-  Eigen::MatrixXd A_, A2_;            ///< integrals to the points, once and twice
-  Eigen::MatrixXd monomials_;         ///< column j: the Lagrange polynomial of point j, lowest power first
-  std::vector<int> free_;             ///< rates that are not prescribed
-  std::vector<bool> free_q_;          ///< whether a coordinate is
-  std::optional<OneStep> rests_;      ///< dry friction at an instant
-  std::vector<signed char> contact_;  ///< of each rate, see Tape::Way
-  std::vector<signed char> was_;      ///< the same before the last switch
-  Eigen::VectorXd rub_;               ///< friction of sliding rates (nv)
+  Eigen::VectorXd c_, b_;          ///< points and weights of the step
+  Eigen::MatrixXd A_, A2_;         ///< integrals to the points, once and twice
+  Eigen::MatrixXd monomials_;      ///< column j: the Lagrange polynomial of point j, lowest power first
+  std::vector<int> free_;          ///< rates that are not prescribed
+  std::vector<bool> free_q_;       ///< whether a coordinate is
+  std::optional<OneStep> rests_;   ///< dry friction at an instant
+  std::vector<signed char> ways_;  ///< of each rate, see Tape::Way
+  std::vector<signed char> was_;   ///< the same before the last switch
+  Eigen::VectorXd rub_;            ///< friction of sliding rates (nv)
   std::vector<Ball> balls_;
   Eigen::MatrixXd turn_weights_;  ///< A less half the weights of the step, which end at the middle
   Eigen::MatrixXd q_, v_, a_;     ///< at the points, one column each

@@ -137,9 +137,9 @@ class OneStep : public Step {
                     Eigen::VectorXd& friction, bool between = false);
   /// Forces of dry friction behind the last step (nv; N, N m): they oppose sliding, or hold joints that stick.
   const Eigen::VectorXd& friction() const { return friction_; }
-  /// The contacts of free rates with dry friction at the last step's end, or where `accelerate` was asked (nv of
+  /// The ways of free rates with dry friction at the last step's end, or where `accelerate` was asked (nv of
   /// Tape::Way).
-  void contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const;
+  void ways(const Eigen::VectorXd& v, bool instant, signed char* out) const;
   /// Takes the step of a switch again, into q and v. @return whether it was solved
   bool repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
               const Eigen::VectorXd& tau, const Given& given);

@@ -70,7 +70,7 @@ struct Tape {
 
   Stages stages;
   std::vector<double> t, q, v, a;  ///< of all places: times, and nq, nv and nv numbers each
-  std::vector<signed char> contact;
+  std::vector<signed char> way;
   std::vector<signed char> sides;  ///< of the limits of laws and motors at all places, see `sides`; empty: none
   std::vector<Entry> entries;
   std::vector<Row> rows;
@@ -97,7 +97,7 @@ struct Tape {
     q.insert(q.end(), q_at.begin(), q_at.end());
     v.insert(v.end(), v_at.begin(), v_at.end());
     a.insert(a.end(), a_at.begin(), a_at.end());
-    contact.resize(v.size(), free);
+    way.resize(v.size(), free);
     return points() - 1;
   }
   /// Forgets the step that was added last.
@@ -108,10 +108,10 @@ struct Tape {
     t.resize(left);
     q.resize(left * nq);
     for (auto* x : {&v, &a}) x->resize(left * nv);
-    contact.resize(left * nv);
+    way.resize(left * nv);
   }
   /// Contacts of the place that was added last (nv).
-  signed char* last_contacts() { return contact.data() + contact.size() - (v.size() / t.size()); }
+  signed char* last_ways() { return way.data() + way.size() - (v.size() / t.size()); }
 };
 
 }  // namespace flexarm

@@ -58,7 +58,8 @@ class FeedForward(_OfInverse):
     Elastic coordinates are at rest. Use it together with feedback, `control=[fa.PD(...), ..., fa.FeedForward(...)]`:
     the forces add up.
 
-    They include joint springs, viscous friction, struts and the normal forces of contacts, not dry friction or loads.
+    They include joint springs, viscous friction, struts and the normal forces of contacts, not loads, and not dry
+    friction: of that of contacts only its damping.
     They are computed once for a run, as piecewise polynomials, and evaluated in C++ by every integrator and in batches.
 
     Args:
