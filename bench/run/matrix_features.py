@@ -56,9 +56,9 @@ def tied(m: float, rich: bool) -> fa.Arm:
 
 
 def touching(m: float, rich: bool, **more: float) -> fa.Arm:
-    """The same, whose tip meets a surface when it has turned by 0.2 rad."""
+    """The same, whose tip meets a surface when it has turned by 0.2 rad, and slides along it."""
     c, s = np.cos(0.2), np.sin(0.2)
-    surface = fa.Plane((0.4 * c, 0.4 * s, 0), (s, -c, 0))
+    surface = fa.Plane((0.4 * c, 0.4 * s, 0), (np.sin(0.6), -np.cos(0.6), 0))
     touch = fa.Contact(0, surface, stiffness=400.0, damping=0.2, **more)
     return fa.Arm(arm(m, rich).links, contacts=[touch])
 

@@ -426,7 +426,7 @@ void complete(Node& a, Scene& scene) {
     check_size("linear.columns", law.columns.rows(), arm.nv());
     check_size("linear.columns[0]", law.columns.cols(), static_cast<int>(law.limit.size()));
     if (law.offset.size() > 0) check_size("linear.offset", law.offset.size(), static_cast<int>(law.B.cols()));
-    for (const double x : law.resolution) non_negative("linear.resolution", x);
+    for (const double step : law.resolution) non_negative("linear.resolution", step);
     if (law.resolution.size() > 0)
       check_size("linear.resolution", law.resolution.size(), static_cast<int>(law.B.cols()));
     if (law.start.size() > 0) {
