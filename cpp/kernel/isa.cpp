@@ -141,8 +141,7 @@ void stiffness_times(void* self, const double* x, double* out) {
           out[node.ve + k] += s.elastic.constants[j <= k ? packed(k, j) : packed(j, k)] * x[node.ve + j];
       }
     }
-    if (!chain.layout.by_state()) return;
-    chain.by_state->add_stiffness(chain.layout, x, out);
+    if (chain.stiffened) chain.by_state->add_stiffness(chain.layout, x, out);
   });
 }
 

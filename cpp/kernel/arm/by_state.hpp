@@ -160,6 +160,12 @@ struct ByState {
     }
   }
 
+  /// Whether any of them does more than watch a gap.
+  bool acts(const Layout& layout) const {
+    bool found = layout.struts > 0 || layout.state_loads > 0;
+    for (int k = 0; k < layout.contacts; ++k) found = found || !touched[k].idle;
+    return found;
+  }
   /// Adds `part` of them to the forces that bodies need.
   void act(C& chain, double part) const {
     for_pulls(chain.layout, [&](int column, const Place& place, const Pull& p) {

@@ -265,7 +265,8 @@ inline void solve(C& chain, const V* r, V* x) {
 template <class C>
 inline typename C::Mask factor(C& chain, const Shift& shift) {
   const typename C::Mask good = factor_recursive(chain, shift);
-  chain.stiffened = chain.layout.by_state() && (shift.stiffness != 0.0 || shift.damping != 0.0);
+  chain.stiffened =
+      chain.layout.by_state() && (shift.stiffness != 0.0 || shift.damping != 0.0) && chain.by_state->acts(chain.layout);
   if (chain.stiffened)
     chain.by_state->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
   return good;
