@@ -122,7 +122,7 @@ class Box(Surface):
         beyond, side = np.abs(y) - 0.5 * np.array(self.size), np.where(y < 0.0, -1.0, 1.0)
         a, b, c = np.moveaxis(beyond, -1, 0)
         x, y = (a > b) & (a > c), b > c
-        nearest = side * np.stack([x, ~x & y, ~x & ~y], axis=-1)  # of its faces
+        nearest = side * np.stack([x, y & np.logical_not(x), np.logical_not(x | y)], axis=-1)  # of its faces
         inside = beyond.max(axis=-1, keepdims=True) <= 0.0
         return np.where(inside, nearest, _direction(side * np.maximum(beyond, 0.0)))
 
