@@ -164,7 +164,8 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
   for (const lanes::Kernels* kernels : all_kernels()) {
     CAPTURE(std::string(kernels->name));
     const lanes::KernelArm grouped = known.grouped(kernels->width, {});
-    const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(), nullptr};
+    const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(),
+                             nullptr};
     const lanes::Memory memory(kernels->slopes_memory(of));
     kernels->inverse_slopes(of, memory.get(), nullptr, q.data(), v.data(), a.data(), found.data(),
                             found.data() + nv * nq);

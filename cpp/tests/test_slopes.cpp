@@ -76,7 +76,8 @@ void check(const flexarm::Arm& arm, double bent = 0.1, bool loaded = false, cons
   for (const lanes::Kernels* kernels : flexarm_test::all_kernels()) {
     CAPTURE(std::string(kernels->name));
     const lanes::KernelArm grouped = known.grouped(kernels->width, given);
-    const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(), nullptr};
+    const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(),
+                             nullptr};
     const lanes::Memory memory(kernels->slopes_memory(of));
     truth(a);
     for (int twice = 0; twice < 2; ++twice)

@@ -173,7 +173,8 @@ TEST_CASE("loads by the state of their slice") {
       CHECK((x - a).norm() < 1e-5 * a.norm());
       const lanes::KernelArm known = lanes::KernelArm::of(arm).loaded(arm, loads),
                              grouped = known.grouped(kernels->width, {});
-      const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(), nullptr};
+      const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data(),
+                               nullptr};
       const lanes::Memory memory(kernels->slopes_memory(of));
       Eigen::MatrixXd found(nv, nq + nv), differences(nv, nq + nv);
       kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), found.data(),
