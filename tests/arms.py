@@ -267,6 +267,11 @@ def differences(f, n: int, h: float = 1e-4) -> np.ndarray:
     return np.stack([column(k) for k in range(n)], axis=-1)
 
 
+def near(found: np.ndarray, expected: np.ndarray, rtol: float, size: float = 0.0) -> None:
+    """Within a part of the largest number, or of `size`."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rtol * max(size, np.abs(expected).max()))
+
+
 def derivative(f: Callable[[float], np.ndarray], x: float, h: float) -> np.ndarray:
     """Of f at x, by central differences of sixth order."""
     weights = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}

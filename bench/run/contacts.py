@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import thread_time
 from typing import Any
 
 import flexarm as fa
@@ -27,6 +27,7 @@ from matplotlib.patches import Rectangle
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from reporting import fastest, finish
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -48,17 +49,19 @@ def ball(stiffness: float, damping: float = 0.0, gravity: float = GRAVITY) -> fa
     return fa.Arm([body], (0, 0, -gravity), contacts=[touch])
 
 
-RUNS: list[tuple[str, dict[str, Any]]] = [
-    ("implicit, 1 ms", {"integrator": "implicit", "step": 1e-3}),
-    ("implicit, 0.1 ms", {"integrator": "implicit", "step": 1e-4}),
-    ("implicit, 0.01 ms", {"integrator": "implicit", "step": 1e-5}),
-    ("gauss, 1 ms", {"integrator": "gauss", "step": 1e-3}),
-    ("gauss, 0.1 ms", {"integrator": "gauss", "step": 1e-4}),
-    ("default", {}),
-    ("rk4, 0.1 ms", {"integrator": "rk4", "step": 1e-4}),
-    ("ida", {"integrator": "ida"}),
-    ("ida, rtol 1e-9", {"integrator": "ida", "rtol": 1e-9, "atol": 1e-11}),
-]
+Runs = list[tuple[str, dict[str, Any]]]
+
+
+def steps_of(integrator: str, *lengths: float) -> Runs:
+    """Runs in steps of these lengths (ms)."""
+    return [(f"{integrator}, {h:g} ms", {"integrator": integrator, "step": h / 1000}) for h in lengths]
+
+
+DEFAULT: Runs = [("default", {})]
+RUNS: Runs = [
+    *steps_of("implicit", 1, 0.1, 0.01), *steps_of("gauss", 1, 0.1), *DEFAULT, *steps_of("rk4", 0.1),
+    ("ida", {"integrator": "ida"}), ("ida, rtol 1e-9", {"integrator": "ida", "rtol": 1e-9, "atol": 1e-11}),
+]  # fmt: skip
 
 
 def bouncing() -> list[tuple[str, float, float, float, float]]:
@@ -114,18 +117,11 @@ def falling(shapes: int) -> fa.Arm:
     return fa.Arm([link], (0, -GRAVITY, 0), contacts=[stop])
 
 
-FALL_RUNS: list[tuple[str, dict[str, Any]]] = [
-    ("implicit, 1 ms", {"integrator": "implicit", "step": 1e-3}),
-    ("implicit, 0.1 ms", {"integrator": "implicit", "step": 1e-4}),
-    ("implicit, 0.01 ms", {"integrator": "implicit", "step": 1e-5}),
-    ("gauss, 1 ms", {"integrator": "gauss", "step": 1e-3}),
-    ("gauss, 0.1 ms", {"integrator": "gauss", "step": 1e-4}),
-    ("gauss, 0.02 ms", {"integrator": "gauss", "step": 2e-5}),
-    ("default", {}),
-    ("rk4, 0.001 ms", {"integrator": "rk4", "step": 1e-6}),
-    ("ida", {"integrator": "ida"}),
-    ("ida, rtol 1e-8", {"integrator": "ida", "rtol": 1e-8, "atol": 1e-10}),
-]
+IDA_TIGHT: Runs = [("ida, rtol 1e-8", {"integrator": "ida", "rtol": 1e-8, "atol": 1e-10})]
+FALL_RUNS: Runs = [
+    *steps_of("implicit", 1, 0.1, 0.01), *steps_of("gauss", 1, 0.1, 0.02), *DEFAULT, *steps_of("rk4", 0.001),
+    ("ida", {"integrator": "ida"}), *IDA_TIGHT,
+]  # fmt: skip
 
 
 def stopped() -> tuple[list[tuple[str, float, float, float]], list[tuple[int, float, float]], dict[str, Array]]:
@@ -186,16 +182,9 @@ def press(t: Array, **options: Any) -> tuple[fa.Result, float]:
     return timed(arm, t, q, control=fa.Sampled(law, PRESSER.rate, measure, ("upper", "fore")), **options)
 
 
-PRESS_RUNS: list[tuple[str, dict[str, Any]]] = [
-    ("implicit, 1 ms", {"integrator": "implicit", "step": 1e-3}),
-    ("implicit, 0.1 ms", {"integrator": "implicit", "step": 1e-4}),
-    ("implicit, 0.01 ms", {"integrator": "implicit", "step": 1e-5}),
-    ("gauss, 1 ms", {"integrator": "gauss", "step": 1e-3}),
-    ("gauss, 0.1 ms", {"integrator": "gauss", "step": 1e-4}),
-    ("default", {}),
-    ("rk4, 0.02 ms", {"integrator": "rk4", "step": 2e-5}),
-    ("ida, rtol 1e-8", {"integrator": "ida", "rtol": 1e-8, "atol": 1e-10}),
-]
+PRESS_RUNS: Runs = [
+    *steps_of("implicit", 1, 0.1, 0.01), *steps_of("gauss", 1, 0.1), *DEFAULT, *steps_of("rk4", 0.02), *IDA_TIGHT,
+]  # fmt: skip
 
 
 def pressing() -> tuple[list[tuple[str, float, float, float, float]], dict[str, Array]]:
@@ -241,17 +230,6 @@ def seven(modes: dict[str, int], contacts: int, far: float, mu: float) -> fa.Arm
         for k in range(contacts)
     ]
     return fa.Arm([link(k) for k in range(7)], gravity=(0, 0, -GRAVITY), contacts=touching)
-
-
-def fastest(jobs: list[Callable[[], Any]], rounds: int) -> Array:
-    """Least time of each (s), one after the other in every round."""
-    times = np.full((rounds, len(jobs)), np.inf)
-    for row in times:
-        for k, job in enumerate(jobs):
-            began = perf_counter()
-            job()
-            row[k] = perf_counter() - began
-    return np.asarray(times.min(axis=0))
 
 
 def cost() -> list[tuple[str, str, Array]]:
@@ -415,14 +393,6 @@ def draw(path: Path, found: dict[str, Any]) -> None:
     axes[1, 0].set(xlabel="time (ms)", ylabel="its end (mm)", title="(c) a beam falls on a stop 1 mm below its end")
     axes[1, 1].set(xlabel="time (ms)", ylabel="force of the stop (N)", title="(d) and bounces")
     finish(figure, axes, path)
-
-
-def finish(figure: Any, axes: Any, path: Path) -> None:
-    for ax in axes.flat:
-        ax.grid(alpha=0.25)
-        ax.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import thread_time
 from typing import Any
 
 import flexarm as fa
@@ -28,6 +28,7 @@ from struts_truth import BOOM, GRAVITY, RHO, STIFF, STRUCK, Array, Boom, E, Stay
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from reporting import fastest, finish
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -245,17 +246,6 @@ def seven(modes: dict[str, int], struts: int) -> fa.Arm:
     return fa.Arm([link(k) for k in range(7)], gravity=(0, 0, -GRAVITY), struts=held)
 
 
-def fastest(jobs: list[Callable[[], Any]], rounds: int) -> Array:
-    """Least time of each (s), one after the other in every round."""
-    times = np.full((rounds, len(jobs)), np.inf)
-    for row in times:
-        for k, job in enumerate(jobs):
-            began = perf_counter()
-            job()
-            row[k] = perf_counter() - began
-    return np.asarray(times.min(axis=0))
-
-
 def cost() -> list[tuple[str, str, Array]]:
     """Arm, what, times (s) with 0, 1, 2 and 4 struts."""
     rows = []
@@ -352,11 +342,7 @@ def draw(path: Path, found: dict[str, Any]) -> None:
            xticks=n, xticklabels=n)  # fmt: skip
     ax.minorticks_off()
     ax.legend(frameon=False)
-    for ax in axes.flat:
-        ax.grid(alpha=0.25)
-        ax.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    finish(figure, axes, path)
 
 
 def main() -> None:

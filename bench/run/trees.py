@@ -28,6 +28,7 @@ from scipy.linalg import eigh
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from reporting import finish
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -327,11 +328,7 @@ def draw(path: Path, modes: list[tuple[float, float, float, float]], run: fa.Res
     ax.semilogy(run.t, np.maximum(off, 1e-17), ":", color=GREY, lw=1.4, label="energy, free")
     ax.set(xlabel="time (s)", ylabel="change since the start (relative)", title="(d) what stays", ylim=(1e-17, 1e-8))
     ax.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=2)
-    for ax in axes.flat:
-        ax.grid(alpha=0.25)
-        ax.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    finish(figure, axes, path)
 
 
 def main() -> None:

@@ -309,9 +309,9 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
   std::vector<int> found(s.events->size());
   Watch pace(t[0], t[t.size() - 1] - t[0]);
   int look = 1;
+  const bool sticks = s.arm.has_contact_friction();  // then each step counts by itself
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
-    const bool sticks = s.arm.has_contact_friction();  // then each step counts by itself
     const double stop = stop_time(s, out.reached, t, functions);
     IDASetStopTime(solver.memory, sticks ? std::min(stop, goal) : stop);
     check_flag(IDASetMaxNumSteps(solver.memory, look));

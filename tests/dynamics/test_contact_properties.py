@@ -3,7 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import contacted, differences, moved, random_arm, random_state
+from arms import contacted, differences, moved, near, random_arm, random_state
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -25,11 +25,6 @@ def drawn(
     assume(np.abs(gap).min() > 2e-3)
     assume(all(abs(1 - c.damping * r) > 0.05 for c, r in zip(arm.contacts, rate, strict=True)))
     return arm, bare, (q, v, rng.normal(size=arm.nv))
-
-
-def near(found: np.ndarray, expected: np.ndarray, rtol: float, size: float = 0.0) -> None:
-    """Within a part of the largest number, or of `size`."""
-    np.testing.assert_allclose(found, expected, rtol=0, atol=rtol * max(size, np.abs(expected).max()))
 
 
 def by_q(arm: fa.Arm, q: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import differences, moved, random_arm, random_state, strutted
+from arms import differences, moved, near, random_arm, random_state, strutted
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -21,11 +21,6 @@ def drawn(
     q, v, _ = random_state(rng, arm)
     assume(arm.strut_motion(q)[0].min() > 0.1)
     return arm, bare, (q, v, rng.normal(size=arm.nv))
-
-
-def near(found: np.ndarray, expected: np.ndarray, rtol: float, size: float = 0.0) -> None:
-    """Within a part of the largest number, or of `size`."""
-    np.testing.assert_allclose(found, expected, rtol=0, atol=rtol * max(size, np.abs(expected).max()))
 
 
 @common

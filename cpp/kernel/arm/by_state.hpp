@@ -344,7 +344,7 @@ struct ByState {
     const Stand arm = stand(layout, sides[0].place, slice, height);
     ContactState<S>& state = touched[k].state;
     state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
-               memory + k, by_end);
+               memory[k], by_end);
     touched[k].idle = Lanes<S>::all(Lanes<S>::none_of((state.push > 0.0) | (state.push < 0.0)));
     const auto pushed = state.force();
     const S all[3] = {pushed.x, pushed.y, pushed.z};

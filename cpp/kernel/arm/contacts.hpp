@@ -53,11 +53,11 @@ struct ContactState {
   typename L::Mask met;        ///< touched or let go in a step
 
   /// @param arm, on  the places of the sphere and of the surface in the world, and velocities of their origins
-  /// @param memory   of a run, or null
+  /// @param memory   of a run, where it is known
   /// @param by_end   see `share`; negative: at an instant
   void find(const ContactPair& pair, const records::ContactLaw<S>& law, const records::ContactSphere<Sp>& sphere,
             const records::ContactSurface<Sp>& surface, const Frame<Sp>& arm, const Motion<Sp>& arm_u,
-            const Frame<Sp>& on, const Motion<Sp>& on_u, const ContactMemory<S>* memory, double by_end) {
+            const Frame<Sp>& on, const Motion<Sp>& on_u, const ContactMemory<S>& memory, double by_end) {
     rubs = pair.rubs;
     axes = Sp::times(on.R, surface.axes);
     const Lin origin = on.r + Sp::rotate(on.R, surface.at);
@@ -78,7 +78,7 @@ struct ContactState {
     now.push = push;
     drag = Sp::zero();
     met = L::everywhere(false);
-    if (by_end >= 0.0 && memory) share(*memory, pair.hertz ? 0.4 : 0.5, by_end);
+    if (by_end >= 0.0) share(memory, pair.hertz ? 0.4 : 0.5, by_end);
     if (!pair.rubs) return;
     const ContactMemory<S> before = begin(memory);
     const Lin moved = centre - before.frame.r - Sp::rotate(before.frame.R, sphere.offset);
@@ -173,14 +173,12 @@ struct ContactState {
   }
 
   /// Of a run, what it remembers.
-  ContactMemory<S> begin(const ContactMemory<S>* memory) const {
+  ContactMemory<S> begin(const ContactMemory<S>& memory) const {
     ContactMemory<S> out = now;
     S* x = view<S>(&out);
-    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = constant(x[i]);
-    if (!memory) return out;
-    const S* kept = view<const S>(memory);
-    const auto known = kept[0] > 0.5;
-    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = L::select(known, kept[i], x[i]);
+    const S* kept = view<const S>(&memory);
+    const auto known = memory.known > 0.5;
+    for (int i = 0; i < flexarm::lanes::kRemembered; ++i) x[i] = L::select(known, kept[i], constant(x[i]));
     return out;
   }
 
