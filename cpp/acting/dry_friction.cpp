@@ -33,4 +33,9 @@ void refuse_contact_friction(const Arm& arm, const std::string& what) {
                 what + " knows no friction of contacts, which depends on the way that it has come: must be zero");
 }
 
+void refuse_loops(const Arm& arm, const std::string& what) {
+  if (!arm.loops().empty())
+    bad_value("loops", std::to_string(arm.loops().size()) + " joints", what + " knows no closed loops: must be none");
+}
+
 }  // namespace flexarm

@@ -46,15 +46,15 @@ void limit_law(const Arm& arm, double limit, LinearLaw& law) {
       law.reach[0] = std::min(law.reach[0], l.most / std::abs(force));
 }
 
-LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double limit,
+LinearLaw law_of(const Arm& arm, const StateSpace& s, const FeedbackPath& path, double limit,
                  const std::function<double(double)>& reference) {
-  if (loop.by_q.size() != arm.nq())
-    bad_value("by_q", loop.by_q.size(), "numbers; must be nq, " + std::to_string(arm.nq()));
-  if (loop.column.size() != arm.nv())
-    bad_value("column", loop.column.size(), "numbers; must be nv, " + std::to_string(arm.nv()));
-  if (!loop.by_q.allFinite()) bad_value("by_q", loop.by_q.transpose(), "must be finite");
-  if (!loop.column.allFinite()) bad_value("column", loop.column.transpose(), "must be finite");
-  LinearLaw law{s.A, s.B, s.C, s.D, loop.column, loop.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), {}, {}, {}};
+  if (path.by_q.size() != arm.nq())
+    bad_value("by_q", path.by_q.size(), "numbers; must be nq, " + std::to_string(arm.nq()));
+  if (path.column.size() != arm.nv())
+    bad_value("column", path.column.size(), "numbers; must be nv, " + std::to_string(arm.nv()));
+  if (!path.by_q.allFinite()) bad_value("by_q", path.by_q.transpose(), "must be finite");
+  if (!path.column.allFinite()) bad_value("column", path.column.transpose(), "must be finite");
+  LinearLaw law{s.A, s.B, s.C, s.D, path.column, path.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), {}, {}, {}};
   limit_law(arm, limit, law);
   const auto* numbers = reference.target<PolynomialValue>();
   if (reference && !numbers)
@@ -228,13 +228,15 @@ LinearLaw servo(const Arm& arm, int i, const ServoGains& gains, double period, c
   return law;
 }
 
-LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period) {
-  return law_of(arm, sampled_law(continuous_law(gains, period), period), loop, gains.limit,
+LinearLaw positive_position(const Arm& arm, const FeedbackPath& path, const PositivePositionGains& gains,
+                            double period) {
+  return law_of(arm, sampled_law(continuous_law(gains, period), period), path, gains.limit,
                 PolynomialValue{PiecewisePolynomial::constant(finite_number("reference", gains.reference))});
 }
 
-LinearLaw integral_resonant(const Arm& arm, const Loop& loop, const IntegralResonantGains& gains, double period) {
-  return law_of(arm, sampled_law(continuous_law(gains), period), loop, gains.limit,
+LinearLaw integral_resonant(const Arm& arm, const FeedbackPath& path, const IntegralResonantGains& gains,
+                            double period) {
+  return law_of(arm, sampled_law(continuous_law(gains), period), path, gains.limit,
                 PolynomialValue{PiecewisePolynomial::constant(finite_number("reference", gains.reference))});
 }
 

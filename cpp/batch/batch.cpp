@@ -25,6 +25,7 @@ void fill_rows(const BatchProblem& p, const BatchOutput& out, Eigen::Index scena
   fill(out.q, p.row_q());
   for (double* block : {out.v, out.a, out.tau}) fill(block, p.row_v());
   fill(out.contacts, p.row_contacts());
+  fill(out.loops, p.row_loops());
 }
 
 void throw_again(const BatchProblem& problem, Eigen::Index scenario) {
@@ -180,6 +181,7 @@ class Worker {
     copy(out.a, run.a, p.row_v());
     copy(out.tau, run.tau, p.row_v());
     copy(out.contacts, run.contacts, p.row_contacts());
+    copy(out.loops, run.loops, p.row_loops());
     fill_rows(p, out, b, rows);
     const BatchStatus failed = run.status == Status::ok ? BatchStatus::not_converged : BatchStatus(int(run.status));
     out.status[b] = static_cast<int>(run.failure == kInterrupted ? BatchStatus::not_done
@@ -219,7 +221,7 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   for (const auto& x : p.problems) {
     x->check();
     if (x->arm->nq() != one.arm->nq() || x->arm->nv() != one.arm->nv() ||
-        x->arm->contacts().size() != one.arm->contacts().size())
+        x->arm->contacts().size() != one.arm->contacts().size() || x->arm->loops().size() != one.arm->loops().size())
       bad_value("problems", "an arm", "must have the sizes of the first");
     if (x->loads.size() != one.loads.size() || x->feedback.size() != one.feedback.size() ||
         x->samplers.size() != one.samplers.size() || x->events.size() != one.events.size() || moves(*x) != moves(one))

@@ -161,7 +161,7 @@ bool LaneGroup::look(long step, const double* q, const double* v, double* ended)
 int LaneGroup::wanted(long step) {
   const Index k = steps_->output[static_cast<std::size_t>(step)];
   if (k < 0 || k % p_.every != 0) return 0;
-  return out_.a || out_.tau || out_.contacts ? 2 : 1;
+  return out_.a || out_.tau || out_.contacts || out_.loops ? 2 : 1;
 }
 
 bool LaneGroup::alive(long step) {
@@ -172,7 +172,7 @@ bool LaneGroup::alive(long step) {
   return tell_(news * static_cast<long>(count_));
 }
 
-void LaneGroup::row(const double* q, const double* v, const double* a, const double* tau, const double* contacts,
+void LaneGroup::row(const double* q, const double* v, const double* a, const double* tau, const double* reactions,
                     const int* status) {
   const Index rows = p_.rows(), k = row_ * p_.every;
   for (Index l = 0; l < count_; ++l) {
@@ -188,7 +188,8 @@ void LaneGroup::row(const double* q, const double* v, const double* a, const dou
     put(out_.v, v, p_.row_v());
     put(out_.a, a, p_.row_v());
     put(out_.tau, tau, p_.row_v());
-    put(out_.contacts, contacts, p_.row_contacts());
+    put(out_.contacts, reactions, p_.row_contacts());
+    put(out_.loops, reactions + p_.row_contacts() * width_, p_.row_loops());
     rows_done_[static_cast<std::size_t>(l)] = row_ + 1;
   }
   ++row_;

@@ -112,7 +112,7 @@ class LaneGroup final : lanes::Scenarios {
   bool change(long step, const double* q, const double* v, const double* a, double* changed) override;
   bool look(long step, const double* q, const double* v, double* ended) override;
   int wanted(long step) override;
-  void row(const double* q, const double* v, const double* a, const double* tau, const double* contacts,
+  void row(const double* q, const double* v, const double* a, const double* tau, const double* reactions,
            const int* status) override;
   bool alive(long step) override;
   const lanes::KernelArm* load(Eigen::Index b);  ///< the arm of a scenario with its loads

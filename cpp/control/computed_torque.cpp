@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
+#include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 
@@ -29,6 +30,7 @@ ComputedTorque::ComputedTorque(const Arm& arm, std::vector<Axis> axes, bool sags
       none_(tau),
       kept_(q_),
       sags_(sags) {
+  refuse_loops(arm, "computed torque");
   std::vector<int> count(static_cast<std::size_t>(arm.nv()), 0);
   for (const Axis& x : axes_) {
     if (x.rate < 0 || x.rate >= arm.nv()) bad_value("rate of an axis", x.rate, "must be one of the arm's");

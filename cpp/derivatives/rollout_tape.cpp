@@ -11,6 +11,7 @@ using Eigen::VectorXd;
 TapedRollout roll_on_tape(const std::string& method, const Arm& arm, double h, const ImplicitOptions& options,
                           const VectorXd& q0, const VectorXd& v0, const Trajectory::Rows& tau) {
   refuse_contact_friction(arm, "a rollout with derivatives");
+  refuse_loops(arm, "a rollout with derivatives");
   refuse_balls(arm, "derivatives of a rollout");
   OneStep step(method, arm, h, options);
   const Index count = tau.rows();

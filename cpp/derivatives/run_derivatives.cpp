@@ -45,6 +45,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
                                        Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
                                        int threads) {
   refuse_contact_friction(*of.arm, kRuns);
+  refuse_loops(*of.arm, kRuns);
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -262,6 +263,7 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
   refuse_contact_friction(*of.arm, kRuns);
+  refuse_loops(*of.arm, kRuns);
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);

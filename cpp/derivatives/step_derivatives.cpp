@@ -15,6 +15,7 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
       tape_(step_.stages()) {
   refuse_friction(arm, "step_derivatives");
   refuse_contact_friction(arm, "step_derivatives");
+  refuse_loops(arm, "step_derivatives");
   refuse_balls(arm, "derivatives of steps");
   for (const Load& load : loads) problem_.loads.push_back({load, {}, {}});
 }

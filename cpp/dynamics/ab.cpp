@@ -93,8 +93,8 @@ void solve(const Arm& arm, Workspace& ws, const double* r, double* x) {
   if (!ws.feedback.empty()) laws_of(arm, ws).correct(x);
 }
 
-bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, const double* r, double* x) {
-  ws.chain().solve(r, x);
+bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, double* r, double* x) {
+  ws.chain().correct(r, x);
   return !ws.feedback.empty() && laws_of(arm, ws).correct_within(q, v, beside(ws), x);
 }
 

@@ -16,7 +16,7 @@ void inverse(Workspace& ws, const double* q, const double* v, const double* a, d
 Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, const lanes::Shift& shift);
 void solve(const Arm& arm, Workspace& ws, const double* r, double* x);
 /// The same for a step of Newton's iteration from q and v, see FeedbackLaws::correct_within.
-bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, const double* r, double* x);
+bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, double* r, double* x);
 /// In feedback_numbers, for `limits` as they are now.
 void make_room_for_limits(Workspace& ws);
 
@@ -31,6 +31,10 @@ void note_contacts(Workspace& ws);
 bool remember_note(Workspace& ws);
 /// Forces of the contacts on the arm, in the world (3 each), where the chain was moved last.
 void contact_forces(Workspace& ws, double* out);
+
+/// Takes the forces of loops off those that inverse dynamics has found, ws.tau, where the chain is. @param applied  all
+/// other forces (nv) @param out  force and moment (6) of each loop on its side b, in the world
+void take_loop_forces(Workspace& ws, const Eigen::VectorXd& applied, double* out);
 
 /// Changes of the forces of joints, beams, struts and contacts by changes x of the coordinates (nv), see Kernels; after
 /// `factor`.

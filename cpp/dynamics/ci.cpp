@@ -1,5 +1,7 @@
 #include "flexarm/ci.hpp"
 
+#include <Eigen/QR>
+
 #include "arrays.hpp"
 #include "setup/single.hpp"
 
@@ -22,6 +24,24 @@ void composite_mass_matrix(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   composite_mass_matrix(arm, ws);
 }
 
+namespace {
+
+/// Accelerations of the tree become those of the closed loops: the smallest forces in them that make d^2 g/dt^2 zero.
+void constrain(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  const Eigen::Index rows = ws.chain().layout().loop_rows, n = static_cast<Eigen::Index>(ws.free.size());
+  Eigen::MatrixXd all(arm.nv(), rows), G(n, rows);
+  Eigen::Matrix3Xd found(3, rows);
+  inverse_dynamics(arm, ws, q, v, ws.a);
+  ws.chain().loop_rows(found.data(), all.data());
+  for (Eigen::Index k = 0; k < n; ++k) G.row(k) = all.row(ws.free[static_cast<std::size_t>(k)]);
+  const Eigen::MatrixXd by_force = ws.factor.solve(G);
+  const Eigen::MatrixXd C = G.transpose() * by_force;
+  ws.rhs = by_force * C.completeOrthogonalDecomposition().solve(-found.row(2).transpose());
+  for (Eigen::Index k = 0; k < n; ++k) ws.a[ws.free[static_cast<std::size_t>(k)]] += ws.rhs[k];
+}
+
+}  // namespace
+
 Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
   // tau - H^T Phi^T (M Phi N + N) of Eq. 90: inverse dynamics with the free accelerations at zero
@@ -39,6 +59,7 @@ Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   if (ws.factor.info() != Eigen::Success) return all_finite(ws.M_free) ? Status::singular : Status::not_finite;
   ws.factor.solveInPlace(ws.rhs);
   for (Eigen::Index k = 0; k < n; ++k) ws.a[ws.free[k]] = ws.rhs[k];
+  if (!arm.loops().empty()) constrain(arm, ws, q, v);
   return all_finite(q) && all_finite(v) && all_finite(ws.a) ? Status::ok : Status::not_finite;
 }
 

@@ -1,6 +1,7 @@
 #include "flexarm/derivatives.hpp"
 
 #include "arrays.hpp"
+#include "flexarm/check.hpp"
 #include "setup/single.hpp"
 
 namespace flexarm {
@@ -16,8 +17,12 @@ class SlopesMemory {
         grouped_(arm_.grouped(kernels.width, prescribed)),
         memory_(kernels.slopes_memory(of())) {}
   SlopesOf of() const {
-    return {arm_.layout(), grouped_.layout(), arm_.numbers().data(), grouped_.numbers().data(),
-            remembered.empty() ? nullptr : remembered.data()};
+    return {arm_.layout(),
+            grouped_.layout(),
+            arm_.numbers().data(),
+            grouped_.numbers().data(),
+            remembered.empty() ? nullptr : remembered.data(),
+            held.empty() ? nullptr : held.data()};
   }
   void* memory() const { return memory_.get(); }
   void set_wrench(std::size_t load, const Vec6<double>& wrench) {
@@ -26,7 +31,7 @@ class SlopesMemory {
 
   const Kernels& kernels = best_kernels();
   std::vector<double> wrenches;
-  std::vector<double> remembered;  ///< see Workspace
+  std::vector<double> remembered, held;  ///< see Workspace
 
  private:
   KernelArm arm_, grouped_;
@@ -42,7 +47,29 @@ InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& 
 
 void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) { memory_->set_wrench(load, wrench); }
 
-void InverseDerivatives::recall(const Workspace& ws) { memory_->remembered = ws.remembered; }
+void InverseDerivatives::recall(const Workspace& ws) {
+  memory_->remembered = ws.remembered;
+  memory_->held = ws.held;
+}
+
+void InverseDerivatives::hold(const Arm& arm, const Eigen::VectorXd& forces) {
+  memory_->held.clear();
+  if (forces.size() == 0) return;
+  const lanes::Layout& layout = lanes::KernelArm::of(arm).layout();
+  Eigen::Index all = 0;
+  for (std::size_t k = 0; k < arm.loops().size(); ++k) {
+    const lanes::LoopJoint& known = layout.loop[k];
+    for (const Loop::Row& row : arm.loops()[k].rows()) {
+      for (int i = 0; i < known.rows && all < forces.size(); ++i)
+        if (known.row[i].turns == row.turns && known.row[i].i == row.i && known.row[i].j == row.j)
+          memory_->held.push_back(forces[all]);
+      ++all;
+    }
+  }
+  if (forces.size() != all)
+    bad_value("reactions", std::to_string(forces.size()) + " forces",
+              "must be one for each row of the loops: " + std::to_string(all));
+}
 
 void InverseDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a, bool by_v) {

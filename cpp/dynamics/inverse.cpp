@@ -29,6 +29,12 @@ void joint_forces(const Arm&, Workspace& ws, const Eigen::VectorXd& a) {
   ws.placed_chain().forces(a.data(), ws.tau.data());
 }
 
+void take_loop_forces(Workspace& ws, const Eigen::VectorXd& applied, double* out) {
+  ws.rest = ws.tau - applied;
+  ws.placed_chain().react(ws.rest.data(), ws.spare.data(), out);
+  ws.tau -= ws.rest;
+}
+
 struct JointReactions::InSpace {
   lanes::SingleFrames frames;
   std::vector<double> wrenches;

@@ -178,6 +178,14 @@ void contact_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& 
   if (out.size() > 0) (*ws.frames)->contacts(ws.frames->self(), q.data(), v.data(), out.data());
 }
 
+void loop_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                 Eigen::Matrix2Xd& out) {
+  Eigen::Index rows = 0;
+  for (const Loop& loop : arm.loops()) rows += static_cast<Eigen::Index>(loop.rows().size());
+  out.resize(2, rows);
+  if (rows > 0) (*ws.frames)->loops(ws.frames->self(), q.data(), v.data(), out.data());
+}
+
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   lanes::Sums sums;
   (*ws.frames)->sums(ws.frames->self(), q.data(), v.data(), sums);
@@ -196,6 +204,14 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     const double depth = std::max(0.0, -touching(0, k)), power = contact.exponent + 1.0;
     e.potential += contact.stiffness * std::pow(depth, power) / power;
   }
+  Eigen::Matrix2Xd gaps;
+  loop_motion(arm, ws, q, v, gaps);
+  Eigen::Index row = 0;
+  for (const Loop& loop : arm.loops())
+    for (const Loop::Row& r : loop.rows()) {
+      const double g = gaps(0, row++), stiffness = r.turns ? loop.angular_stiffness : loop.stiffness;
+      if (std::isfinite(stiffness)) e.potential += 0.5 * stiffness * g * g;
+    }
   if (arm.struts().empty()) return e;
   StrutMotion lines;
   strut_motion(arm, ws, q, v, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(arm.struts().size())), lines);

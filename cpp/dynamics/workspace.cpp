@@ -16,6 +16,8 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
       prescribed(given),
       rhs(tau),
       total(tau),
+      rest(tau),
+      spare(tau),
       nq_(arm.nq()),
       q_(Eigen::VectorXd::Zero(arm.nq())),
       v_(tau) {
@@ -63,6 +65,7 @@ lanes::Single& Workspace::chain() {
     chain_->load(wrenches_.data());
   }
   if (!remembered.empty()) chain_->recall(remembered.data());
+  if (!held.empty()) chain_->hold(held.data());
   return *chain_;
 }
 

@@ -27,6 +27,7 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   problem_.check();
   positive("step", h);
   refuse_contact_friction(arm, "the filter");
+  refuse_loops(arm, "the filter");
   if (sensors.empty()) bad_value("sensors", 0, "there must be at least one");
   for (std::size_t k = 0; k < sensors.size(); ++k) check(arm, k, sensors[k]);
   check(arm, parameters);

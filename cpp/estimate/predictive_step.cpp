@@ -55,7 +55,7 @@ Problem with_a_kilogram(Problem problem) {
   seats.emplace_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
   problem.arm = std::make_shared<const Arm>(std::move(links), problem.arm->gravity(), std::move(seats),
-                                            problem.arm->struts(), problem.arm->contacts());
+                                            problem.arm->struts(), problem.arm->contacts(), problem.arm->loops());
   return problem;
 }
 

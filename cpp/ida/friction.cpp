@@ -222,7 +222,7 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
   using Tangent = Trajectory::Tangent;
   for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
     add_row(k, part, out, &Trajectory::q, &Trajectory::v, &Trajectory::a, &Trajectory::tau, &Trajectory::friction,
-            &Trajectory::contacts);
+            &Trajectory::contacts, &Trajectory::loops);
     for (std::size_t p = 0; p < out.tangents.size(); ++p)
       add_row(k, part.tangents[p], out.tangents[p], &Tangent::q, &Tangent::v, &Tangent::a, &Tangent::tau,
               &Tangent::friction);

@@ -20,6 +20,7 @@ constexpr int kLook = 200;          // most steps between two calls of `alive`
 constexpr long kSlow = 20000;       // steps after which somebody is told
 constexpr double kLookTime = 0.02;  // s: about the longest time between them
 constexpr int kFollow = 1000;       // times in a run at which events are looked at where nothing is integrated
+constexpr double kAnyForce = 1e20;  // an absolute tolerance (N, N m)
 constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
@@ -46,7 +47,7 @@ void keep_message(int, const char*, const char*, char* text, void* data) {
 /// Owns the objects of SUNDIALS.
 struct Solver {
   SUNContext context = nullptr;
-  N_Vector y = nullptr, yp = nullptr;
+  N_Vector y = nullptr, yp = nullptr, special = nullptr;
   std::optional<LinearPart> linear;
   std::optional<TangentPart> tangents;
   void* memory = nullptr;
@@ -72,7 +73,11 @@ struct Solver {
 #endif
     s.message.reserve(500);  // no step allocates
     check_flag(IDAInit(memory, residual, t0, y, yp));
-    check_flag(IDASStolerances(memory, o.rtol, o.atol));
+    if (s.n_loops() == 0) {
+      check_flag(IDASStolerances(memory, o.rtol, o.atol));
+    } else {
+      tell_loops(s, o);
+    }
     linear.emplace().attach(memory, s, y, context);
     check_flag(IDASetMaxOrd(memory, o.max_order));
     check_flag(IDASetStopTime(memory, t_end));
@@ -81,9 +86,23 @@ struct Solver {
     if (memory) IDAFree(&memory);
     linear.reset();
     tangents.reset();
+    if (special) N_VDestroy(special);
     if (yp) N_VDestroy(yp);
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
+  }
+  /// The forces of loops have no error of their own; and in short steps more rounding than any tolerance allows.
+  void tell_loops(const IdaSystem& s, const IdaOptions& o) {
+    special = N_VClone(y);
+    if (!special) throw std::bad_alloc();
+    double* forces = N_VGetArrayPointer(special) + s.size() - 2 * s.n_loops();
+    N_VConst(o.atol, special);
+    std::fill_n(forces, 2 * s.n_loops(), kAnyForce);
+    check_flag(IDASVtolerances(memory, o.rtol, special));
+    N_VConst(1.0, special);
+    std::fill_n(forces, 2 * s.n_loops(), 0.0);
+    check_flag(IDASetId(memory, special));
+    check_flag(IDASetSuppressAlg(memory, SUNTRUE));
   }
   Solver(const Solver&) = delete;
   Solver& operator=(const Solver&) = delete;
@@ -250,7 +269,7 @@ bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
 
 /// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
 void choose_solver(IdaSystem& s, LinearSolver wanted) {
-  if (wanted == LinearSolver::dense)
+  if (wanted == LinearSolver::dense || !s.rows.empty())
     s.dense.emplace(s.arm, places(s.loads));
   else
     s.chain.emplace(s.arm, s.ws.prescribed, s.control);
@@ -342,6 +361,9 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
         if (s.tangents && !jumped) solver.tangents->get(solver.memory, s);
+        sunrealtype last = 0.0;
+        IDAGetLastStep(solver.memory, &last);
+        s.close_loops(last);
         record(s, goal, out);
       }
     }
@@ -376,6 +398,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
     return out;
   }
 
+  s.choose_rows();
   choose_solver(s, options.linear_solver);
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
@@ -403,8 +426,10 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
     return simulate_smooth(of, times, options, alive, control, by);
   };
   if (!parameters.empty()) refuse_contact_friction(*problem.arm, "the derivatives of a run");
+  if (!parameters.empty()) refuse_loops(*problem.arm, "the derivatives of a run");
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
   refuse_contact_friction(*problem.arm, "\"ida\", beside dry friction of joints,");
+  refuse_loops(*problem.arm, "\"ida\", beside dry friction of joints,");
   return simulate_with_friction(problem, t, part, control, parameters);
 }
 

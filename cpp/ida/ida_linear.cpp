@@ -15,6 +15,33 @@ namespace {
 constexpr int kKrylov = 10;    // vectors
 constexpr double kGood = 0.3;  // error of the preconditioner alone, in parts of the solution
 
+/// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix; what dg/dt changes by the
+/// coordinates is left out.
+void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, SUNMatrix J) {
+  const int nq = s.n_q(), nv = s.n_v(), m = s.n_loops();
+  const auto at = [&](int row, int column) -> double& { return SUNDenseMatrix_Column(J, column)[row]; };
+  for (int r = 0; r < m; ++r) {
+    const auto g = s.G.col(s.rows[static_cast<std::size_t>(r)]);
+    const int y = nq + nv + r, drift = y + m;
+    for (int k = 0; k < nv; ++k) {
+      const int i = s.ws.free[static_cast<std::size_t>(k)];
+      at(nq + k, y) = -g[i];
+      at(drift, nq + k) = g[i];
+    }
+    for (int k = 0; k < nq; ++k) {
+      const int i = s.free_q[static_cast<std::size_t>(k)];
+      double by_drift = 0.0, by_q = 0.0;
+      for (int j : s.ws.free) {
+        const double e = E(i, j);
+        by_drift -= e * g[j];
+        by_q += (s.arm.coordinate_of(j) < 0 ? 4.0 : 1.0) * e * g[j];
+      }
+      at(k, drift) = by_drift;
+      at(y, k) = by_q;
+    }
+  }
+}
+
 /// dF/dy + cj dF/dy'
 int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
                    N_Vector, N_Vector) {
@@ -23,6 +50,10 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     for (std::size_t k = 0; k < s.ws.loads.size(); ++k) d.derivatives.set_wrench(k, s.ws.loads[k].wrench);
     d.derivatives.recall(s.ws);
+    if (!s.rows.empty()) {
+      inverse_dynamics(s.arm, s.ws, s.q, s.v, s.a);
+      s.find_loops();
+    }
     d.derivatives(s.arm, s.q, s.v, s.a);
     add_feedback_slopes(s.ws.feedback, s.ws.limits, s.q, s.v, d.derivatives.dq, d.derivatives.dv);
     composite_mass_matrix(s.arm, s.ws, s.q);
@@ -44,6 +75,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
         column[nq + l] = d.derivatives.dv(i, j) + cj * s.ws.M(i, j);
       }
     }
+    if (!s.rows.empty()) put_loops(s, d.rate_by_v, J);
     return 0;
   });
 }

@@ -1,10 +1,18 @@
 #include "ida_system.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "arrays.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
+
+namespace {
+
+constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it depends on them
+
+}  // namespace
 
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control)
     : arm_(&arm), ws_(arm, prescribed), turn_(Eigen::VectorXd::Zero(arm.nv())), rhs_(turn_), ball_(arm.size()) {
@@ -55,7 +63,34 @@ void IdaSystem::set(double t, const double* y, const double* yp) {
     v[i] = y[n_q() + k];
     if (yp) a[i] = yp[n_q() + k];
   }
+  const double* loops = y + n_q() + n_v();
+  for (int k = 0; k < n_loops(); ++k) {
+    ws.held[static_cast<std::size_t>(rows[static_cast<std::size_t>(k)])] = loops[k];
+    drift[k] = loops[n_loops() + k];
+  }
 }
+
+void IdaSystem::choose_rows() {
+  const Eigen::Index n = ws.chain().layout().loop_rows;
+  if (n == 0) return;
+  G.resize(arm.nv(), n);
+  found.resize(3, n);
+  move_chain(ws, q, v);
+  find_loops();
+  Eigen::MatrixXd free(n_v(), n);
+  for (int k = 0; k < n_v(); ++k) free.row(k) = G.row(ws.free[k]);
+  for (auto column : free.colwise())
+    if (const double size = column.norm(); size > 0.0) column /= size;
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(free);
+  qr.setThreshold(kDependent);
+  for (Eigen::Index k = 0; k < qr.rank(); ++k) rows.push_back(qr.colsPermutation().indices()[k]);
+  std::sort(rows.begin(), rows.end());
+  ws.held.assign(static_cast<std::size_t>(n), 0.0);
+  drift = Eigen::VectorXd::Zero(n_loops());
+  shifted = v;
+}
+
+void IdaSystem::find_loops() { ws.chain().loop_rows(found.data(), G.data()); }
 
 void IdaSystem::remember(double t, const double* y) {
   set(t, y, nullptr);
@@ -80,12 +115,38 @@ std::pair<Eigen::VectorXd, Eigen::VectorXd> IdaSystem::state() {
     y[n_q() + k] = v[ws.free[k]];
     yp[n_q() + k] = a[ws.free[k]];
   }
+  if (rows.empty()) return {y, yp};
+  y.tail(2 * n_loops()).setZero();
+  yp.tail(2 * n_loops()).setZero();
+  std::fill(ws.held.begin(), ws.held.end(), 0.0);
+  inverse_dynamics(arm, ws, q, v, a);
+  find_loops();
+  Eigen::MatrixXd columns(n_v(), n_loops());
+  Eigen::VectorXd left(n_v());
+  for (int k = 0; k < n_v(); ++k) {
+    const int i = ws.free[k];
+    left[k] = ws.tau[i] - tau[i] - friction[i];
+    for (int r = 0; r < n_loops(); ++r) columns(k, r) = G(i, rows[static_cast<std::size_t>(r)]);
+  }
+  y.segment(n_q() + n_v(), n_loops()) = columns.colPivHouseholderQr().solve(left);
   return {y, yp};
 }
 
 bool IdaSystem::residual(const double* yp, double* r) {
   inverse_dynamics(arm, ws, q, v, a);
-  coordinate_rates(arm, q, v, dq);
+  if (rows.empty()) {
+    coordinate_rates(arm, q, v, dq);
+  } else {
+    find_loops();
+    shifted = v;
+    for (int k = 0; k < n_loops(); ++k) {
+      const int row = rows[static_cast<std::size_t>(k)];
+      for (int i : ws.free) shifted[i] += G(i, row) * drift[k];
+      r[n_q() + n_v() + k] = found(0, row);
+      r[n_q() + n_v() + n_loops() + k] = found(1, row);
+    }
+    coordinate_rates(arm, q, shifted, dq);
+  }
   for (int k = 0; k < n_q(); ++k) r[k] = yp[k] - dq[free_q[k]];
   double sum = 0.0;
   for (int k = 0; k < n_v(); ++k) {

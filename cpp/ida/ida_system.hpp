@@ -41,7 +41,8 @@ class ChainInverse {
   std::vector<Eigen::Matrix<double, 4, 3>> ball_;  ///< E of each link's quaternion: of balls only
 };
 
-/// State y = [q; v] of the free coordinates and rates.
+/// State y = [q; v] of the free coordinates and rates; of arms with loops [q; v; y; m], in the stabilised form of index
+/// 2 (Gear, Gupta & Leimkuhler 1985): dq/dt = E (v + G m), M dv/dt = .. + G y, g = 0, dg/dt = 0.
 struct IdaSystem : System {
   Eigen::VectorXd dq;                  // rates of all coordinates
   std::optional<DenseJacobian> dense;  // one of the two
@@ -52,6 +53,10 @@ struct IdaSystem : System {
   std::string message;                                       // IDA's last word
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
+  std::vector<int> rows;           // of loops: those that do not depend on others
+  Eigen::MatrixXd G;               // of all rows, by columns
+  Eigen::Matrix3Xd found;          // g and its derivatives by time, of all rows
+  Eigen::VectorXd shifted, drift;  // v + G m; m
   std::optional<StateTangents> tangents;
   IdaSystem(const Problem& problem, Control& control_)
       : System(problem, control_),
@@ -61,7 +66,12 @@ struct IdaSystem : System {
         x1(r1),
         x2(r2) {}
 
-  int size() const { return n_q() + n_v(); }
+  int n_loops() const { return static_cast<int>(rows.size()); }
+  int size() const { return n_q() + n_v() + 2 * n_loops(); }
+  /// Takes the rows of loops that are independent where the chain is.
+  void choose_rows();
+  /// g and its derivatives, and G, where the chain is.
+  void find_loops();
   /// Current coordinates and rates from y, accelerations from yp if given, and the drives at time t.
   void set(double t, const double* y, const double* yp);
   /// Contacts go on from y, at the end of a step.

@@ -74,6 +74,7 @@ void inverse(void* self, const double* q, const double* v, const double* a, doub
   on(self, [&](auto& chain) {
     chain.move(q, v);
     chain.forces(base_of(chain), a, tau);
+    accelerate_loops(chain, base_of(chain), a);
   });
 }
 
@@ -129,6 +130,60 @@ void solve(void* self, const double* r, double* x) {
   on(self, [&](auto& chain) { ::solve(chain, r, x); });
 }
 
+void correct(void* self, double* r, double* x) {
+  on(self, [&](auto& chain) { solve_step(chain, r, x); });
+}
+
+void close(void* self, double* second, double* places, double* rates, double* sizes) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.loops == 0) return;
+    const auto& loops = chain.by_state->loops;
+    if (second) loops.close_accelerations(chain.layout, second);
+    if (places) sizes[0] = loops.close_places(chain.layout, places);
+    if (rates) sizes[1] = loops.close_rates(chain.layout, rates);
+  });
+}
+
+bool closed(void* self) {
+  return on(self, [&](auto& chain) { return chain.by_state->loops.closed(chain.layout); });
+}
+
+void project(void* self, const Shift& shift, double* q, double* v, double* scratch) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.loops > 0) ::project(chain, shift, q, v, scratch);
+  });
+}
+
+void shut(void* self, double* q, double* v, double* scratch) {
+  on(self, [&](auto& chain) { ::shut(chain, q, v, scratch); });
+}
+
+void react(void* self, double* r, double* scratch, double* forces) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.loops == 0) return;
+    ::react(chain, r, scratch);
+    chain.by_state->loops.put_forces(chain.layout, forces);
+  });
+}
+
+void loop_rows(void* self, double* rows, double* G) {
+  on(self, [&](auto& chain) {
+    if (chain.layout.loops == 0) return;
+    auto& loops = chain.by_state->loops;
+    for (int k = 0; k < chain.layout.loop_rows; ++k)
+      for (const double x : {loops.row[k].g, loops.row[k].rate, loops.row[k].second}) *rows++ = x;
+    if (!G) return;
+    loops.gather(chain);
+    for (int i = 0; i < chain.layout.loop_rows * chain.layout.nv; ++i) G[i] = loops.G[i];
+  });
+}
+
+void hold(void* self, const double* reactions) {
+  on(self, [&](auto& chain) {
+    for (int k = 0; k < chain.layout.loop_rows; ++k) chain.by_state->loops.held[k] = reactions[k];
+  });
+}
+
 void stiffness_times(void* self, const double* x, double* out) {
   on(self, [&](auto& chain) {
     for (int i = 0; i < chain.layout.nodes; ++i) {
@@ -142,6 +197,7 @@ void stiffness_times(void* self, const double* x, double* out) {
       }
     }
     if (chain.stiffened) chain.by_state->add_stiffness(chain.layout, x, out);
+    if (chain.layout.loops > 0) chain.by_state->loops.add_stiffness(chain.layout, x, out);
   });
 }
 
@@ -254,6 +310,14 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   met,
                                                   factor,
                                                   solve,
+                                                  correct,
+                                                  close,
+                                                  closed,
+                                                  project,
+                                                  shut,
+                                                  react,
+                                                  loop_rows,
+                                                  hold,
                                                   stiffness_times,
                                                   side_memory,
                                                   inverse_side_by_side,

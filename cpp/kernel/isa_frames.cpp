@@ -109,6 +109,16 @@ void contacts(void* self, const double* q, const double* v, double* motion) {
   }
 }
 
+void loops(void* self, const double* q, const double* v, double* motion) {
+  One& f = of(self);
+  set(f, q, v);
+  f.place();
+  ByState<One::C>& found = *f.chain.by_state;
+  found.find(f.chain, f.q, f.v);
+  for (int k = 0; k < f.chain.layout.loop_rows; ++k)
+    for (const double x : {found.loops.row[k].g, found.loops.row[k].rate}) *motion++ = x;
+}
+
 void struts(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q) {
   One& f = of(self);
   set(f, q, v);
@@ -182,9 +192,9 @@ namespace flexarm {
 namespace lanes {
 
 extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
-const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory,   begin,         place,    accelerate,   pose,
-                                                      jacobian, motion,        reaction, sums,         contacts,
-                                                      struts,   slopes_memory, slopes,   jacobian_rate};
+const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory,   begin,  place,         accelerate, pose,
+                                                      jacobian, motion, reaction,      sums,       contacts,
+                                                      loops,    struts, slopes_memory, slopes,     jacobian_rate};
 
 }  // namespace lanes
 }  // namespace flexarm

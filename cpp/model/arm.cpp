@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <sstream>
+#include <tuple>
 #include <utility>
 
 #include "flexarm/check.hpp"
@@ -33,17 +34,24 @@ std::pair<Eigen::VectorXd, Eigen::VectorXd> largest_parts(const Beam& beam) {
   return {moved, turned};
 }
 
+void check_axes(const std::string& name, const Eigen::Matrix3d& axes) {
+  const double off = (axes.transpose() * axes - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(off < 1e-9) || axes.determinant() < 0.0)
+    bad_value(name, off, "off a rotation matrix: its columns must be right-handed unit axes");
+}
+
 double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact : kBeyond; }
 
 }  // namespace
 
 Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Seat> seats, std::vector<Strut> struts,
-         std::vector<Contact> contacts)
+         std::vector<Contact> contacts, std::vector<Loop> loops)
     : links_(std::move(links)),
       gravity_(finite("gravity", gravity)),
       seats_(std::move(seats)),
       struts_(std::move(struts)),
-      contacts_(std::move(contacts)) {
+      contacts_(std::move(contacts)),
+      loops_(std::move(loops)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
   if (seats_.empty())
     for (int n = 0; n < static_cast<int>(size()); ++n) seats_.emplace_back(n - 1);
@@ -76,6 +84,7 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity, std::vector<Se
   }
   for (std::size_t k = 0; k < struts_.size(); ++k) check(struts_[k], "struts[" + std::to_string(k) + "]");
   for (std::size_t k = 0; k < contacts_.size(); ++k) check(contacts_[k], "contacts[" + std::to_string(k) + "]");
+  for (std::size_t k = 0; k < loops_.size(); ++k) check(loops_[k], "loops[" + std::to_string(k) + "]");
   check_inertia();
 }
 
@@ -133,9 +142,24 @@ void Arm::check(const Contact& contact, const std::string& name) const {
   finite(name + ".against.size", on.size);
   for (int i = 0; i < (on.kind == Surface::box ? 3 : on.kind == Surface::sphere ? 1 : 0); ++i)
     positive(name + ".against.size[" + std::to_string(i) + "]", on.size[i]);
-  const double off = (on.axes.transpose() * on.axes - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (!(off < 1e-9) || on.axes.determinant() < 0.0)
-    bad_value(name + ".against.axes", off, "off a rotation matrix: its columns must be right-handed unit axes");
+  check_axes(name + ".against.axes", on.axes);
+}
+
+void Arm::check(const Loop& loop, const std::string& name) const {
+  check(loop.a.at, name + ".a");
+  check(loop.b.at, name + ".b");
+  check_axes(name + ".axes_a", loop.a.axes);
+  check_axes(name + ".axes_b", loop.b.axes);
+  if (loop.a.at.link == loop.b.at.link)
+    bad_value(name + ".b.link", loop.b.at.link, "is that of a: a loop closes between two links, or one and the world");
+  for (const auto& [field, stiffness, damping] :
+       {std::tuple<const char*, double, double>{"", loop.stiffness, loop.damping},
+        {"angular_", loop.angular_stiffness, loop.angular_damping}}) {
+    if (!(stiffness > 0.0)) bad_value(name + "." + field + "stiffness", stiffness, "must be positive, infinite: rigid");
+    non_negative(name + "." + field + "damping", damping);
+    if (damping > 0.0 && std::isinf(stiffness))
+      bad_value(name + "." + field + "damping", damping, "must be 0 where the stiffness is infinite");
+  }
 }
 
 bool Arm::has_contact_friction() const {

@@ -40,6 +40,7 @@ void check(const Problem& problem, const MpcOptions& o) {
   const Arm& arm = *problem.arm;
   const Index nu = o.columns.cols();
   refuse_contact_friction(arm, "predictive control");
+  refuse_loops(arm, "predictive control");
   if (nu < 1 || o.columns.rows() != arm.nv() || !o.columns.allFinite())
     bad_value("columns", o.columns.rows(), "rows; must be finite, a row for each rate, a column for each input");
   for (const Drive& d : problem.drives)

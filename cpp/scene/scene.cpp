@@ -179,6 +179,23 @@ void fields(Node& a, Contact& x) {
   x.against.kind = static_cast<Surface::Kind>(found - std::begin(kSurfaces));
 }
 
+void fields(Node& a, Loop& x) {
+  std::string kind = Loop::name(x.kind);
+  a("a", x.a.at);
+  a("axes_a", x.a.axes);
+  a("b", x.b.at);
+  a("axes_b", x.b.axes);
+  a("kind", kind);
+  a.limit("stiffness", x.stiffness);
+  a("damping", x.damping);
+  a.limit("angular_stiffness", x.angular_stiffness);
+  a("angular_damping", x.angular_damping);
+  int found = 0;
+  while (found <= Loop::spherical && kind != Loop::name(static_cast<Loop::Kind>(found))) ++found;
+  if (found > Loop::spherical) a.wrong("kind", kind, "closes no loop");
+  x.kind = static_cast<Loop::Kind>(found);
+}
+
 void fields(Node& a, std::optional<Arm>& x) {
   Eigen::Vector3d gravity = x ? x->gravity() : Eigen::Vector3d::Zero();
   std::vector<Link> links;
@@ -186,10 +203,12 @@ void fields(Node& a, std::optional<Arm>& x) {
   std::vector<std::optional<double>> at;
   std::vector<Strut> struts;
   std::vector<Contact> contacts;
+  std::vector<Loop> loops;
   if (x) {
     links = x->links();
     struts = x->struts();
     contacts = x->contacts();
+    loops = x->loops();
     for (const Arm::Seat& seat : x->seats()) {
       parents.push_back(seat.link);
       at.push_back(seat.at);
@@ -203,10 +222,11 @@ void fields(Node& a, std::optional<Arm>& x) {
     a.wrong("at", std::to_string(at.size()) + " places", "must be one for each of the parents, or null");
   a("struts", struts);
   a("contacts", contacts);
+  a("loops", loops);
   a.make(x, [&] {
     std::vector<Arm::Seat> seats;
     for (std::size_t n = 0; n < parents.size(); ++n) seats.emplace_back(parents[n], at[n]);
-    return Arm(std::move(links), gravity, std::move(seats), std::move(struts), std::move(contacts));
+    return Arm(std::move(links), gravity, std::move(seats), std::move(struts), std::move(contacts), std::move(loops));
   });
 }
 

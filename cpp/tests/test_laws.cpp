@@ -229,9 +229,9 @@ TEST_CASE("the slopes of a drive are those of its samples, at the first one, too
 
 TEST_CASE("a filter of positive position feedback peaks where it is meant to, sampled slowly, too") {
   const Arm arm = flexarm_test::spatial_arm(2);
-  const Loop loop{Eigen::VectorXd::Unit(arm.nq(), 1), 2.0 * Eigen::VectorXd::Unit(arm.nv(), 1)};
+  const FeedbackPath path{Eigen::VectorXd::Unit(arm.nq(), 1), 2.0 * Eigen::VectorXd::Unit(arm.nv(), 1)};
   const double w = 50.0, zeta = 0.3, gain = 4.0, h = 0.02;  // 3.1 samples a period
-  LinearLaw law = positive_position(arm, loop, {w, zeta, gain, 0.5, 3.0}, h);
+  LinearLaw law = positive_position(arm, path, {w, zeta, gain, 0.5, 3.0}, h);
   const std::complex<double> at_w = answer(law, std::polar(1.0, w * h));  // by e = -y: gain / (2 zeta i), turned
   CHECK(std::abs(at_w + gain / std::complex<double>(0.0, 2.0 * zeta)) <= 1e-12 * std::abs(at_w));
   CHECK(std::abs(answer(law, 1.0) + gain) <= 1e-12);
@@ -246,14 +246,14 @@ TEST_CASE("a filter of positive position feedback peaks where it is meant to, sa
 TEST_CASE("integral resonant control: its pole by Tustin's rule, its static gain, its limit") {
   const Arm arm = flywheel();
   const double k = -30.0, d = -0.2, h = 0.05;
-  const Loop loop{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
-  LinearLaw law = integral_resonant(arm, loop, {k, d, 0.25}, h);
+  const FeedbackPath path{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
+  LinearLaw law = integral_resonant(arm, path, {k, d, 0.25}, h);
   CHECK(law.A(0, 0) == doctest::Approx((1.0 - 0.5 * h * k * d) / (1.0 + 0.5 * h * k * d)).epsilon(1e-14));
   const Eigen::VectorXd q = Eigen::VectorXd::Ones(1), v = Eigen::VectorXd::Zero(1);
   double u = 0.0;
   for (int n = 0; n < 300; ++n) u = law.sample(h * n, q, v, v)[0];
   CHECK(u == doctest::Approx((1.0 - 0.25) / d));
-  law = integral_resonant(arm, loop, {k, d, 0.25, 1.5}, h);
+  law = integral_resonant(arm, path, {k, d, 0.25, 1.5}, h);
   for (int n = 0; n < 300; ++n) u = law.sample(h * n, q, v, v)[0];
   CHECK(u == -1.5);
 }
@@ -298,7 +298,7 @@ TEST_CASE("PD closes the loop that was meant: a flywheel's decay in closed form"
 
 TEST_CASE("linear laws say what does not fit") {
   const Arm arm = flywheel();
-  const Loop loop{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
+  const FeedbackPath path{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
   const double nan = std::nan("");
   const auto begins = [](const std::string& text, const char* with) { return text.rfind(with, 0) == 0; };
   CHECK(begins(said([&] { pd(arm, 1, 1, 1); }), "rate = 1: must be 0 to 0"));
@@ -311,11 +311,11 @@ TEST_CASE("linear laws say what does not fit") {
   CHECK(begins(said([&] { pid(arm, 0, {1, 0, 1, 1.0, 1.0}, 0.1); }), "tracking_time: there is no integral"));
   CHECK(begins(said([&] { continuous_law(PidGains{1, 1, 1}); }), "filter_time"));
   CHECK(
-      begins(said([&] { positive_position(arm, loop, {50.0, 0.3, 1.0}, 0.1); }), "period = 0.1: must be below 0.0628"));
-  CHECK(begins(said([&] { positive_position(arm, {{}, loop.column}, {50.0, 0.3, 1.0}, 0.01); }), "by_q = 0"));
-  CHECK(begins(said([&] { positive_position(arm, {loop.by_q, {}}, {50.0, 0.3, 1.0}, 0.01); }), "column = 0"));
-  CHECK(begins(said([&] { integral_resonant(arm, loop, {1.0, -2.0}, 0.01); }), "gain = 1, feedthrough = -2: must"));
-  CHECK(begins(said([&] { integral_resonant(arm, loop, {1.0, 2.0, nan}, 0.01); }), "reference = nan"));
+      begins(said([&] { positive_position(arm, path, {50.0, 0.3, 1.0}, 0.1); }), "period = 0.1: must be below 0.0628"));
+  CHECK(begins(said([&] { positive_position(arm, {{}, path.column}, {50.0, 0.3, 1.0}, 0.01); }), "by_q = 0"));
+  CHECK(begins(said([&] { positive_position(arm, {path.by_q, {}}, {50.0, 0.3, 1.0}, 0.01); }), "column = 0"));
+  CHECK(begins(said([&] { integral_resonant(arm, path, {1.0, -2.0}, 0.01); }), "gain = 1, feedthrough = -2: must"));
+  CHECK(begins(said([&] { integral_resonant(arm, path, {1.0, 2.0, nan}, 0.01); }), "reference = nan"));
   CHECK(begins(said([&] { pd(flexarm_test::floating_arm(), 3, 1, 1); }), "rate = 3: is a ball's"));
   CHECK(said([&] { pd(flexarm_test::floating_arm(), 2, 1, 1); }).empty());
 }

@@ -7,6 +7,7 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
+#include "setup/single.hpp"
 #include "space/ball.hpp"
 #include "step/newton.hpp"
 #include "step_error.hpp"
@@ -16,6 +17,7 @@ namespace flexarm {
 
 namespace {
 
+constexpr double kEased = 1e-11;  // of the diagonal of the matrix of loops, added to it as rows may depend on others
 constexpr double kSlow = 0.25;    // contraction above which the Jacobians are made anew
 constexpr double kFails = 0.7;    // contraction at which even new ones are made anew, where the iteration now is
 constexpr double kBest = 0.02;    // contraction that is believed without having been measured in the same step
@@ -106,9 +108,15 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
       free_q_[static_cast<std::size_t>(k)] = false;
   const auto n = static_cast<Eigen::Index>(free_.size());
   M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
-  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
-  lu_ = Eigen::PartialPivLU<Eigen::MatrixXd>(s_ * n);
-  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
+  rows_ = ws.chain().layout().loop_rows;
+  G_ = Eigen::MatrixXd::Zero(arm_->nv(), rows_);
+  closing_ = Eigen::MatrixXd::Zero(n, rows_);
+  closed_ = Eigen::MatrixXd::Zero(rows_, rows_);
+  found_ = Eigen::Matrix3Xd::Zero(3, rows_);
+  reaction_ = reaction_before_ = Eigen::MatrixXd::Zero(rows_, s_);
+  newton_ = Eigen::MatrixXd::Identity(s_ * (n + rows_), s_ * (n + rows_));
+  lu_ = Eigen::PartialPivLU<Eigen::MatrixXd>(s_ * (n + rows_));
+  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * (n + rows_));
   moved_ = Eigen::MatrixXd::Zero(n, s_);
   if (chooses()) {
     seen_ = std::make_unique<StepError>(*arm_, ws, free_, c_, rests_.has_value(), options_.tolerance);
@@ -160,9 +168,12 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
       for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
       as_[row] = held(row) ? 0.0 : sum;
     }
+    if (rows_ > 0) hold(reaction_ * monomials_.transpose() * powers(x), ws);
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
     for (Eigen::Index k = 0; k < missed_force_.size(); ++k) missed_force_[k] = missing(k, tau, ws);
+    if (rows_ > 0)  // but for the part that loops take
+      missed_force_ -= closing_ * closed_.llt().solve(closing_.transpose() * M_.llt().solve(missed_force_));
     error_ = std::max(error_, (*seen_)(missed_force_, M_all_, v, as_, 0.5 * fastest_));
   }
 }
@@ -171,6 +182,7 @@ void CollocationStep::undo(Eigen::VectorXd& q, Eigen::VectorXd& v) {
   q = q0_;
   v = v0_;
   a_ = a_before_;
+  reaction_ = reaction_before_;
   h_ = h_before_;
   if (seen_) seen_->undo();
 }
@@ -178,6 +190,7 @@ void CollocationStep::undo(Eigen::VectorXd& q, Eigen::VectorXd& v) {
 /// Accelerations of the step before, continued; where the step grows much they begin with the last.
 void CollocationStep::predict(double ratio) {
   a_before_ = a_;
+  reaction_before_ = reaction_;
   if (ratio == 0.0) return;
   for (int i = 0; i < s_; ++i) {
     const double x = ratio > kGrown ? 1.0 : 1.0 + ratio * c_[i];
@@ -223,6 +236,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   as_ = a_.col(middle);
   for (std::size_t k = 0; k < ws.loads.size(); ++k)
     derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
+  if (rows_ > 0) hold(reaction_.col(middle), ws);
   derivatives_->recall(ws);
   (*derivatives_)(*arm_, qs_, vs_, as_);
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
@@ -234,6 +248,10 @@ void CollocationStep::differentiate(Workspace& ws) {
   K_all_.noalias() = derivatives_->dq * rate_by_v_;
   composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
+  if (rows_ > 0) {
+    move_chain(ws, qs_, vs_);
+    ws.chain().loop_rows(found_.data(), G_.data());
+  }
   reduce();
   if (seen_) seen_->look(ws, qs_, vs_);
   fresh_ = true;
@@ -251,9 +269,26 @@ void CollocationStep::reduce() {
       C_(k, l) = still ? 0.0 : C_all_(i, j);
       K_(k, l) = still ? 0.0 : K_all_(i, j);
     }
+  if (rows_ == 0) return;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const int i = free_[static_cast<std::size_t>(k)];
+    for (Eigen::Index r = 0; r < rows_; ++r) closing_(k, r) = held(i) ? 0.0 : G_(i, r);
+  }
+  closed_.noalias() = closing_.transpose() * M_.llt().solve(closing_);
+  for (Eigen::Index r = 0; r < rows_; ++r) closed_(r, r) = closed_(r, r) > 0.0 ? (1.0 + kEased) * closed_(r, r) : 1.0;
 }
 
-/// I x M + h A x C + h^2 A^2 x K
+void CollocationStep::hold(const Eigen::VectorXd& reaction, Workspace& ws) const {
+  ws.held.assign(reaction.begin(), reaction.end());
+}
+
+Eigen::VectorXd CollocationStep::powers(double x) const {
+  Eigen::VectorXd out = Eigen::VectorXd::Ones(s_);
+  for (int k = 1; k < s_; ++k) out[k] = out[k - 1] * x;
+  return out;
+}
+
+/// I x M + h A x C + h^2 A^2 x K, and, of loops, the forces that make their second derivatives zero.
 bool CollocationStep::factor(double h) {
   const Eigen::Index n = M_.rows();
   for (int i = 0; i < s_; ++i)
@@ -262,6 +297,14 @@ bool CollocationStep::factor(double h) {
       block = h * A_(i, j) * C_ + h * h * A2_(i, j) * K_;
       if (i == j) block += M_;
     }
+  for (int i = 0; i < s_ && rows_ > 0; ++i) {
+    const Eigen::Index at = s_ * n + i * rows_;
+    newton_.middleCols(at, rows_).setZero();
+    newton_.middleRows(at, rows_).setZero();
+    newton_.block(i * n, at, n, rows_) = -closing_;
+    newton_.block(at, i * n, rows_, n) = closing_.transpose();
+    newton_.block(at, at, rows_, rows_).diagonal() = kEased * closed_.diagonal();
+  }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
   if (seen_) seen_->factor(h, M_, C_, K_);
@@ -348,14 +391,19 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       vs_ = v_.col(i);
       as_ = a_.col(i);
       set_forces(i, ws);
+      if (rows_ > 0) hold(reaction_.col(i), ws);
       inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) residual_[i * n + k] = missing(k, tau_.col(i), ws);
+      if (rows_ == 0) continue;
+      ws.chain().loop_rows(found_.data(), nullptr);
+      residual_.segment(s_ * n + i * rows_, rows_) = -found_.row(2).transpose();
     }
     correction_ = lu_.solve(residual_);
     ++counts_.iterations;
     double work = 0.0, motion = 0.0;
     for (int i = 0; i < s_; ++i) {
+      reaction_.col(i) += correction_.segment(s_ * n + i * rows_, rows_);
       const auto turn = correction_.segment(i * n, n);
       for (Eigen::Index k = 0; k < n; ++k) a_(free_[static_cast<std::size_t>(k)], i) += turn[k];
       work += b_[i] * form(M_, turn);
@@ -407,6 +455,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   if (status != Status::ok) {
     fresh_ = false;
     a_ = a_before_;  // from which a shorter step goes on
+    reaction_ = reaction_before_;
     return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
   h_before_ = h_;
@@ -414,6 +463,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   if (seen_) judge(ws, q, v, tau, given);
   inside(1.0, q, v);
   if (given) given(1.0);
+  if (rows_ > 0) ws.chain_to_move().project({0.0, 0.25 * h * h}, q.data(), v.data(), as_.data());
   if (tape_) {
     tape_->entries.push_back({h, 1.0, tape_->points()});
     for (int i = 0; i < s_; ++i) {
@@ -428,7 +478,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
 }
 
 void CollocationStep::memory(const std::function<void(double&)>& visit) {
-  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_all_, &C_all_, &K_all_})
+  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_all_, &C_all_, &K_all_, &G_, &reaction_})
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);

@@ -35,6 +35,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
     look();
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
+    s.close_loops(h);
     good = s.record(out);
     if (tape && good) write_row(s, &method, (at - from) / h, at, *tape);
   }

@@ -56,7 +56,24 @@ struct Engine {
     return good;
   }
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
-  bool correction(const double* r, double* x) { return flexarm::correction(arm, *ws, q_now, v_now, r, x); }
+  bool closes() const { return !arm.loops().empty(); }
+  void close_accelerations(double* x) { ws->chain().close(x, nullptr, nullptr, nullptr); }
+  double close_places(double* w) {
+    double sizes[2];
+    ws->chain().close(nullptr, w, nullptr, sizes);
+    return sizes[0];
+  }
+  double close_rates(double* z) {
+    double sizes[2];
+    ws->chain().close(nullptr, nullptr, z, sizes);
+    return sizes[1];
+  }
+  bool closed() const { return ws->chain().closed(); }
+  void project(const lanes::Shift& shift, double* q, double* v, double* scratch) {
+    ws->chain_to_move().project(shift, q, v, scratch);
+  }
+  void shut(double* q, double* v, double* scratch) { ws->chain_to_move().shut(q, v, scratch); }
+  bool correction(double* r, double* x) { return flexarm::correction(arm, *ws, q_now, v_now, r, x); }
 };
 
 /// The equations of GeneralisedAlpha::predict and place, with alpha = (by_a, ...) (a, a0, alpha0) put in.

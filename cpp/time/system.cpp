@@ -6,6 +6,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "setup/single.hpp"
 
 namespace flexarm {
 
@@ -38,7 +39,8 @@ System::System(const Problem& problem, Control& control_)
       a(v),
       tau(constant_tau),
       friction(v),
-      held_before(v) {
+      held_before(v),
+      loop_forces(Eigen::RowVectorXd::Zero(6 * static_cast<Eigen::Index>(arm.loops().size()))) {
   std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
   for (const Drive& d : drives)
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
@@ -74,6 +76,10 @@ void System::drive(double t) {
   ws.give(tau.data());
 }
 
+void System::close_loops(double h) {
+  if (!arm.loops().empty()) ws.chain_to_move().project({0.0, h * h}, q.data(), v.data(), ws.spare.data());
+}
+
 void System::remember() {
   if (!remember_note(ws)) remember_contacts(arm, ws, q, v);
 }
@@ -99,7 +105,8 @@ const char* System::react() {
   if (status != Status::ok) return "the accelerations are no longer finite numbers";
   a = ws.a;
   if (!rubbing) friction.setZero();
-  if (std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); })) {
+  const bool moved = std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); });
+  if (moved || !arm.loops().empty()) {
     if (rubbing) move_chain(ws, q, v);
     joint_forces(arm, ws, a);
     if (!ws.tau.allFinite()) return "the forces are no longer finite";
@@ -107,6 +114,7 @@ const char* System::react() {
   ws.total = tau;
   add_feedback(ws, q, v, 1.0, ws.total);
   for (const AppliedLimit& l : ws.limits) ws.total[l.rate] = l.force();
+  if (!arm.loops().empty()) take_loop_forces(ws, ws.total + friction, loop_forces.data());
   for (const Drive& d : drives) {
     if (!d.motion) continue;
     double& force = ws.total[d.coordinate];
@@ -130,6 +138,7 @@ bool System::record(Trajectory& out) {
   out.tau.row(out.done) = ws.total;
   out.friction.row(out.done) = friction;
   if (out.contacts.cols() > 0) contact_forces(ws, out.contacts.row(out.done).data());
+  out.loops.row(out.done) = loop_forces;
   ++out.done;
   return true;
 }
@@ -163,6 +172,7 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
   out.q.resize(t.size(), arm.nq());
   for (Trajectory::Rows* x : {&out.v, &out.a, &out.tau, &out.friction}) x->resize(t.size(), arm.nv());
   out.contacts.resize(t.size(), 3 * static_cast<Eigen::Index>(arm.contacts().size()));
+  out.loops.resize(t.size(), 6 * static_cast<Eigen::Index>(arm.loops().size()));
   out.reached = t[0];
   return out;
 }

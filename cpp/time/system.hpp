@@ -18,11 +18,12 @@ struct System {
   Control& control;
   Eigen::VectorXd constant_tau;
   Workspace ws;
-  std::vector<int> free_q;       // coordinates that are not prescribed
-  Eigen::VectorXd q, v, a, tau;  // of all coordinates
-  OneStep* rubbing = nullptr;    // the method that knows dry friction (Step::rubbing)
-  Eigen::VectorXd friction;      // of that
-  Eigen::VectorXd held_before;   // forces of sampled controllers, before these sample
+  std::vector<int> free_q;         // coordinates that are not prescribed
+  Eigen::VectorXd q, v, a, tau;    // of all coordinates
+  OneStep* rubbing = nullptr;      // the method that knows dry friction (Step::rubbing)
+  Eigen::VectorXd friction;        // of that
+  Eigen::VectorXd held_before;     // forces of sampled controllers, before these sample
+  Eigen::RowVectorXd loop_forces;  // found by `react`, see Trajectory
 
   /// @param control  of the problem, with its samples. Both must outlive this
   System(const Problem& problem, Control& control);
@@ -37,6 +38,8 @@ struct System {
     v = at_v;
     drive(t);
   }
+  /// Moves the current state, of a step of h, onto the loops: the nearest, fast vibrations aside.
+  void close_loops(double h);
   /// Contacts go on from the current state.
   void remember();
   /// Accelerations at the current state, into ws.a; `between` two switches of dry friction, see OneStep::accelerate.

@@ -111,6 +111,7 @@ py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& al
   o.a = block<double>(out, "a", all * p.nv);
   o.tau = block<double>(out, "tau", all * p.nv);
   o.contacts = block<double>(out, "contacts", all * p.row_contacts());
+  o.loops = block<double>(out, "loops", all * p.row_loops());
   o.status = block<int>(out, "status", p.scenarios);
   o.reached = block<double>(out, "reached", p.scenarios);
   std::vector<std::vector<EventLog>> events(out.contains("events") ? static_cast<std::size_t>(p.scenarios) : 0);

@@ -125,14 +125,16 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
   arm.def(
       "inverse_derivatives",
       [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
-         const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
+         const std::vector<Load>& places, const Vectors& wrenches, bool by_v, const Eigen::VectorXd& reactions) {
         const auto lent = self.lend<InverseDerivatives>({{}, places}, true);
         InverseDerivatives& d = *lent;
+        d.hold(self, reactions);
         Wrenches{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
-      py::arg("q"), py::arg("v"), py::arg("a"), no_loads, no_wrenches, py::arg("by_v") = true);
+      py::arg("q"), py::arg("v"), py::arg("a"), no_loads, no_wrenches, py::arg("by_v") = true,
+      py::arg("reactions") = Eigen::VectorXd());
 
   arm.def(
       "forward_derivatives",
@@ -273,6 +275,34 @@ void bind_contacts(py::class_<PyArm, Arm>& arm) {
       py::arg("q"), py::arg("v"));
 }
 
+/// Of its loops.
+void bind_loops(py::class_<PyArm, Arm>& arm) {
+  arm.def_property_readonly("loop_rows", [](const PyArm& self) {
+    std::vector<std::tuple<int, bool, bool>> out;
+    for (std::size_t k = 0; k < self.loops().size(); ++k) {
+      const Loop& loop = self.loops()[k];
+      for (const Loop::Row& r : loop.rows())
+        out.emplace_back(static_cast<int>(k), r.turns, std::isinf(r.turns ? loop.angular_stiffness : loop.stiffness));
+    }
+    return out;
+  });
+  arm.def(
+      "loop_motion",
+      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+        py::ssize_t n = 0;
+        for (const Loop& loop : self.loops()) n += static_cast<py::ssize_t>(loop.rows().size());
+        Answers out(q, {n, 2});
+        const auto lent = self.workspace();
+        Eigen::Matrix2Xd m;
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          loop_motion(self, *lent, rows(q).row(k), rows(v).row(k), m);
+          out[k] = m.transpose();
+        });
+        return out.all();
+      },
+      py::arg("q"), py::arg("v"));
+}
+
 /// Of the whole arm, and of its beams.
 void bind_sums(py::class_<PyArm, Arm>& arm) {
   arm.def(
@@ -335,5 +365,6 @@ void bind_dynamics(py::class_<PyArm, Arm>& arm) {
   bind_motion(arm);
   bind_struts(arm);
   bind_contacts(arm);
+  bind_loops(arm);
   bind_sums(arm);
 }

@@ -264,7 +264,8 @@ void bind_links(py::module_& m) {
       .def_property_readonly("mass", &Link::mass);
 }
 
-/// A point of a strut or a contact: a link, "origin", "end" or "slice" of it, the slice's place, and the offset.
+/// A point of a strut, a contact or a loop: a link, "origin", "end" or "slice" of it, the slice's place, and the
+/// offset.
 using PyPoint = std::tuple<int, std::string, double, Eigen::Vector3d>;
 Strut::Point point_of(const PyPoint& from) {
   const auto& [link, on, x, offset] = from;
@@ -335,14 +336,26 @@ void bind_model(py::module_& m) {
            py::arg("point"), py::arg("radius"), py::arg("kind"), py::arg("at"), py::arg("axes"), py::arg("size"),
            py::arg("stiffness"), py::arg("exponent"), py::arg("damping"), py::arg("coulomb"),
            py::arg("tangential_stiffness"));
+  py::class_<Loop>(m, "Loop").def(
+      py::init([](const PyPoint& a, const PyPoint& b, const std::string& kind, const Eigen::Matrix3d& axes_a,
+                  const Eigen::Matrix3d& axes_b, double stiffness, double damping, double angular_stiffness,
+                  double angular_damping) {
+        int found = 0;
+        while (found <= Loop::spherical && kind != Loop::name(static_cast<Loop::Kind>(found))) ++found;
+        if (found > Loop::spherical) bad_value("kind", "\"" + kind + "\"", "closes no loop");
+        return Loop{{point_of(a), axes_a}, {point_of(b), axes_b}, static_cast<Loop::Kind>(found), stiffness, damping,
+                    angular_stiffness,     angular_damping};
+      }),
+      py::arg("a"), py::arg("b"), py::arg("kind"), py::arg("axes_a"), py::arg("axes_b"), py::arg("stiffness"),
+      py::arg("damping"), py::arg("angular_stiffness"), py::arg("angular_damping"));
   arm.def(py::init([](std::vector<Link> links, const Eigen::Vector3d& gravity,
                       const std::vector<std::pair<int, std::optional<double>>>& seats, std::vector<Strut> struts,
-                      std::vector<Contact> contacts) {
+                      std::vector<Contact> contacts, std::vector<Loop> loops) {
             return std::make_unique<PyArm>(std::move(links), gravity, seats_of(seats), std::move(struts),
-                                           std::move(contacts));
+                                           std::move(contacts), std::move(loops));
           }),
           py::arg("links"), py::arg("gravity"), py::arg("seats"), py::arg("struts") = std::vector<Strut>{},
-          py::arg("contacts") = std::vector<Contact>{})
+          py::arg("contacts") = std::vector<Contact>{}, py::arg("loops") = std::vector<Loop>{})
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)

@@ -51,6 +51,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["tau"] = head(r.tau);
   out["friction"] = r.rubs ? py::cast(head(r.friction)) : py::none();
   out["contacts"] = head(r.contacts);
+  out["loops"] = head(r.loops);
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;

@@ -242,6 +242,7 @@ class Arm(ArmAlone):
         seats: Sequence[tuple[int, float | None]],
         struts: Sequence[Strut] = ...,
         contacts: Sequence[Contact] = ...,
+        loops: Sequence[Loop] = ...,
     ) -> None: ...
     @property
     def nq(self) -> int: ...
@@ -295,6 +296,7 @@ class Arm(ArmAlone):
         loads: Sequence[Load] = ...,
         wrenches: ArrayLike = ...,
         by_v: bool = ...,
+        reactions: ArrayLike = ...,
     ) -> tuple[_Array, _Array]: ...
     def forward_derivatives(
         self,
@@ -320,6 +322,23 @@ class Arm(ArmAlone):
     def strain(self, q: ArrayLike, link: int, x: float) -> _Array: ...
     def strut_motion(self, q: ArrayLike, v: ArrayLike, driven: ArrayLike) -> tuple[_Array, _Array]: ...
     def contact_motion(self, q: ArrayLike, v: ArrayLike) -> _Array: ...
+    @property
+    def loop_rows(self) -> list[tuple[int, bool, bool]]: ...
+    def loop_motion(self, q: ArrayLike, v: ArrayLike) -> _Array: ...
+
+class Loop:
+    def __init__(
+        self,
+        a: tuple[int, str, float, ArrayLike],
+        b: tuple[int, str, float, ArrayLike],
+        kind: str,
+        axes_a: ArrayLike,
+        axes_b: ArrayLike,
+        stiffness: float,
+        damping: float,
+        angular_stiffness: float,
+        angular_damping: float,
+    ) -> None: ...
 
 class Contact:
     def __init__(

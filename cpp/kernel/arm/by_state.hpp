@@ -5,7 +5,7 @@
 #pragma once
 
 #include "arm/contacts.hpp"
-#include "arm/state_loads.hpp"
+#include "arm/loops.hpp"
 #include "arm/struts.hpp"
 #include "wide/small.hpp"
 
@@ -20,11 +20,7 @@ struct ByState {
   using Lin = typename Sp::Lin;
   static constexpr int W = Lanes<S>::width, kWays = Sp::linear + Sp::angular;
 
-  /// A force on one place, of a column.
-  struct Pull {
-    Force<Sp> on_frame;  ///< of the place, in its axes
-    S* on_beam;          ///< on the coordinates of the beam that it is a slice of (ne)
-  };
+  using Pull = ::Pull<Sp>;  ///< of a column
   struct Touched {
     ContactState<S> state;
     bool idle;                           ///< nowhere pressed: its columns are not made
@@ -49,15 +45,18 @@ struct ByState {
   S* solved;     ///< (M + shift without these forces)^-1 G
   S* matrix;     ///< 1 + B G^T solved, factored
   typename C::Wide* turn;  ///< scratch: G^T x
+  Loops<C> loops;
 
   static int columns(const Layout& layout) {
     return layout.struts + Sp::linear * layout.contacts + kWays * layout.state_loads;
   }
+  /// Numbers of scratch, as wide as right-hand sides.
+  static int scratch(const Layout& layout) { return columns(layout) + Loops<C>::scratch(layout); }
   static int pulls(const Layout& layout) {
     return layout.strut_points + 2 * Sp::linear * layout.contacts + kWays * layout.state_loads;
   }
 
-  /// @param wide  scratch as wide as right-hand sides, one for each column
+  /// @param wide  scratch
   void lay_out(const Layout& layout, int most_elastic, typename C::Wide* wide, Arena& arena) {
     const int n = columns(layout);
     turn = wide;
@@ -80,6 +79,7 @@ struct ByState {
       S* none;
       arena.take(most_elastic, arena.counts() ? none : pull[k].on_beam);
     }
+    loops.lay_out(layout, most_elastic, wide + n, arena);
     if (arena.counts()) return;
     for (int i = 0, k = 0; i < layout.loads; ++i)
       if (layout.load[i].by_state.ask) loaded[k++].load = i;
@@ -98,6 +98,7 @@ struct ByState {
       for (int side = 0; side < 2; ++side, ++at, p += Sp::linear)
         for (int way = 0; way < Sp::linear && !touched[k].idle && at->place.node >= 0; ++way)
           visit(column + way, at->place, p[way]);
+    at += 2 * layout.loops;
     for (int k = 0; k < layout.state_loads; ++k, ++at)
       for (int way = 0; way < kWays; ++way, ++p) visit(column++, at->place, *p);
   }
@@ -125,6 +126,8 @@ struct ByState {
     S* f = force + layout.struts;
     for (int k = 0; k < layout.contacts; ++k, at += 2, p += 2 * Sp::linear, f += Sp::linear)
       touch(chain, k, at, q, v, p, f);
+    loops.find(chain, places, q, v);
+    at += 2 * layout.loops;
     for (int k = 0; k < layout.state_loads; ++k, p += kWays, f += kWays) ask(chain, loaded[k], at[k], q, v, p, f);
   }
   /// Contacts go on from where they were found.
@@ -168,13 +171,9 @@ struct ByState {
   }
   /// Adds `part` of them to the forces that bodies need.
   void act(C& chain, double part) const {
-    for_pulls(chain.layout, [&](int column, const Place& place, const Pull& p) {
-      State<Sp>& s = chain.state[place.node];
-      const S taken = -part * force[column];
-      (C::on_end(chain.layout, place) ? s.tip_force : s.body_force) += taken * p.on_frame;
-      if (place.on != Place::slice) return;
-      for (int j = 0; j < chain.layout.node[place.node].ne; ++j) s.elastic.e[j] += taken * p.on_beam[j];
-    });
+    for_pulls(chain.layout,
+              [&](int column, const Place& place, const Pull& p) { add_pull(chain, place, p, -part * force[column]); });
+    loops.act(chain, part);
   }
 
   /// G, where the forces were found: inward.
@@ -182,22 +181,7 @@ struct ByState {
     const Layout& layout = chain.layout;
     for (int i = 0; i < columns(layout) * layout.nv; ++i) G[i] = S{};
     for_pulls(layout, [&](int column, const Place& place, const Pull& p) {
-      S* g = G + column * layout.nv;
-      Force<Sp> F = p.on_frame;
-      const Slice<Sp>* at = C::on_end(layout, place) ? &chain.state[place.node].elastic.end : nullptr;
-      for (int i = place.node; i >= 0; i = layout.node[i].parent) {
-        const Node& node = layout.node[i];
-        if (at) {
-          F = at->frame.turn_back(F);
-          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += dot(at->J[n], F);
-          F = at->frame.shift_back(F);
-        } else if (place.on == Place::slice && i == place.node) {
-          for (int n = 0; n < node.ne; ++n) g[node.ve + n] += p.on_beam[n];
-        }
-        if (node.kind != Node::fixed) g[node.v] += node.sign * freedom(node, F);
-        F = chain.to_parent(i, F);
-        at = node.parent < 0 ? nullptr : chain.seat_of(node).slice;
-      }
+      gather_pull(chain, place, p, G + column * layout.nv);
     });
   }
 
@@ -218,7 +202,7 @@ struct ByState {
     for (int k = 0; k < layout.state_loads; ++k) weigh(layout, shift, loaded[k]);
     for (int j = 0; j < n; ++j) {
       S* column = view<S>(turn);
-      times_G(nv, n, solved + j * nv, column);
+      times_columns(G, nv, n, solved + j * nv, column);
       times_B(layout, column);
       for (int i = 0; i < n; ++i) matrix[i * n + j] = column[i] + (i == j ? 1.0 : 0.0);
     }
@@ -228,7 +212,7 @@ struct ByState {
   void add_stiffness(const Layout& layout, const S* x, S* out) const {
     const int n = layout.struts + Sp::linear * layout.contacts, nv = layout.nv;
     S* y = view<S>(turn);
-    times_G(nv, n, x, y);
+    times_columns(G, nv, n, x, y);
     for (int k = 0; k < layout.struts; ++k) y[k] *= strut[k].by_length;
     S weights[Sp::linear * Sp::linear];
     for (int k = 0; k < layout.contacts; ++k) {
@@ -243,7 +227,7 @@ struct ByState {
   void correct(const Layout& layout, V* x) const {
     const int n = columns(layout), nv = layout.nv;
     V* y = view<V>(turn);
-    times_G(nv, n, x, y);
+    times_columns(G, nv, n, x, y);
     times_B(layout, y);
     solve_small(matrix, n, y);
     for (int k = 0; k < n; ++k)
@@ -255,10 +239,6 @@ struct ByState {
     const int k = (column - layout.struts) / Sp::linear;
     return column >= layout.struts && k < layout.contacts && touched[k].idle;
   }
-  const Moving<Sp>& moving(const Place& place) const {
-    return (place.on == Place::end ? places.end : places.frame)[place.node];
-  }
-
   /// Length, rate and directions of strut k.
   void stretch(C& chain, int k, const TiedPoint* tied, const S* q, const S* v, StrutPoint<Sp>* points, Pull* found) {
     const Layout& layout = chain.layout;
@@ -281,7 +261,7 @@ struct ByState {
     for (int i = 0; i < count; ++i) {
       const Place& place = tied[i].place;
       if (place.node < 0) continue;
-      const Lin f = Sp::unrotate(moving(place).at.R, points[i].along);
+      const Lin f = Sp::unrotate(moving(places, place).at.R, points[i].along);
       found[i].on_frame = {f, Sp::moment(points[i].in, f)};
       if (place.on != Place::slice) continue;
       for (int j = 0; j < layout.node[place.node].ne; ++j) found[i].on_beam[j] = Sp::dot(points[i].J[j], f);
@@ -300,7 +280,7 @@ struct ByState {
       return;
     }
     const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v, sampled);
-    const Moving<Sp>& on = moving(tied.place);
+    const Moving<Sp>& on = moving(places, tied.place);
     const Lin across = Sp::rotate(slice.frame.R, offset);
     out.in = slice.frame.r + across;
     const Lin rate =
@@ -312,23 +292,6 @@ struct ByState {
       out.J[k] = slice.J[k].linear + Sp::cross(slice.J[k].angular, across);
   }
 
-  /// Pose and velocity in the world of a place, of which `p` are the numbers but the first: its height across the
-  /// plane.
-  struct Stand {
-    Frame<Space<S>> frame;
-    Motion<Space<S>> u;
-  };
-  Stand stand(const Layout& layout, const Place& place, const Slice<Sp>& slice, const S& height) const {
-    const Moving<Sp>& on = moving(place);
-    S x[kAsked];
-    put_world(layout, on.at * slice.frame, on.in_world(slice.frame.shift(on.u) + slice.rate), height, x);
-    return {{{x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11]}, {x[0], x[1], x[2]}},
-            {{x[12], x[13], x[14]}, {x[15], x[16], x[17]}}};
-  }
-  static Stand world() {
-    const S o{}, one = number<S>(1.0);
-    return {{{one, o, o, o, one, o, o, o, one}, {o, o, o}}, Motion<Space<S>>::zero()};
-  }
   /// Contact k of two sides. @param f  its force on the arm, in the directions of the world
   void touch(C& chain, int k, const TiedPoint* sides, const S* q, const S* v, Pull* found, S* f) {
     const Layout& layout = chain.layout;
@@ -337,11 +300,11 @@ struct ByState {
     const S height = next<S>(p), across = next<S>(r);
     const auto sphere = read<records::ContactSphere<Space<S>>>(p);
     const auto surface = read<records::ContactSurface<Space<S>>>(r);
-    const Stand on = sides[1].place.node < 0
-                         ? world()
-                         : stand(layout, sides[1].place, chain.slice_of(sides[1].place, r, q, v), across);
+    const Stand<S> on = sides[1].place.node < 0 ? Stand<S>::world()
+                                                : stand_of(layout, moving(places, sides[1].place),
+                                                           chain.slice_of(sides[1].place, r, q, v), across);
     const Slice<Sp>& slice = chain.slice_of(sides[0].place, p, q, v);
-    const Stand arm = stand(layout, sides[0].place, slice, height);
+    const Stand<S> arm = stand_of(layout, moving(places, sides[0].place), slice, height);
     ContactState<S>& state = touched[k].state;
     state.find(layout.contact[k], read<records::ContactLaw<S>>(law), sphere, surface, arm.frame, arm.u, on.frame, on.u,
                memory[k], by_end);
@@ -363,7 +326,7 @@ struct ByState {
     for (int way = 0; way < Sp::linear; ++way) {
       Force<Sp> world = unit_force(layout, way, sign);
       world.moment = Sp::moment(r, world.force);
-      pull_slice(layout, place, slice, world, found[way]);
+      pull_slice(layout, places, place, slice, world, found[way]);
     }
   }
   static Force<Sp> unit_force(const Layout& layout, int way, double size = 1.0) {
@@ -371,16 +334,6 @@ struct ByState {
     unit[world_axis(layout, way)] = number<S>(size);
     return read_wrench(Sp{}, layout, unit);
   }
-  /// A force on a slice, in the world's axes.
-  void pull_slice(const Layout& layout, const Place& place, const Slice<Sp>& slice, const Force<Sp>& world,
-                  Pull& found) const {
-    const Moving<Sp>& on = moving(place);
-    const Force<Sp> F{Sp::unrotate(on.at.R, world.force), Sp::unrotate_angular(on.at.R, world.moment)};
-    found.on_frame = slice.frame.shift_back(F);
-    if (place.on != Place::slice) return;
-    for (int j = 0; j < layout.node[place.node].ne; ++j) found.on_beam[j] = dot(slice.J[j], F);
-  }
-
   /// The world's axis of a direction of a load: 0 to 2 along, 3 to 5 about.
   static int world_axis(const Layout& layout, int way) {
     return !Sp::planar ? way : way < 2 ? layout.along[way] : 3 + layout.about;
@@ -391,14 +344,14 @@ struct ByState {
     const double* p = layout.tied_numbers + tied.numbers * W;
     const S height = next<S>(p);
     const Slice<Sp>& slice = chain.slice_of(tied.place, p, q, v);
-    const Moving<Sp>& on = moving(tied.place);
+    const Moving<Sp>& on = moving(places, tied.place);
     put_world(layout, on.at * slice.frame, on.in_world(slice.frame.shift(on.u) + slice.rate), height, one.asked);
     one.asked[kAsked] = chain.wrench[6 * one.load];
     S wrench[6];
     StateAnswers<S>::values(layout.load[one.load].by_state, one.asked, wrench);
     for (int way = 0; way < kWays; ++way) {
       f[way] = wrench[world_axis(layout, way)];
-      pull_slice(layout, tied.place, slice, unit_force(layout, way), found[way]);
+      pull_slice(layout, places, tied.place, slice, unit_force(layout, way), found[way]);
     }
   }
   /// The part of B of a contact, where its place moves by s x, at d x.
@@ -423,14 +376,6 @@ struct ByState {
       }
   }
 
-  /// y = G^T x
-  template <class V>
-  void times_G(int nv, int n, const V* x, V* y) const {
-    for (int k = 0; k < n; ++k) {
-      y[k] = V{};
-      for (int i = 0; i < nv; ++i) y[k] += G[k * nv + i] * x[i];
-    }
-  }
   /// y = B y
   template <class V>
   void times_B(const Layout& layout, V* y) const {

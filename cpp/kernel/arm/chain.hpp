@@ -6,7 +6,6 @@
 
 #include "arm/by_state.hpp"
 #include "arm/forks.hpp"
-#include "arm/joints.hpp"
 #include "beam/loads.hpp"
 #include "wide/arena.hpp"
 
@@ -38,7 +37,7 @@ struct Chain {
     arena.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
     arena.take(layout.forks, fork);
     P* wide;
-    arena.take(ByState<Chain>::columns(layout), wide);
+    arena.take(ByState<Chain>::scratch(layout), wide);
     for (int k = 0; k < layout.forks; ++k) {
       Slice<Sp> counted;
       arena.take(layout.node[layout.fork[k].place.node].ne, (arena.counts() ? counted : fork[k].slice).J);

@@ -253,11 +253,23 @@ inline void solve_recursive(C& chain, const V* r, V* x) {
   outward<false>(chain, Motion<Vs>::zero(), x);
 }
 
-/// x = (M + shift)^-1 r by the factors, zero where given.
+/// x = (M + shift)^-1 r of the tree, with forces by state, by the factors; zero where given.
 template <class C, class V>
-inline void solve(C& chain, const V* r, V* x) {
+inline void solve_tree(C& chain, const V* r, V* x) {
   solve_recursive(chain, r, x);
   if (chain.stiffened) chain.by_state->correct(chain.layout, x);
+}
+/// The same with closed loops.
+template <class C, class V>
+inline void solve(C& chain, const V* r, V* x) {
+  solve_tree(chain, r, x);
+  if (chain.layout.loops > 0) chain.by_state->loops.close(chain.layout, x);
+}
+/// Of a residual r, see Loops::correct.
+template <class C>
+inline void solve_step(C& chain, typename C::S* r, typename C::S* x) {
+  solve_tree(chain, r, x);
+  if (chain.layout.loops > 0) chain.by_state->loops.correct(chain.layout, r, x);
 }
 
 /// Factors M + shift of a chain after its `move`.
@@ -269,7 +281,55 @@ inline typename C::Mask factor(C& chain, const Shift& shift) {
       chain.layout.by_state() && (shift.stiffness != 0.0 || shift.damping != 0.0) && chain.by_state->acts(chain.layout);
   if (chain.stiffened)
     chain.by_state->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
+  if (chain.layout.loops > 0)
+    chain.by_state->loops.factor(chain, shift, [&](const auto* r, auto* x) { solve_tree(chain, r, x); });
   return good;
+}
+
+/// Accelerations x of the tree become those of the closed loops, by the factors of the mass matrix.
+template <class C>
+[[gnu::noinline]] void constrain(C& chain, const typename C::Lin& base, typename C::S* x) {
+  ByState<C>& by_state = *chain.by_state;
+  chain.accelerate(base, x);
+  by_state.loops.accelerate(chain, by_state.places, base, x);
+  by_state.loops.factor(chain, Shift{}, [&](const auto* r, auto* y) { solve_recursive(chain, r, y); });
+  by_state.loops.constrain(chain.layout, x);
+}
+/// After inverse dynamics with accelerations x: d^2 g/dt^2 of the loops.
+template <class C>
+inline void accelerate_loops(C& chain, const typename C::Lin& base, const typename C::S* x) {
+  if (chain.layout.loops > 0) chain.by_state->loops.accelerate(chain, chain.by_state->places, base, x);
+}
+/// Coordinates and rates nearly on the loops come nearer, by the last factors. @param w  scratch (nv)
+template <class C>
+[[gnu::noinline]] void shut(C& chain, typename C::S* q, typename C::S* v, typename C::S* w) {
+  ByState<C>& by_state = *chain.by_state;
+  const int nv = chain.layout.nv;
+  chain.template move<true, false>(q, v);
+  by_state.places.find(chain, v);
+  by_state.loops.find(chain, by_state.places, q, v);
+  for (int i = 0; i < nv; ++i) w[i] = typename C::S{};
+  by_state.loops.close_places(chain.layout, w);
+  displace(chain.layout, q, w, q);
+  for (int i = 0; i < nv; ++i) w[i] = typename C::S{};
+  by_state.loops.close_rates(chain.layout, w);
+  for (int i = 0; i < nv; ++i) v[i] += w[i];
+}
+/// The same from farther off: to the nearest in the norm of M + shift.
+template <class C>
+[[gnu::noinline]] void project(C& chain, const Shift& shift, typename C::S* q, typename C::S* v, typename C::S* w) {
+  constexpr int kRounds = 3;
+  chain.move(q, v);
+  factor(chain, shift);
+  for (int round = 0; round < kRounds; ++round) shut(chain, q, v, w);
+}
+/// Forces of loops, of what is left of inverse dynamics when all other forces are taken off it, r; which becomes what
+/// they make of these forces. @param x  scratch (nv)
+template <class C>
+[[gnu::noinline]] void react(C& chain, typename C::S* r, typename C::S* x) {
+  factor(chain, Shift{});
+  solve_tree(chain, r, x);
+  chain.by_state->loops.react(chain.layout, r, x);
 }
 
 /// Forward dynamics of a chain after its `move`: inward articulated inertias M and forces F of all nodes behind, in the
@@ -324,6 +384,7 @@ inline typename C::Mask forward(C& chain, const typename C::Lin& base, const typ
     chain.leave_at_fork(node, F);
   }
   outward<true>(chain, Motion<Sp>{base, Sp::zero_angular()}, x);
+  if (chain.layout.loops > 0) constrain(chain, base, x);
   return good;
 }
 

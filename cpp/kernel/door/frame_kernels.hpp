@@ -36,6 +36,8 @@ struct FrameKernels {
   void (*sums)(void* self, const double* q, const double* v, Sums& out);
   /// Of each contact its gap and rate, and the normal force.
   void (*contacts)(void* self, const double* q, const double* v, double* motion);
+  /// g and dg/dt of each row of the loops.
+  void (*loops)(void* self, const double* q, const double* v, double* motion);
   /// Of each strut its length, rate and force, which a driven force adds to, and dl/dq (nv) behind those of the one
   /// before.
   void (*struts)(void* self, const double* q, const double* v, const double* driven, double* motion, double* by_q);

@@ -42,7 +42,8 @@ class Scenarios {
   virtual bool look(long step, const double* q, const double* v, double* ended) = 0;
   /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
   virtual int wanted(long step) = 0;
-  virtual void row(const double* q, const double* v, const double* a, const double* tau, const double* contacts,
+  /// @param reactions  force of each contact (3) and then force and moment of each loop (6), in the world
+  virtual void row(const double* q, const double* v, const double* a, const double* tau, const double* reactions,
                    const int* status) = 0;
   /// Whether to go on.
   virtual bool alive(long step) = 0;
@@ -86,7 +87,8 @@ struct Roll {
 struct SlopesOf {
   const Layout &layout, &grouped;
   const double *numbers, *grouped_numbers;
-  const double* remembered;  ///< of contacts, in a run; or null
+  const double* remembered;      ///< of contacts, in a run; or null
+  const double* held = nullptr;  ///< forces of the rows of loops; or null
 };
 
 /// Outcome of a factorisation.
@@ -124,6 +126,26 @@ struct Kernels {
   Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
+  /// The same for a step of Newton's iteration, of arms with loops (arm/loops.hpp): d^2 g/dt^2 as found by `inverse`
+  /// becomes zero, and the residual r loses the loops' forces.
+  void (*correct)(void* self, double* r, double* x);
+  /// By the last factors: adds accelerations that make d^2 g/dt^2, as found by `inverse`, zero; a displacement that
+  /// closes the loops, of coordinates that are zero before, and rates, and the squares of the sizes of these two in the
+  /// norm of M + shift. Null: not asked.
+  void (*close)(void* self, double* accelerations, double* places, double* rates, double* sizes);
+  /// Whether all are nearly closed where the chain is.
+  bool (*closed)(void* self);
+  /// Coordinates and rates onto the loops, the nearest in the norm of M + shift; moves the chain. Scratch: nv.
+  void (*project)(void* self, const Shift& shift, double* q, double* v, double* scratch);
+  /// From nearly there, by the last factors.
+  void (*shut)(void* self, double* q, double* v, double* scratch);
+  /// Of forces r that inverse dynamics needs beyond all applied ones: those of the loops, force and moment (6) of each
+  /// on its side b, in the world; r becomes what they do. Scratch: nv.
+  void (*react)(void* self, double* r, double* scratch, double* forces);
+  /// g, dg/dt and, after `inverse`, d^2 g/dt^2 of each row of the loops, and, unless null, G by columns.
+  void (*loop_rows)(void* self, double* rows, double* G);
+  /// Forces of the rigid rows (of all rows, others are not read) from now on.
+  void (*hold)(void* self, const double* reactions);
   /// Changes of the forces of joints, beams and struts (nv) where the coordinates change by x (nv, turns of balls),
   /// by their stiffness as implicit steps take it, without loads by state; after `factor` with a shift.
   void (*stiffness_times)(void* self, const double* x, double* out);

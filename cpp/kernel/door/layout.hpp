@@ -112,7 +112,8 @@ struct PlacedLoad {
 
 /// A place that is tied to others by a force (node -1: of the world): a point of a strut, whose first numbers are where
 /// it is in the axes of the place; or the place of a load by state, whose first number is its height across the plane;
-/// or one side of a contact: its height, and then those of its record. Behind these come the numbers of the place.
+/// or one side of a contact or a loop: its height, and then those of its record. Behind these come the numbers of the
+/// place.
 struct TiedPoint {
   Place place;
   std::size_t numbers = 0;
@@ -133,6 +134,20 @@ struct ContactPair {
 };
 constexpr int kRemembered = 18;  ///< numbers that a run remembers of a contact, see ContactMemory
 
+/// An equation of a joint that closes a loop: its frame on b is not displaced along axis i of that on a; or, where it
+/// is one of turns, axis i on a is square to axis j on b.
+struct LoopRow {
+  bool turns = false;
+  int i = 0, j = 0;
+};
+/// Two sides as tied points one behind the other.
+struct LoopJoint {
+  int rows = 0;
+  LoopRow row[6];
+  bool soft[2] = {false, false};  ///< compliant: in its displacements, in its turns
+  std::size_t numbers = 0;        ///< where its own begin (records::LoopLaw)
+};
+
 struct Layout {
   bool planar = false;
   bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
@@ -152,10 +167,13 @@ struct Layout {
   const StrutLine* strut = nullptr;
   int contacts = 0;
   const ContactPair* contact = nullptr;
-  const TiedPoint* tied = nullptr;  ///< the points of all struts, the sides of all contacts, places of loads by state
+  int loops = 0, loop_rows = 0;
+  const LoopJoint* loop = nullptr;
+  /// The points of all struts, the sides of all contacts, those of all loops, places of loads by state.
+  const TiedPoint* tied = nullptr;
   const double* tied_numbers = nullptr;
   /// Whether there are forces by state (arm/by_state.hpp).
-  bool by_state() const { return struts > 0 || contacts > 0 || state_loads > 0; }
+  bool by_state() const { return struts > 0 || contacts > 0 || loops > 0 || state_loads > 0; }
 };
 
 /// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.

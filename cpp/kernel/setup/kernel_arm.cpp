@@ -64,6 +64,8 @@ void KernelArm::point() {
   layout_.strut = struts_.data();
   layout_.contacts = static_cast<int>(contacts_.size());
   layout_.contact = contacts_.data();
+  layout_.loops = static_cast<int>(loops_.size());
+  layout_.loop = loops_.data();
   layout_.tied = tied_.data();
   layout_.tied_numbers = tied_numbers_.data();
 }
@@ -88,6 +90,7 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   heights_ = other.heights_;
   struts_ = other.struts_;
   contacts_ = other.contacts_;
+  loops_ = other.loops_;
   tied_ = other.tied_;
   tied_sizes_ = other.tied_sizes_;
   tied_numbers_ = other.tied_numbers_;
@@ -199,6 +202,11 @@ void KernelArm::group_tied(const KernelArm& alone, int width) {
     move(sizeof(records::ContactLaw<double>) / sizeof(double));
     move_tied(1 + sizeof(records::ContactSphere<Sp>) / sizeof(double));
     move_tied(1 + sizeof(records::ContactSurface<Sp>) / sizeof(double));
+  }
+  for (LoopJoint& joint : loops_) {
+    joint.numbers = tied_numbers_.size();
+    move(sizeof(records::LoopLaw<double>) / sizeof(double));
+    for (int side = 0; side < 2; ++side) move_tied(1 + sizeof(records::JointFrame<Sp>) / sizeof(double));
   }
   while (at < tied_.size()) move_tied(1);
 }

@@ -72,6 +72,7 @@ class KernelArm {
   void group_load(PlacedLoad& load, const KernelArm& alone, int width);
   void put_struts(const Arm& arm);
   void put_contacts(const Arm& arm);
+  void put_loops(const Arm& arm);
   void put_point(const Arm& arm, const flexarm::Strut::Point& point, std::size_t numbers);
   void put_by_state(const Arm& arm, const Load& load, PlacedLoad& out);
   /// Behind the numbers that a tied point has of its own.
@@ -102,6 +103,7 @@ class KernelArm {
   std::vector<double> heights_;  ///< of each node across the plane
   std::vector<StrutLine> struts_;
   std::vector<ContactPair> contacts_;
+  std::vector<LoopJoint> loops_;
   std::vector<TiedPoint> tied_;          ///< see Layout
   std::vector<std::size_t> tied_sizes_;  ///< how many numbers the place of each has
   Numbers tied_numbers_;

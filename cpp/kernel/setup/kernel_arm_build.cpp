@@ -30,6 +30,17 @@ bool turns_about(const Matrix3d& R, int z) {
   return aligned(R.col(z), sign) == z && sign > 0.0;
 }
 
+/// Whether a loop is one of an arm that moves square to z.
+bool moves_in(const Loop& loop, int z) {
+  double sign;
+  for (const Loop::Side& side : {loop.a, loop.b}) {
+    bool has_z = false;
+    for (int k = 0; k < 3; ++k) has_z = has_z || aligned(side.axes.col(k), sign) == z;
+    if (!has_z) return false;
+  }
+  return true;
+}
+
 /// The plane that the whole arm moves in, if there is one.
 Axes find_plane(const Arm& arm) {
   for (const Axes axes : {Axes{true, 0, 1, 2, 1.0}, Axes{true, 0, 2, 1, -1.0}, Axes{true, 1, 2, 0, 1.0}}) {
@@ -53,6 +64,7 @@ Axes find_plane(const Arm& arm) {
       const Link& on = arm.link(static_cast<std::size_t>(arm.parent(n)));
       if (on.ne() == 0) fits = turns_about(on.slice_at(*arm.at(n)).rest.R, axes.z);
     }
+    for (const Loop& loop : arm.loops()) fits = fits && moves_in(loop, axes.z);
     if (fits) return axes;
   }
   return {};
@@ -285,6 +297,7 @@ KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   b.out.find_branches();
   b.out.put_struts(arm);
   b.out.put_contacts(arm);
+  b.out.put_loops(arm);
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

@@ -163,6 +163,43 @@ void KernelArm::put_contacts(const Arm& arm) {
   }
 }
 
+void KernelArm::put_loops(const Arm& arm) {
+  using Sp = ::Space<double>;
+  const Written<Sp> to{Axes{}};
+  const int z = layout_.about;
+  const auto across = [&](const Loop::Side& side, int axis) {
+    return layout_.planar && std::abs(side.axes(z, axis)) > 0.5;  // it is along z, or square to it
+  };
+  double size = 0.0;
+  for (const Link& link : arm.links())
+    size += (link.beam() ? link.beam()->length() : 0.0) + link.hub().end.norm() +
+            link.joint().inboard().position.norm() + link.joint().outboard().position.norm();
+  for (const Loop& loop : arm.loops()) {
+    LoopJoint joint;
+    for (const Loop::Row& row : loop.rows())
+      if (!across(loop.a, row.i) && (!row.turns || !across(loop.b, row.j)))
+        joint.row[joint.rows++] = {row.turns, row.i, row.j};
+    joint.soft[0] = std::isfinite(loop.stiffness);
+    joint.soft[1] = std::isfinite(loop.angular_stiffness);
+    joint.numbers = tied_numbers_.size();
+    layout_.loop_rows += joint.rows;
+    structure_.insert(structure_.end(), {joint.rows, int(joint.soft[0]), int(joint.soft[1])});
+    for (int k = 0; k < joint.rows; ++k)
+      structure_.insert(structure_.end(), {int(joint.row[k].turns), joint.row[k].i, joint.row[k].j});
+    loops_.push_back(joint);
+    put_record(tied_numbers_, records::LoopLaw<double>{loop.stiffness, loop.damping, loop.angular_stiffness,
+                                                       loop.angular_damping, size});
+    for (const Loop::Side& side : {loop.a, loop.b}) {
+      const std::size_t numbers = tied_numbers_.size();
+      flexarm::Strut::Point place = side.at;
+      place.offset.setZero();
+      tied_numbers_.push_back(height(arm, place));
+      put_record(tied_numbers_, records::JointFrame<Sp>{to.lin(side.at.offset), to.rot(side.axes)});
+      put_point(arm, side.at, numbers);
+    }
+  }
+}
+
 void KernelArm::put_by_state(const Arm& arm, const Load& load, PlacedLoad& out) {
   using Point = flexarm::Strut::Point;
   const bool on_end = load.points.empty();

@@ -61,6 +61,18 @@ class Single {
     return kernels_.factor(self_, shift, v, &twice_kinetic);
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
+  void correct(double* r, double* x) { kernels_.correct(self_, r, x); }
+  void close(double* accelerations, double* places, double* rates, double* sizes) {
+    kernels_.close(self_, accelerations, places, rates, sizes);
+  }
+  bool closed() const { return kernels_.closed(self_); }
+  void project(const Shift& shift, double* q, double* v, double* scratch) {
+    kernels_.project(self_, shift, q, v, scratch);
+  }
+  void shut(double* q, double* v, double* scratch) { kernels_.shut(self_, q, v, scratch); }
+  void react(double* r, double* scratch, double* forces) { kernels_.react(self_, r, scratch, forces); }
+  void loop_rows(double* rows, double* G) { kernels_.loop_rows(self_, rows, G); }
+  void hold(const double* reactions) { kernels_.hold(self_, reactions); }
   void stiffness_times(const double* x, double* out) { kernels_.stiffness_times(self_, x, out); }
 
  private:

@@ -67,6 +67,7 @@ class Slopes {
     const bool good = ::forward(*value_, base_, tau, a);
     if (!good) return outcome(*value_, good);
     if (layout_.by_state()) value_->by_state->act(*value_, -1.0);
+    for (int k = 0; k < layout_.loop_rows; ++k) hold(k, value_->by_state->loops.reaction[k]);
     for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
     differentiate(a);
     for_columns([&](const int* direction) {
@@ -75,6 +76,7 @@ class Slopes {
     });
     for_columns_by_state(true, [&](const int* direction) {
       solve_columns();
+      if (layout_.loops > 0) keep_closed();
       put(direction, columns_, 1.0, by_q, by_v, true);
     });
     for (int first = 0; first < nv_; first += D) {
@@ -102,6 +104,10 @@ class Slopes {
     if (of.remembered && !arena.counts()) {
       dual_->by_state->recall(layout_, of.remembered);
       value_->by_state->recall(layout_, of.remembered);
+    }
+    for (int k = 0; k < layout_.loop_rows && of.held && !arena.counts(); ++k) {
+      value_->by_state->loops.held[k] = of.held[k];
+      hold(k, of.held[k]);
     }
     bodies_ = arena.take_lines<BodySlopes<Sp>>(1);
     BodySlopes<Sp> bodies(of, arena);
@@ -458,9 +464,17 @@ class Slopes {
       move_dual(direction);
       forces.find(*dual_, q_, v);
       forces.gather(*dual_);
+      if (layout_.loops > 0) {
+        const double* p = dual_->numbers;
+        const Lin base = Sp::read(p);
+        dual_->accelerate(base, v + nv_);
+        forces.loops.accelerate(*dual_, forces.places, base, v + nv_);
+        forces.loops.gather(*dual_);
+      }
       for (int i = 0; i < nv_; ++i) {
         LaneDual sum{};
         for (int k = 0; k < forces.columns(layout_); ++k) sum += forces.force[k] * forces.G[k * nv_ + i];
+        for (int k = 0; k < layout_.loop_rows; ++k) sum += forces.loops.row[k].force * forces.loops.G[k * nv_ + i];
         __builtin_memcpy(columns_ + i * D, sum.d, sizeof(sum.d));
       }
       seed(0.0);
@@ -487,6 +501,20 @@ class Slopes {
       bodies_->look_up(i, bends, q + node.qe, v + node.ve, dual_->state[i]);
     else
       dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
+  }
+
+  void hold(int row, double force) { dual_->by_state->loops.held[row] = LaneDual{} + force; }
+  /// Adds to the columns by state the changes of accelerations that keep the loops closed where d^2 g/dt^2 changes.
+  void keep_closed() {
+    auto& values = value_->by_state->loops;
+    for (int k = 0; k < D; ++k) {
+      double* x = tau_;
+      for (int i = 0; i < nv_; ++i) x[i] = columns_[i * D + k];
+      for (int n = 0; n < layout_.loop_rows; ++n)
+        values.row[n].second = slope_of(dual_->by_state->loops.row[n].second, k);
+      values.close_accelerations(value_->layout, x);
+      for (int i = 0; i < nv_; ++i) columns_[i * D + k] = x[i];
+    }
   }
 
   /// Those of M^-1 times them, by the chain's factors, as many as a pack has lanes at a time.

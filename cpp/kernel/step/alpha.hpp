@@ -56,7 +56,8 @@ struct GeneralisedAlpha : AlphaNumbers {
   // of nq; of nv
   S* q0;
   S *v0, *a0, *a_before, *alpha0, *lagged, *alpha, *a, *u, *r, *turn, *tau_own;  // lagged: alpha0 as this step has it
-  S *part_q, *part_v, *part_a, *part_alpha, *none;                               // of `divide`; none: zeros
+  S *closed_q, *closed_v;  // displacement and rates that keep loops closed, in this step
+  S *part_q, *part_v, *part_a, *part_alpha, *part_closed_q, *part_closed_v, *none;  // of `divide`; none: zeros
   S *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
   int iterations = 0;
   Work work;
@@ -73,6 +74,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     arena.take_zeros(nq, q0, part_q, coarse_q);
     arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
     arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v);
+    arena.take_zeros(nv, closed_q, closed_v, part_closed_q, part_closed_v);
     arena.take_zeros(rubbing_count, start_sense, start_before);
     joints.lay_out(arena, rubbing, rubbing_count, nv);
     forget();
@@ -160,7 +162,31 @@ struct GeneralisedAlpha : AlphaNumbers {
       u[i] = h * v0[i] + (h * h) * ((0.5 - beta) * lagged[i] + beta * alpha[i]);
       v[i] = v0[i] + h * ((1.0 - gamma) * lagged[i] + gamma * alpha[i]);
     }
+    if (engine.closes())
+      for (int k = 0; k < engine.free_count; ++k) {
+        const int i = engine.free[k];
+        u[i] += closed_q[i];
+        v[i] += closed_v[i];
+      }
     engine.place(q0, u, q);
+  }
+
+  /// Adds to what keeps the loops closed, of arms that are `open`.
+  /// @return the square of its size as accelerations, in the norm of M + shift
+  S close(Engine& engine, const flexarm::lanes::Shift& shift, const Mask& open) {
+    S* const more = u;
+    const auto add = [&](S* to) {
+      for (int i = 0; i < nv; ++i) {
+        to[i] += L::select(open, more[i], S{});
+        more[i] = S{};
+      }
+    };
+    for (int i = 0; i < nv; ++i) more[i] = S{};
+    const S places = engine.close_places(more);
+    add(closed_q);
+    const S rates = engine.close_rates(more);
+    add(closed_v);
+    return (1.0 / (shift.stiffness * shift.stiffness)) * places + (1.0 / (shift.damping * shift.damping)) * rates;
   }
 
   /// Where the last correction is below the digits of the coordinates: at rest, in balance, there is no motion to
@@ -192,10 +218,12 @@ struct GeneralisedAlpha : AlphaNumbers {
     newton.contraction = L::select(good, newton.contraction, contraction0);
     if (L::all(good | skip)) {
       place(engine, h, q, v);
+      if (engine.closes()) engine.shut(q, v, turn);
       return good;
     }
     divide(engine, h, q, v, tau, L::none_of(good | skip));
     place(engine, h, q, v);
+    if (engine.closes()) engine.shut(q, v, turn);  // by the factors of the divided arms: these are near, too
     for (int i = 0; i < nq; ++i) q[i] = L::select(divided, coarse_q[i], q[i]);
     for (int i = 0; i < nv; ++i) v[i] = L::select(divided, coarse_v[i], v[i]);
     return good | divided;
@@ -214,11 +242,14 @@ struct GeneralisedAlpha : AlphaNumbers {
       start_before[c] = joints.before[c];
     }
     S *const begin_q = q0, *const begin_v = v0, *const own_a = a, *const own_alpha = alpha, *const own_lagged = lagged;
+    S *const own_closed_q = closed_q, *const own_closed_v = closed_v;
     q0 = part_q;
     v0 = part_v;
     a = part_a;
     alpha = part_alpha;
     lagged = none;
+    closed_q = part_closed_q;
+    closed_v = part_closed_v;
     alpha_m = alpha_f = 0.0;
     beta = gamma = 1.0;
     Mask known = L::everywhere(false);  // coarse_q, coarse_v, of half as many parts
@@ -244,11 +275,14 @@ struct GeneralisedAlpha : AlphaNumbers {
       known = solved;
     }
     engine.normalise(coarse_q);
+    if (engine.closes()) engine.project({0.0, h * h}, coarse_q, coarse_v, turn);
     q0 = begin_q;
     v0 = begin_v;
     a = own_a;
     alpha = own_alpha;
     lagged = own_lagged;
+    closed_q = own_closed_q;
+    closed_v = own_closed_v;
     static_cast<AlphaNumbers&>(*this) = own;
     scale = scale0;
     newton.contraction = contraction0;
@@ -308,6 +342,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     const S fall = (h * h) * engine.weight;
     S size{};
     Mask bad = skip;
+    for (int i = 0; i < nv; ++i) closed_q[i] = closed_v[i] = S{};
     for (int n = 1; n <= max_iterations && !L::all(good | bad); ++n) {
       ++iterations;
       place(engine, h, q, v);
@@ -327,11 +362,12 @@ struct GeneralisedAlpha : AlphaNumbers {
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
         r[i] = tau[i] - tau_own[i];
-        residual = L::larger(residual, L::size(r[i]));
         force = L::larger(force, L::size(tau[i]));
       }
       joints.refactored(engine.correction(r, turn));
       ++work.solves;
+      if (engine.closes()) released = close(engine, shift, L::none_of(good | bad));
+      for (int k = 0; k < engine.free_count; ++k) residual = L::larger(residual, L::size(r[engine.free[k]]));
       const Mask switching = joints.count == 0 ? L::everywhere(false)
                                                : joints.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
                                                                 L::none_of(good | bad), tau_own);
@@ -350,7 +386,8 @@ struct GeneralisedAlpha : AlphaNumbers {
       newton.correct(n, moved, open);
       Mask stalled = newton.stalls(n);
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
-      const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
+      Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
+      if (engine.closes()) end = end & engine.closed();
       good = good | (open & end & L::none_of(switching));
     }
   }

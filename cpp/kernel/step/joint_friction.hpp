@@ -108,6 +108,7 @@ struct JointFriction {
     for (int k = 0; k < engine.free_count; ++k) rest[engine.free[k]] = tau[engine.free[k]] - own[engine.free[k]];
     if (L::all(L::none_of(good))) return good;
     engine.solve(rest, turned);
+    if (engine.closes()) engine.close_accelerations(turned);
     resolve(engine, turned, nullptr, nullptr, 1.0, 1.0, where & good, own);
     for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = turned[engine.free[k]];
     return good;

@@ -8,11 +8,18 @@
 //   rates(q, v, dq)               dq/dt, of a quaternion too; normalise(q) gives quaternions unit length
 //   step_contacts(by_end), met()  whether forces of contacts are those at the end of a step, and where any touches or
 //                                 lets go in it (arm/contacts.hpp)
+//   closes()                      whether it has loops
+//   close_accelerations(x)        adds those of which their equations at the last `inverse` are fulfilled
+//   close_places(w), close_rates(z)  a displacement and rates that close them, of their equations at the last
+//                                 `inverse`, by the last `factor`. @return its size squared, in the norm of M + shift
+//   closed()                      where their equations were nearly fulfilled there
+//   project(shift, q, v, scratch)  onto the loops; shut(q, v, scratch) from nearly there, by the last `factor`
 //   accelerate(q, v, tau, x)      forward dynamics; x holds the prescribed ones
 //   inverse(q, v, a, tau, anew)   inverse dynamics, and, where `anew`, the data that `factor` needs
 //   factor(shift, twice)          of M + shift: where it is positive definite; twice = v^T M v
 //   solve(r, x)                   x = (M + shift)^-1 r, zero where prescribed
-//   correction(r, x)              the same for a residual at the last `inverse`, up to limits of controllers and back.
+//   correction(r, x)              the same for a residual at the last `inverse`, up to limits of controllers and back;
+//                                 the residual loses the forces of loops.
 //                                 @return where `solve` is another from now on
 // The interface of a method, a class over the engine, in a header of its own with its row:
 //   lay_out                       takes its memory (arena.hpp); the rates that may rub, its options

@@ -52,6 +52,7 @@ struct Rolled {
   void inverse(const S* q, const S* v, const S* a, S* tau, bool) {
     chain.move(q, v);
     chain.forces(base, a, tau);
+    accelerate_loops(chain, base, a);
     laws.add(q, v, -1.0, tau);
     q_now = q;
     v_now = v;
@@ -69,10 +70,17 @@ struct Rolled {
     ::solve(chain, r, x);
     laws.correct(x);
   }
-  Mask correction(const S* r, S* x) {
-    ::solve(chain, r, x);
+  Mask correction(S* r, S* x) {
+    solve_step(chain, r, x);
     return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
+  bool closes() const { return chain.layout.loops > 0; }
+  S close_places(S* w) { return chain.by_state->loops.close_places(chain.layout, w); }
+  void close_accelerations(S* x) { chain.by_state->loops.close_accelerations(chain.layout, x); }
+  S close_rates(S* z) { return chain.by_state->loops.close_rates(chain.layout, z); }
+  Mask closed() const { return chain.by_state->loops.closed(chain.layout); }
+  void project(const Shift& shift, S* q, S* v, S* scratch) { ::project(chain, shift, q, v, scratch); }
+  void shut(S* q, S* v, S* scratch) { ::shut(chain, q, v, scratch); }
   void step_contacts(double by_end) {
     if (chain.layout.contacts > 0) chain.by_state->by_end = by_end;
   }
@@ -106,15 +114,15 @@ struct Roller {
   Roll& job;
   Arms arms;
   Method method;
-  S *q, *v, *tau, *x, *y, *forces, *contact_forces, *changed;
+  S *q, *v, *tau, *x, *y, *forces, *rest, *spare, *reactions, *changed;
   Mask lost = L::everywhere(false);
 
   Roller(Roll& j, Arena& arena) : job(j), arms(j, arena) {
     const int nq = j.layout->nq, nv = j.layout->nv;
     arena.take(nq, q);
-    arena.take(nv, v, tau, y, forces);
+    arena.take(nv, v, tau, y, forces, rest, spare);
     arena.take_zeros(nv, x);
-    arena.take(3 * j.layout->contacts, contact_forces);
+    arena.take(3 * j.layout->contacts + 6 * j.layout->loops, reactions);
     arena.take(1, changed);
     arms.laws.given = tau;
     method.lay_out(arena, nq, nv, j.rubbing, j.rubs, j.options);
@@ -197,6 +205,7 @@ struct Roller {
         force = arms.laws.within(c, force);
       }
       arms.laws.add(q, v, 1.0, forces);  // the reactions of prescribed motions alone
+      if (arms.closes()) take_reactions();
       for (int k = 0; k < arms.free_count; ++k) forces[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
         const S speed = v[job.rubbing[c]], most = arms.of(job.coulomb, c);
@@ -204,8 +213,16 @@ struct Roller {
       }
     }
     if (wanted > 1 && arms.chain.layout.contacts > 0)
-      arms.chain.by_state->put_contact_forces(arms.chain.layout, contact_forces);
-    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), raw(contact_forces), job.status);
+      arms.chain.by_state->put_contact_forces(arms.chain.layout, reactions);
+    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), raw(reactions), job.status);
+  }
+  /// Takes the forces of loops off those that inverse dynamics has found, beyond contacts into `reactions`.
+  void take_reactions() {
+    for (int i = 0; i < arms.nv; ++i) rest[i] = forces[i] - arms.total[i];
+    method.friction().take_from(rest);
+    ::react(arms.chain, rest, spare);
+    for (int i = 0; i < arms.nv; ++i) forces[i] -= rest[i];
+    arms.chain.by_state->loops.put_forces(arms.chain.layout, reactions + 3 * arms.chain.layout.contacts);
   }
 
   /// From the state in `memory` (see isa.cpp).

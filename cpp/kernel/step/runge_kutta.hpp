@@ -78,6 +78,7 @@ struct RungeKutta {
     for (int i = 0; i < nv; ++i) v[i] = v0[i] + (h / Row::sum) * v_sum[i];
     given(1.0);
     engine.normalise(q);
+    if (engine.closes()) engine.project({}, q, v, own);
     return good;
   }
   static constexpr bool asked_at_end() { return false; }

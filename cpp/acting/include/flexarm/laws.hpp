@@ -75,7 +75,7 @@ struct Commands {
 
 /// The measurement y = by_q q (nq) and the generalised forces column u (nv). For a sensing and a driving patch, both
 /// come from `Arm::patch_matrix`.
-struct Loop {
+struct FeedbackPath {
   Eigen::VectorXd by_q, column;
 };
 
@@ -102,7 +102,9 @@ LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
 /// @param first  time of the first sample, as of its Sampler
 LinearLaw servo(const Arm& arm, int i, const ServoGains& gains, double period, const Commands& commands = {},
                 double first = 0.0);
-LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period);
-LinearLaw integral_resonant(const Arm& arm, const Loop& loop, const IntegralResonantGains& gains, double period);
+LinearLaw positive_position(const Arm& arm, const FeedbackPath& path, const PositivePositionGains& gains,
+                            double period);
+LinearLaw integral_resonant(const Arm& arm, const FeedbackPath& path, const IntegralResonantGains& gains,
+                            double period);
 
 }  // namespace flexarm

@@ -42,6 +42,7 @@ struct BatchProblem {
   int row_q() const { return nq > 0 ? nq : problems[0]->arm->nq(); }
   int row_v() const { return nv > 0 ? nv : problems[0]->arm->nv(); }
   int row_contacts() const { return 3 * static_cast<int>(problems[0]->arm->contacts().size()); }
+  int row_loops() const { return 6 * static_cast<int>(problems[0]->arm->loops().size()); }
   Eigen::Index rows() const { return (t.size() - 1) / every + 1; }
   const Problem& of(Eigen::Index scenario) const {
     return *problems[problems.size() == 1 ? 0 : static_cast<std::size_t>(scenario)];
@@ -61,6 +62,7 @@ enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done
 struct BatchOutput {
   double *q = nullptr, *v = nullptr, *a = nullptr, *tau = nullptr;  ///< nq, nv, nv, nv
   double* contacts = nullptr;               ///< forces of the contacts on the arm, in the world: three numbers each
+  double* loops = nullptr;                  ///< force and moment of each loop on its side b, in the world
   int* status = nullptr;                    ///< BatchStatus of each scenario
   double* reached = nullptr;                ///< time reached (s) of each
   std::vector<EventLog>* events = nullptr;  ///< of each: the occurrences of each of its events

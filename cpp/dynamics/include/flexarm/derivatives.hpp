@@ -19,7 +19,10 @@ class InverseDerivatives {
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
-  void recall(const Workspace& ws);  ///< of a run, what it remembers of contacts
+  void recall(const Workspace& ws);  ///< of a run, what it remembers of contacts, and the forces that loops hold with
+  /// Loops hold with these forces from now on, one for each row of the arm's loops (Loop::rows); none: with none.
+  /// @throws std::invalid_argument where there are others
+  void hold(const Arm& arm, const Eigen::VectorXd& forces);
   /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.) Without `by_v` dv is left as
   /// it is, which takes half the time.
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,

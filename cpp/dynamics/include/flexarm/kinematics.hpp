@@ -98,6 +98,10 @@ void strut_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q,
 void contact_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                     Eigen::Matrix3Xd& out);
 
+/// Of each row of the arm's loops (Loop::rows), a column: g (m, or 1) and dg/dt.
+void loop_motion(const Arm& arm, const Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                 Eigen::Matrix2Xd& out);
+
 struct Energy {
   double kinetic;    ///< J
   double potential;  ///< elastic, less sum of m g . p from the world's origin (J)

@@ -52,6 +52,7 @@ class Workspace {
   std::vector<int> free;           ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;      ///< v^T M v (J), set by factor_shifted
   std::vector<double> remembered;  ///< what a run remembers of contacts; empty: no run
+  std::vector<double> held;        ///< forces of the rigid rows of loops, in their order, as given; empty: none
   std::vector<double> note;        ///< the same at the end of a step, if `noted`, before it counts
   bool noted = false;
 
@@ -79,6 +80,7 @@ class Workspace {
   void place(const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   Held<lanes::SingleFrames> frames;  ///< its frames, in space
   Eigen::VectorXd total;             ///< forces with those of feedback
+  Eigen::VectorXd rest, spare;       ///< of `take_loop_forces`
   Eigen::VectorXd feedback_numbers;  ///< of the laws and of factor_shifted, see step/feedback.hpp
 
  private:

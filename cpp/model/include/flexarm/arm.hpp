@@ -7,6 +7,7 @@
 
 #include "flexarm/contact.hpp"
 #include "flexarm/link.hpp"
+#include "flexarm/loop.hpp"
 #include "flexarm/made_once.hpp"
 #include "flexarm/strut.hpp"
 
@@ -51,9 +52,11 @@ class Arm {
   /// @param seats  of each link, that of its joint: on a link before it, or kWorld. Empty: a chain
   /// @param struts struts and tendons between points of the links and of the world
   /// @param contacts of points of the links with surfaces
+  /// @param loops  joints that close loops of the tree
   /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
   explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero(),
-               std::vector<Seat> seats = {}, std::vector<Strut> struts = {}, std::vector<Contact> contacts = {});
+               std::vector<Seat> seats = {}, std::vector<Strut> struts = {}, std::vector<Contact> contacts = {},
+               std::vector<Loop> loops = {});
 
   const std::vector<Link>& links() const { return links_; }
   std::size_t size() const { return links_.size(); }
@@ -65,6 +68,7 @@ class Arm {
   const std::vector<Seat>& seats() const { return seats_; }
   const std::vector<Strut>& struts() const { return struts_; }
   const std::vector<Contact>& contacts() const { return contacts_; }
+  const std::vector<Loop>& loops() const { return loops_; }
   /// Whether any contact has friction, which depends on the way that it has come.
   bool has_contact_friction() const;
   /// Whether every link sits on the end of the one before it.
@@ -100,6 +104,7 @@ class Arm {
   void check(const Strut::Point& point, const std::string& name) const;
   void check(const Strut& strut, const std::string& name) const;
   void check(const Contact& contact, const std::string& name) const;
+  void check(const Loop& loop, const std::string& name) const;
   void check_seat(std::size_t n) const;
   /// Every coordinate must move some inertia, or no force law gives its acceleration.
   void check_inertia() const;  // inertia_check.cpp
@@ -110,6 +115,7 @@ class Arm {
   std::vector<int> first_, first_q_, coordinate_of_;
   std::vector<Strut> struts_;
   std::vector<Contact> contacts_;
+  std::vector<Loop> loops_;
   int nq_ = 0, nv_ = 0;
   Eigen::VectorXd farthest_, fastest_;
   MadeOnce kept_;

@@ -77,6 +77,9 @@ class CollocationStep final : public Step {
   }
   Status iterate(double h, Workspace& ws);
   double missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau, const Workspace& ws) const;
+  /// Sets the forces of loops for the sweeps.
+  void hold(const Eigen::VectorXd& reaction, Workspace& ws) const;
+  Eigen::VectorXd powers(double x) const;
   void judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau, const Given& given);
 
   const Arm* arm_;
@@ -105,6 +108,11 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd M_, C_, K_;              ///< of the free rates
   Eigen::MatrixXd M_all_, C_all_, K_all_;  ///< of all
   Eigen::MatrixXd rate_by_q_, rate_by_v_;
+  Eigen::Index rows_ = 0;                       ///< of loops
+  Eigen::MatrixXd G_, closing_;                 ///< their columns, of all and of the free rates
+  Eigen::MatrixXd closed_;                      ///< G^T M^-1 G of the free rates
+  Eigen::Matrix3Xd found_;                      ///< g and its derivatives by time
+  Eigen::MatrixXd reaction_, reaction_before_;  ///< forces of the rows at the points, one column each
   Eigen::MatrixXd newton_;
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
   Eigen::VectorXd residual_, correction_, product_;

@@ -40,6 +40,7 @@ struct Trajectory {
   Rows friction;      ///< forces of dry friction
   bool rubs = false;  ///< whether there is any
   Rows contacts;      ///< forces of the contacts on the arm, in the world: three numbers each
+  Rows loops;         ///< force and moment of each loop on its side b, in the world: six numbers
   Eigen::Index done = 0;
   double reached = 0.0;          ///< time reached (s)
   std::string failure;           ///< empty when all is done
