@@ -28,7 +28,7 @@ namespace {
 
 /// Accelerations of the tree become those of the closed loops: the smallest forces in them that make d^2 g/dt^2 zero.
 void constrain(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-  const Eigen::Index rows = ws.chain().layout().loop_rows, n = static_cast<Eigen::Index>(ws.free.size());
+  const Eigen::Index rows = ws.chain().layout().rigid_rows, n = static_cast<Eigen::Index>(ws.free.size());
   Eigen::MatrixXd all(arm.nv(), rows), G(n, rows);
   Eigen::Matrix3Xd found(3, rows);
   inverse_dynamics(arm, ws, q, v, ws.a);

@@ -43,6 +43,7 @@ class SlopesMemory {
 InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
       dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
+      loops(Eigen::MatrixXd::Zero(lanes::KernelArm::of(arm).layout().rigid_rows, arm.nq() + arm.nv())),
       memory_(new lanes::SlopesMemory(arm, loads, {})) {}
 
 void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) { memory_->set_wrench(load, wrench); }
@@ -61,7 +62,8 @@ void InverseDerivatives::hold(const Arm& arm, const Eigen::VectorXd& forces) {
     const lanes::LoopJoint& known = layout.loop[k];
     for (const Loop::Row& row : arm.loops()[k].rows()) {
       for (int i = 0; i < known.rows && all < forces.size(); ++i)
-        if (known.row[i].turns == row.turns && known.row[i].i == row.i && known.row[i].j == row.j)
+        if (known.row[i].turns == row.turns && known.row[i].i == row.i && known.row[i].j == row.j &&
+            known.rigid(known.row[i]))
           memory_->held.push_back(forces[all]);
       ++all;
     }
@@ -74,7 +76,8 @@ void InverseDerivatives::hold(const Arm& arm, const Eigen::VectorXd& forces) {
 void InverseDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a, bool by_v) {
   memory_->kernels.inverse_slopes(memory_->of(), memory_->memory(), memory_->wrenches.data(), q.data(), v.data(),
-                                  a.data(), dq.data(), by_v ? dv.data() : nullptr);
+                                  a.data(), dq.data(), by_v ? dv.data() : nullptr,
+                                  loops.size() > 0 ? loops.data() : nullptr);
 }
 
 ForwardDerivatives::ForwardDerivatives(const Arm& arm, const std::vector<Load>& loads,

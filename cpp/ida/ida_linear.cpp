@@ -15,9 +15,9 @@ namespace {
 constexpr int kKrylov = 10;    // vectors
 constexpr double kGood = 0.3;  // error of the preconditioner alone, in parts of the solution
 
-/// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix; what dg/dt changes by the
-/// coordinates is left out.
-void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, SUNMatrix J) {
+/// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix. dg/dt changes by the
+/// coordinates half as much as d^2 g/dt^2 = G^T a + v^T H v does by the rates.
+void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, const Eigen::MatrixXd& slopes, SUNMatrix J) {
   const int nq = s.n_q(), nv = s.n_v(), m = s.n_loops();
   const auto at = [&](int row, int column) -> double& { return SUNDenseMatrix_Column(J, column)[row]; };
   for (int r = 0; r < m; ++r) {
@@ -30,14 +30,16 @@ void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, SUNMatrix J) {
     }
     for (int k = 0; k < nq; ++k) {
       const int i = s.free_q[static_cast<std::size_t>(k)];
-      double by_drift = 0.0, by_q = 0.0;
+      double by_drift = 0.0, by_q = 0.0, rate_by_q = 0.0;
       for (int j : s.ws.free) {
-        const double e = E(i, j);
+        const double e = E(i, j), turned = s.arm.coordinate_of(j) < 0 ? 4.0 * e : e;
         by_drift -= e * g[j];
-        by_q += (s.arm.coordinate_of(j) < 0 ? 4.0 : 1.0) * e * g[j];
+        by_q += turned * g[j];
+        rate_by_q += turned * 0.5 * slopes(s.rows[static_cast<std::size_t>(r)], s.arm.nq() + j);
       }
       at(k, drift) = by_drift;
       at(y, k) = by_q;
+      at(drift, k) = rate_by_q;
     }
   }
 }
@@ -75,7 +77,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
         column[nq + l] = d.derivatives.dv(i, j) + cj * s.ws.M(i, j);
       }
     }
-    if (!s.rows.empty()) put_loops(s, d.rate_by_v, J);
+    if (!s.rows.empty()) put_loops(s, d.rate_by_v, d.derivatives.loops, J);
     return 0;
   });
 }

@@ -71,7 +71,7 @@ void IdaSystem::set(double t, const double* y, const double* yp) {
 }
 
 void IdaSystem::choose_rows() {
-  const Eigen::Index n = ws.chain().layout().loop_rows;
+  const Eigen::Index n = ws.chain().layout().rigid_rows;
   if (n == 0) return;
   G.resize(arm.nv(), n);
   found.resize(3, n);

@@ -54,8 +54,8 @@ struct IdaSystem : System {
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
   std::vector<int> rows;           // of loops: those that do not depend on others
-  Eigen::MatrixXd G;               // of all rows, by columns
-  Eigen::Matrix3Xd found;          // g and its derivatives by time, of all rows
+  Eigen::MatrixXd G;               // of all rigid rows, by columns
+  Eigen::Matrix3Xd found;          // g and its derivatives by time, of all rigid rows
   Eigen::VectorXd shifted, drift;  // v + G m; m
   std::optional<StateTangents> tangents;
   IdaSystem(const Problem& problem, Control& control_)

@@ -134,13 +134,20 @@ void correct(void* self, double* r, double* x) {
   on(self, [&](auto& chain) { solve_step(chain, r, x); });
 }
 
-void close(void* self, double* second, double* places, double* rates, double* sizes) {
+void close(void* self, const Shift& shift, double* second, double* places, double* rates, double* sizes) {
   on(self, [&](auto& chain) {
     if (chain.layout.loops == 0) return;
     const auto& loops = chain.by_state->loops;
     if (second) loops.close_accelerations(chain.layout, second);
-    if (places) sizes[0] = loops.close_places(chain.layout, places);
-    if (rates) sizes[1] = loops.close_rates(chain.layout, rates);
+    if (places) sizes[0] = loops.close_places(chain.layout, places, shift.stiffness);
+    if (rates) sizes[1] = loops.close_rates(chain.layout, rates, shift.damping);
+  });
+}
+
+void hold_change(void* self, bool open) {
+  on(self, [&](auto& chain) {
+    auto& loops = chain.by_state->loops;
+    open ? loops.hold_change(chain.layout, true) : loops.let_go(chain.layout);
   });
 }
 
@@ -170,17 +177,18 @@ void loop_rows(void* self, double* rows, double* G) {
   on(self, [&](auto& chain) {
     if (chain.layout.loops == 0) return;
     auto& loops = chain.by_state->loops;
-    for (int k = 0; k < chain.layout.loop_rows; ++k)
+    if (G) loops.gather(chain);
+    for (int k = 0; k < chain.layout.loop_rows; ++k) {
+      if (loops.row[k].soft) continue;
       for (const double x : {loops.row[k].g, loops.row[k].rate, loops.row[k].second}) *rows++ = x;
-    if (!G) return;
-    loops.gather(chain);
-    for (int i = 0; i < chain.layout.loop_rows * chain.layout.nv; ++i) G[i] = loops.G[i];
+      for (int i = 0; i < chain.layout.nv && G; ++i) *G++ = loops.G[k * chain.layout.nv + i];
+    }
   });
 }
 
 void hold(void* self, const double* reactions) {
   on(self, [&](auto& chain) {
-    for (int k = 0; k < chain.layout.loop_rows; ++k) chain.by_state->loops.held[k] = reactions[k];
+    if (chain.layout.loops > 0) chain.by_state->loops.hold(chain.layout, [&](int k) { return reactions[k]; });
   });
 }
 
@@ -270,9 +278,9 @@ std::size_t slopes_memory(const SlopesOf& of) {
 }
 
 void inverse_slopes(const SlopesOf& of, void* memory, const double* wrenches, const double* q, const double* v,
-                    const double* a, double* by_q, double* by_v) {
+                    const double* a, double* by_q, double* by_v, double* loops) {
   with_slopes(of, [&](auto t) {
-    typename decltype(t)::type(of, memory, by_v != nullptr).inverse(wrenches, q, v, a, by_q, by_v);
+    typename decltype(t)::type(of, memory, by_v != nullptr).inverse(wrenches, q, v, a, by_q, by_v, loops);
   });
 }
 
@@ -312,6 +320,7 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   solve,
                                                   correct,
                                                   close,
+                                                  hold_change,
                                                   closed,
                                                   project,
                                                   shut,

@@ -18,7 +18,7 @@ namespace flexarm {
 namespace {
 
 constexpr const char* kFormat = "flexarm scene";
-constexpr int kVersion = 5;
+constexpr int kVersion = 6;
 constexpr const char* kBases[] = {"clamped-free", "legendre", "loaded"};  // in the order of Basis
 constexpr const char* kSurfaces[] = {"plane", "sphere", "box"};           // in the order of Surface::Kind
 constexpr const char* kPlaces[] = {"origin", "end", "slice"};             // in the order of Strut::Point::On

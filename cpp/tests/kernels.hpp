@@ -168,7 +168,7 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
                              nullptr};
     const lanes::Memory memory(kernels->slopes_memory(of));
     kernels->inverse_slopes(of, memory.get(), nullptr, q.data(), v.data(), a.data(), found.data(),
-                            found.data() + nv * nq);
+                            found.data() + nv * nq, nullptr);
     for (int k = 0; k < nq + nv; ++k)
       CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * expected.norm()));
   }

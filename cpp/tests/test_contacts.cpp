@@ -172,7 +172,7 @@ TEST_CASE("forces of contacts, their derivatives, and what runs remember") {
           const int nq = arm.nq(), nv = arm.nv();
           Eigen::MatrixXd slopes(nv, nq + nv), differences(nv, nq + nv);
           kernels->inverse_slopes(of, memory.get(), nullptr, q.data(), v.data(), a.data(), slopes.data(),
-                                  slopes.data() + nv * nq);
+                                  slopes.data() + nv * nq, nullptr);
           if (!remembers) {  // else differences begin anew wherever they are
             std::vector<double> here(past.size());
             kernels->contacts(self, here.data(), nullptr);

@@ -197,11 +197,11 @@ TEST_CASE("what is wrong in a file is named with its path, its value and what wo
     const std::string message = said(with(text, from, to, k));
     CHECK_MESSAGE(message.find(right) == 0, message);
   };
-  names("\"version\":5", "\"version\":3", "version = 3: this flexarm reads 5; compile the scene again");
+  names("\"version\":6", "\"version\":3", "version = 3: this flexarm reads 6; compile the scene again");
   names("flexarm scene", "flexarm run", "format = \"flexarm run\": must be \"flexarm scene\"");
-  names("\"version\":5", "\"version\":5,\"version\":5", "the key 'version' is there twice");
+  names("\"version\":6", "\"version\":6,\"version\":5", "the key 'version' is there twice");
   names("\"arm\":", "\"ram\":", "the file: missing key 'arm'");
-  names("\"version\":5", "\"version\":5,\"wings\":2",
+  names("\"version\":6", "\"version\":6,\"wings\":2",
         "the file: unknown key \"wings\"; known are format, version, arm");
   names("\"length\":", "\"lenght\":", "arm.links[0].beam: missing key 'length'");
   names("\"length\":0.3", "\"length\":\"0.3\"", "arm.links[1].beam.length = \"0.3\": must be a number");

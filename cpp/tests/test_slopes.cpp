@@ -82,9 +82,10 @@ void check(const flexarm::Arm& arm, double bent = 0.1, bool loaded = false, cons
     truth(a);
     for (int twice = 0; twice < 2; ++twice)
       kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), found.data(),
-                              found.data() + nv * nq);
+                              found.data() + nv * nq, nullptr);
     check_columns(found, expected, 1e-12);
-    kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), alone.data(), nullptr);
+    kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), alone.data(), nullptr,
+                            nullptr);
     check_columns(alone, expected.leftCols(nq), 1e-12);
     // forward: M da + dtau = 0 in the rows that are free
     flexarm_test::OnKernels on(arm, *kernels, given, loads);

@@ -178,7 +178,7 @@ TEST_CASE("loads by the state of their slice") {
       const lanes::Memory memory(kernels->slopes_memory(of));
       Eigen::MatrixXd found(nv, nq + nv), differences(nv, nq + nv);
       kernels->inverse_slopes(of, memory.get(), wrenches.data(), q.data(), v.data(), a.data(), found.data(),
-                              found.data() + nv * nq);
+                              found.data() + nv * nq, nullptr);
       for (int k = 0; k < nq; ++k)
         differences.col(k) = flexarm_test::slope([&](const Eigen::VectorXd& at) { return forces(at, v); }, q,
                                                  Eigen::VectorXd::Unit(nq, k), 1e-5);

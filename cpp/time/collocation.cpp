@@ -108,8 +108,9 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
       free_q_[static_cast<std::size_t>(k)] = false;
   const auto n = static_cast<Eigen::Index>(free_.size());
   M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
-  rows_ = ws.chain().layout().loop_rows;
+  rows_ = ws.chain().layout().rigid_rows;
   G_ = Eigen::MatrixXd::Zero(arm_->nv(), rows_);
+  G_by_q_ = G_by_v_ = Eigen::MatrixXd::Zero(rows_, arm_->nv());
   closing_ = Eigen::MatrixXd::Zero(n, rows_);
   closed_ = Eigen::MatrixXd::Zero(rows_, rows_);
   found_ = Eigen::Matrix3Xd::Zero(3, rows_);
@@ -251,6 +252,8 @@ void CollocationStep::differentiate(Workspace& ws) {
   if (rows_ > 0) {
     move_chain(ws, qs_, vs_);
     ws.chain().loop_rows(found_.data(), G_.data());
+    G_by_q_.noalias() = derivatives_->loops.leftCols(arm_->nq()) * rate_by_v_;
+    G_by_v_ = derivatives_->loops.rightCols(arm_->nv());
   }
   reduce();
   if (seen_) seen_->look(ws, qs_, vs_);
@@ -302,8 +305,15 @@ bool CollocationStep::factor(double h) {
     newton_.middleCols(at, rows_).setZero();
     newton_.middleRows(at, rows_).setZero();
     newton_.block(i * n, at, n, rows_) = -closing_;
-    newton_.block(at, i * n, rows_, n) = closing_.transpose();
     newton_.block(at, at, rows_, rows_).diagonal() = kEased * closed_.diagonal();
+    for (int j = 0; j < s_; ++j)
+      for (Eigen::Index k = 0; k < n; ++k) {
+        const int rate = free_[static_cast<std::size_t>(k)];
+        if (held(rate)) continue;
+        auto column = newton_.block(at, j * n + k, rows_, 1);
+        column = h * A_(i, j) * G_by_v_.col(rate) + h * h * A2_(i, j) * G_by_q_.col(rate);
+        if (i == j) column += G_.row(rate).transpose();
+      }
   }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
@@ -478,7 +488,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
 }
 
 void CollocationStep::memory(const std::function<void(double&)>& visit) {
-  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_all_, &C_all_, &K_all_, &G_, &reaction_})
+  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_all_, &C_all_, &K_all_, &G_, &G_by_q_, &G_by_v_, &reaction_})
     for (double& number : x->reshaped()) visit(number);
   for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
     for (double& number : *x) visit(number);

@@ -57,17 +57,21 @@ struct Engine {
   }
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
   bool closes() const { return !arm.loops().empty(); }
-  void close_accelerations(double* x) { ws->chain().close(x, nullptr, nullptr, nullptr); }
-  double close_places(double* w) {
+  void close_accelerations(double* x) { ws->chain().close({}, x, nullptr, nullptr, nullptr); }
+  double close_places(const lanes::Shift& shift, double* w) {
     double sizes[2];
-    ws->chain().close(nullptr, w, nullptr, sizes);
+    ws->chain().close(shift, nullptr, w, nullptr, sizes);
     return sizes[0];
   }
-  double close_rates(double* z) {
+  double close_rates(const lanes::Shift& shift, double* z) {
     double sizes[2];
-    ws->chain().close(nullptr, nullptr, z, sizes);
+    ws->chain().close(shift, nullptr, nullptr, z, sizes);
     return sizes[1];
   }
+  void hold_change(bool open) {
+    if (open) ws->chain().hold_change(true);
+  }
+  void let_go() { ws->chain().hold_change(false); }
   bool closed() const { return ws->chain().closed(); }
   void project(const lanes::Shift& shift, double* q, double* v, double* scratch) {
     ws->chain_to_move().project(shift, q, v, scratch);

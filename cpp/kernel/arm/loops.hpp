@@ -47,6 +47,7 @@ struct Loops {
   Pull<Sp>* pull;  ///< two of each row
   S* held;         ///< of each row that is rigid: its force as given from outside
   S* reaction;     ///< of each row: its force, where accelerations were found last
+  S* change;       ///< of each row: of its force, by the last `correct`
   S *G, *solved;   ///< by columns of nv; (M + shift)^-1 G
   S *matrix, *eased;
   typename C::Wide* turn;  ///< scratch: 2 of each row, and right-hand sides
@@ -59,7 +60,7 @@ struct Loops {
     arena.take(2 * layout.loops, side);
     arena.take(n, row);
     arena.take(2 * n, pull);
-    arena.take_zeros(n, held, reaction);
+    arena.take_zeros(n, held, reaction, change);
     arena.take(n, eased);
     arena.take(n * layout.nv, G, solved);
     arena.take(n * n, matrix);
@@ -81,6 +82,14 @@ struct Loops {
       for (int i = 0; i < layout.loop[k].rows; ++i) visit(k, layout.loop[k].row[i], n++);
   }
 
+  /// Forces of the rigid rows, of their numbers, from now on.
+  template <class Forces>
+  void hold(const Layout& layout, const Forces& forces) {
+    int rigid = 0;
+    for_rows(layout, [&](int k, const LoopRow& r, int n) {
+      if (layout.loop[k].rigid(r)) held[n] = forces(rigid++);
+    });
+  }
   /// All rows, where the chain has moved to q and v.
   void find(C& chain, const Places<Sp>& places, const S* q, const S* v) {
     const Layout& layout = chain.layout;
@@ -173,7 +182,7 @@ struct Loops {
       for (int i = 0; i < n && row[k].soft && free; ++i) matrix[i * n + k] = matrix[k * n + i] = S{};
       if (row[k].soft && free) own = number<S>(1.0);
     }
-    open = free;
+    without_soft = free;
     factor_small(matrix, n);
   }
   /// x = (M + shift)^-1 r of the tree becomes that of the closed loops, where d^2 g/dt^2 = 0.
@@ -188,7 +197,7 @@ struct Loops {
   }
   /// The same for a step of Newton's iteration: where accelerations change by x, d^2 g/dt^2 as found becomes zero. The
   /// residual r loses the forces that the loops take.
-  void correct(const Layout& layout, S* r, S* x) const {
+  void correct(const Layout& layout, S* r, S* x) {
     const int n = layout.loop_rows, nv = layout.nv;
     S* y = view<S>(turn);
     times_columns(G, nv, n, x, y);
@@ -198,20 +207,31 @@ struct Loops {
         x[i] -= solved[k * nv + i] * y[k];
         if (!row[k].soft) r[i] -= G[k * nv + i] * y[k];
       }
+    for (int k = 0; k < n; ++k) change[k] = -y[k];
     close_accelerations(layout, x);
+    for (int k = 0; k < n; ++k) change[k] += y[k];
+  }
+  /// Rigid rows hold with their change, too, of arms where `open`; or with no force.
+  template <class Mask>
+  void hold_change(const Layout& layout, const Mask& open) {
+    for (int k = 0; k < layout.loop_rows; ++k) held[k] += Lanes<S>::select(open, change[k], S{});
+  }
+  void let_go(const Layout& layout) {
+    for (int k = 0; k < layout.loop_rows; ++k) held[k] = S{};
   }
   /// Adds to x accelerations of which d^2 g/dt^2, as found, becomes zero.
   void close_accelerations(const Layout& layout, S* x) const {
     add_closing(layout, [](const Row& one) { return one.second; }, x);
   }
-  /// A displacement w of which g becomes zero, and rates z of which dg/dt does; they are zero before.
+  /// A displacement w of which g becomes zero, and rates z of which dg/dt does; they are zero before. Beside them,
+  /// accelerations that make d^2 g/dt^2 zero move the coordinates by so many times them, and the rates.
   /// @return the square of its size in the norm of M + shift
-  S close_places(const Layout& layout, S* w) const {
-    add_closing(layout, [](const Row& one) { return one.g; }, w);
+  S close_places(const Layout& layout, S* w, double by_accelerations = 0.0) const {
+    add_closing(layout, [&](const Row& one) { return one.g - by_accelerations * one.second; }, w);
     return size(layout, w);
   }
-  S close_rates(const Layout& layout, S* z) const {
-    add_closing(layout, [](const Row& one) { return one.rate; }, z);
+  S close_rates(const Layout& layout, S* z, double by_accelerations = 0.0) const {
+    add_closing(layout, [&](const Row& one) { return one.rate - by_accelerations * one.second; }, z);
     return size(layout, z);
   }
   /// Where every rigid row is so nearly closed that one more correction leaves rounding.
@@ -264,7 +284,7 @@ struct Loops {
   }
 
  private:
-  bool open = false;  ///< whether compliant joints have no part in the matrix
+  bool without_soft = false;  ///< whether compliant joints have no part in the matrix
 
   static bool idle(const Shift& shift) { return shift.stiffness == 0.0 && shift.damping == 0.0; }
   static void put(const L3& force, const L3& moment, S* out) {
@@ -340,7 +360,7 @@ struct Loops {
   template <class V>
   void solve(int n, V* y) const {
     V* more = view<V>(turn) + n;
-    for (int k = 0; k < n && open; ++k)
+    for (int k = 0; k < n && without_soft; ++k)
       if (row[k].soft) y[k] = V{};
     solve_small(matrix, n, y);
     for (int k = 0; k < n; ++k) more[k] = y[k];

@@ -88,7 +88,7 @@ struct SlopesOf {
   const Layout &layout, &grouped;
   const double *numbers, *grouped_numbers;
   const double* remembered;      ///< of contacts, in a run; or null
-  const double* held = nullptr;  ///< forces of the rows of loops; or null
+  const double* held = nullptr;  ///< forces of the rigid rows of loops; or null
 };
 
 /// Outcome of a factorisation.
@@ -130,9 +130,11 @@ struct Kernels {
   /// becomes zero, and the residual r loses the loops' forces.
   void (*correct)(void* self, double* r, double* x);
   /// By the last factors: adds accelerations that make d^2 g/dt^2, as found by `inverse`, zero; a displacement that
-  /// closes the loops, of coordinates that are zero before, and rates, and the squares of the sizes of these two in the
-  /// norm of M + shift. Null: not asked.
-  void (*close)(void* self, double* accelerations, double* places, double* rates, double* sizes);
+  /// closes the loops where the coordinates change with these accelerations, too (zero before), and rates; and the
+  /// squares of the sizes of these two in the norm of M + shift. Null: not asked.
+  void (*close)(void* self, const Shift& shift, double* accelerations, double* places, double* rates, double* sizes);
+  /// Whether `correct` goes on: rigid rows hold with the change of force that it has found, too; else with none.
+  void (*hold_change)(void* self, bool goes_on);
   /// Whether all are nearly closed where the chain is.
   bool (*closed)(void* self);
   /// Coordinates and rates onto the loops, the nearest in the norm of M + shift; moves the chain. Scratch: nv.
@@ -142,9 +144,9 @@ struct Kernels {
   /// Of forces r that inverse dynamics needs beyond all applied ones: those of the loops, force and moment (6) of each
   /// on its side b, in the world; r becomes what they do. Scratch: nv.
   void (*react)(void* self, double* r, double* scratch, double* forces);
-  /// g, dg/dt and, after `inverse`, d^2 g/dt^2 of each row of the loops, and, unless null, G by columns.
+  /// g, dg/dt and, after `inverse`, d^2 g/dt^2 of each rigid row of the loops, and, unless null, G by columns.
   void (*loop_rows)(void* self, double* rows, double* G);
-  /// Forces of the rigid rows (of all rows, others are not read) from now on.
+  /// Forces of the rigid rows from now on.
   void (*hold)(void* self, const double* reactions);
   /// Changes of the forces of joints, beams and struts (nv) where the coordinates change by x (nv, turns of balls),
   /// by their stiffness as implicit steps take it, without loads by state; after `factor` with a shift.
@@ -160,10 +162,10 @@ struct Kernels {
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
   std::size_t (*slopes_memory)(const SlopesOf&);
-  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns; memory aligned to 64
-  /// bytes.
+  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns, and, unless null, those of
+  /// d^2 g/dt^2 of the rigid rows of loops, by columns of q and, if asked for, v; memory aligned to 64 bytes.
   void (*inverse_slopes)(const SlopesOf&, void* memory, const double* wrenches, const double* q, const double* v,
-                         const double* a, double* by_q, double* by_v);
+                         const double* a, double* by_q, double* by_v, double* loops);
   /// Accelerations of forward dynamics, into a, which holds those that are given; and exact da/dq (nv x nq), da/dv and
   /// da/dtau (nv x nv), by columns, zero where given.
   Outcome (*forward_slopes)(const SlopesOf&, void* memory, const double* wrenches, const double* q, const double* v,

@@ -145,7 +145,8 @@ struct LoopJoint {
   int rows = 0;
   LoopRow row[6];
   bool soft[2] = {false, false};  ///< compliant: in its displacements, in its turns
-  std::size_t numbers = 0;        ///< where its own begin (records::LoopLaw)
+  bool rigid(const LoopRow& r) const { return !soft[r.turns]; }
+  std::size_t numbers = 0;  ///< where its own begin (records::LoopLaw)
 };
 
 struct Layout {
@@ -167,7 +168,7 @@ struct Layout {
   const StrutLine* strut = nullptr;
   int contacts = 0;
   const ContactPair* contact = nullptr;
-  int loops = 0, loop_rows = 0;
+  int loops = 0, loop_rows = 0, rigid_rows = 0;
   const LoopJoint* loop = nullptr;
   /// The points of all struts, the sides of all contacts, those of all loops, places of loads by state.
   const TiedPoint* tied = nullptr;

@@ -183,6 +183,7 @@ void KernelArm::put_loops(const Arm& arm) {
     joint.soft[1] = std::isfinite(loop.angular_stiffness);
     joint.numbers = tied_numbers_.size();
     layout_.loop_rows += joint.rows;
+    for (int k = 0; k < joint.rows; ++k) layout_.rigid_rows += joint.rigid(joint.row[k]);
     structure_.insert(structure_.end(), {joint.rows, int(joint.soft[0]), int(joint.soft[1])});
     for (int k = 0; k < joint.rows; ++k)
       structure_.insert(structure_.end(), {int(joint.row[k].turns), joint.row[k].i, joint.row[k].j});

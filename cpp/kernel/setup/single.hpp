@@ -62,9 +62,10 @@ class Single {
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
   void correct(double* r, double* x) { kernels_.correct(self_, r, x); }
-  void close(double* accelerations, double* places, double* rates, double* sizes) {
-    kernels_.close(self_, accelerations, places, rates, sizes);
+  void close(const Shift& shift, double* accelerations, double* places, double* rates, double* sizes) {
+    kernels_.close(self_, shift, accelerations, places, rates, sizes);
   }
+  void hold_change(bool goes_on) { kernels_.hold_change(self_, goes_on); }
   bool closed() const { return kernels_.closed(self_); }
   void project(const Shift& shift, double* q, double* v, double* scratch) {
     kernels_.project(self_, shift, q, v, scratch);

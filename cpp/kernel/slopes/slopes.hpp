@@ -49,13 +49,17 @@ class Slopes {
   Slopes(const SlopesOf& of, void* memory, bool by_v) : Slopes(of, Arena(memory), by_v) {}
 
   /// Of inverse dynamics. @param by_v  null where it is not asked for
-  void inverse(const double* wrenches, const double* q, const double* v, const double* a, double* by_q, double* by_v) {
+  /// @param loops  null, or gets those of d^2 g/dt^2 of the rigid rows of loops, by columns of q and v
+  void inverse(const double* wrenches, const double* q, const double* v, const double* a, double* by_q, double* by_v,
+               double* loops) {
     begin(wrenches, q, v, a);
     move_value(q, v);
     differentiate(a);
     for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
-    for_columns_by_state(by_v != nullptr,
-                         [&](const int* direction) { put(direction, columns_, -1.0, by_q, by_v, true); });
+    for_columns_by_state(by_v != nullptr, [&](const int* direction) {
+      put(direction, columns_, -1.0, by_q, by_v, true);
+      if (loops) put_loops(direction, loops);
+    });
   }
 
   /// Of forward dynamics, whose accelerations go into a. @return the outcome
@@ -67,7 +71,8 @@ class Slopes {
     const bool good = ::forward(*value_, base_, tau, a);
     if (!good) return outcome(*value_, good);
     if (layout_.by_state()) value_->by_state->act(*value_, -1.0);
-    for (int k = 0; k < layout_.loop_rows; ++k) hold(k, value_->by_state->loops.reaction[k]);
+    for (int k = 0; k < layout_.loop_rows; ++k)
+      dual_->by_state->loops.held[k] = LaneDual{} + value_->by_state->loops.reaction[k];
     for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
     differentiate(a);
     for_columns([&](const int* direction) {
@@ -105,9 +110,9 @@ class Slopes {
       dual_->by_state->recall(layout_, of.remembered);
       value_->by_state->recall(layout_, of.remembered);
     }
-    for (int k = 0; k < layout_.loop_rows && of.held && !arena.counts(); ++k) {
-      value_->by_state->loops.held[k] = of.held[k];
-      hold(k, of.held[k]);
+    if (layout_.loops > 0 && of.held && !arena.counts()) {
+      value_->by_state->loops.hold(layout_, [&](int k) { return of.held[k]; });
+      dual_->by_state->loops.hold(layout_, [&](int k) { return LaneDual{} + of.held[k]; });
     }
     bodies_ = arena.take_lines<BodySlopes<Sp>>(1);
     BodySlopes<Sp> bodies(of, arena);
@@ -503,7 +508,13 @@ class Slopes {
       dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
   }
 
-  void hold(int row, double force) { dual_->by_state->loops.held[row] = LaneDual{} + force; }
+  void put_loops(const int* direction, double* out) const {
+    for (int k = 0; k < D && direction[k] >= 0; ++k) {
+      double* to = out + direction[k] * layout_.rigid_rows;
+      for (int n = 0; n < layout_.loop_rows; ++n)
+        if (const auto& row = dual_->by_state->loops.row[n]; !row.soft) *to++ = slope_of(row.second, k);
+    }
+  }
   /// Adds to the columns by state the changes of accelerations that keep the loops closed where d^2 g/dt^2 changes.
   void keep_closed() {
     auto& values = value_->by_state->loops;

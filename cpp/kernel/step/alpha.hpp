@@ -171,9 +171,10 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.place(q0, u, q);
   }
 
-  /// Adds to what keeps the loops closed, of arms that are `open`.
+  /// Adds to what keeps the loops closed, and to their forces, of arms that are `open`.
   /// @return the square of its size as accelerations, in the norm of M + shift
   S close(Engine& engine, const flexarm::lanes::Shift& shift, const Mask& open) {
+    engine.hold_change(open);
     S* const more = u;
     const auto add = [&](S* to) {
       for (int i = 0; i < nv; ++i) {
@@ -182,9 +183,9 @@ struct GeneralisedAlpha : AlphaNumbers {
       }
     };
     for (int i = 0; i < nv; ++i) more[i] = S{};
-    const S places = engine.close_places(more);
+    const S places = engine.close_places(shift, more);
     add(closed_q);
-    const S rates = engine.close_rates(more);
+    const S rates = engine.close_rates(shift, more);
     add(closed_v);
     return (1.0 / (shift.stiffness * shift.stiffness)) * places + (1.0 / (shift.damping * shift.damping)) * rates;
   }
@@ -212,6 +213,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     Mask good = L::everywhere(false);
     engine.step_contacts(gamma * by_a());
     converge(engine, h, q, v, tau, skip, good);
+    if (engine.closes()) engine.let_go();
     met = engine.met() & good;
     engine.step_contacts(-1.0);
     scale = L::select(good, scale, scale0);  // an iteration that fails is forgotten
@@ -275,7 +277,10 @@ struct GeneralisedAlpha : AlphaNumbers {
       known = solved;
     }
     engine.normalise(coarse_q);
-    if (engine.closes()) engine.project({0.0, h * h}, coarse_q, coarse_v, turn);
+    if (engine.closes()) {
+      engine.let_go();
+      engine.project({0.0, h * h}, coarse_q, coarse_v, turn);
+    }
     q0 = begin_q;
     v0 = begin_v;
     a = own_a;
@@ -343,6 +348,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     S size{};
     Mask bad = skip;
     for (int i = 0; i < nv; ++i) closed_q[i] = closed_v[i] = S{};
+    if (engine.closes()) engine.let_go();
     for (int n = 1; n <= max_iterations && !L::all(good | bad); ++n) {
       ++iterations;
       place(engine, h, q, v);

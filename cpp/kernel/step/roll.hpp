@@ -75,9 +75,13 @@ struct Rolled {
     return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
   bool closes() const { return chain.layout.loops > 0; }
-  S close_places(S* w) { return chain.by_state->loops.close_places(chain.layout, w); }
+  S close_places(const Shift& shift, S* w) {
+    return chain.by_state->loops.close_places(chain.layout, w, shift.stiffness);
+  }
   void close_accelerations(S* x) { chain.by_state->loops.close_accelerations(chain.layout, x); }
-  S close_rates(S* z) { return chain.by_state->loops.close_rates(chain.layout, z); }
+  S close_rates(const Shift& shift, S* z) { return chain.by_state->loops.close_rates(chain.layout, z, shift.damping); }
+  void hold_change(const Mask& open) { chain.by_state->loops.hold_change(chain.layout, open); }
+  void let_go() { chain.by_state->loops.let_go(chain.layout); }
   Mask closed() const { return chain.by_state->loops.closed(chain.layout); }
   void project(const Shift& shift, S* q, S* v, S* scratch) { ::project(chain, shift, q, v, scratch); }
   void shut(S* q, S* v, S* scratch) { ::shut(chain, q, v, scratch); }

@@ -28,6 +28,8 @@ class InverseDerivatives {
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
                   bool by_v = true);
   Eigen::MatrixXd dq, dv;
+  /// Of d^2 g/dt^2 at fixed accelerations, of the rigid rows of loops: by the coordinates, and then by the rates.
+  Eigen::MatrixXd loops;
 
  private:
   Held<lanes::SlopesMemory> memory_;

@@ -110,6 +110,7 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd rate_by_q_, rate_by_v_;
   Eigen::Index rows_ = 0;                       ///< of loops
   Eigen::MatrixXd G_, closing_;                 ///< their columns, of all and of the free rates
+  Eigen::MatrixXd G_by_q_, G_by_v_;             ///< of their second derivatives by time
   Eigen::MatrixXd closed_;                      ///< G^T M^-1 G of the free rates
   Eigen::Matrix3Xd found_;                      ///< g and its derivatives by time
   Eigen::MatrixXd reaction_, reaction_before_;  ///< forces of the rows at the points, one column each
