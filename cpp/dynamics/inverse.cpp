@@ -1,6 +1,7 @@
 #include "flexarm/inverse.hpp"
 
 #include "arrays.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "setup/single.hpp"
 
 namespace flexarm {
@@ -41,7 +42,9 @@ struct JointReactions::InSpace {
 };
 
 JointReactions::JointReactions(const Arm& arm, const std::vector<Load>& loads)
-    : in_space_(new InSpace{lanes::SingleFrames(arm, loads), std::vector<double>(6 * loads.size())}) {}
+    : in_space_(new InSpace{lanes::SingleFrames(arm, loads), std::vector<double>(6 * loads.size())}) {
+  refuse_loops(arm, "the force through a joint");
+}
 JointReactions::JointReactions(JointReactions&&) noexcept = default;
 JointReactions::~JointReactions() = default;
 

@@ -57,7 +57,7 @@ Arm arm_of(const std::string& scene) {
 #ifdef FLEXARM_SCENES
   const Problem problem = load_problem(scene);
   return Arm(problem.arm->links(), Vector3d::Zero(), problem.arm->seats(), problem.arm->struts(),
-             problem.arm->contacts());
+             problem.arm->contacts(), problem.arm->loops());
 #else
   throw std::invalid_argument("--scene: this flexarm was built without nlohmann/json");
 #endif
@@ -71,7 +71,7 @@ Arm loaded(const Arm& arm, double payload) {
   point.mass = payload;
   seats.emplace_back(static_cast<int>(links.size()) - 1);
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
-  return Arm(std::move(links), arm.gravity(), std::move(seats));
+  return Arm(std::move(links), arm.gravity(), std::move(seats), arm.struts(), arm.contacts(), arm.loops());
 }
 
 int failed(const char* what, int cycle) {

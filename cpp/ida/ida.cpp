@@ -118,7 +118,8 @@ std::string reason(int flag, const IdaSystem& s) {
       return "the error test failed too often: the solution changes faster than any step can follow";
     case IDA_CONV_FAIL:
     case IDA_REP_RES_ERR:
-      return "the equations could not be solved at the smallest step: the solution may diverge";
+      return std::string("the equations could not be solved at the smallest step: the solution may diverge") +
+             (s.n_loops() > 0 ? "; or the loops have come to a position where their equations depend on others" : "");
     case IDA_LSETUP_FAIL:
     case IDA_LSOLVE_FAIL:
       return "the Jacobian became singular";
@@ -363,6 +364,10 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
         if (s.tangents && !jumped) solver.tangents->get(solver.memory, s);
         sunrealtype last = 0.0;
         IDAGetLastStep(solver.memory, &last);
+        if (!s.loops_closed(options.rtol)) {
+          out.failure = "loops whose equations depended on others at the start are open: take another integrator";
+          break;
+        }
         s.close_loops(last);
         record(s, goal, out);
       }

@@ -12,17 +12,19 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kKrylov = 10;    // vectors
-constexpr double kGood = 0.3;  // error of the preconditioner alone, in parts of the solution
+constexpr int kKrylov = 10;       // vectors
+constexpr double kEased = 1e-12;  // of the size of rows of loops
+constexpr double kGood = 0.3;     // error of the preconditioner alone, in parts of the solution
 
 /// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix. dg/dt changes by the
-/// coordinates half as much as d^2 g/dt^2 = G^T a + v^T H v does by the rates.
-void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, const Eigen::MatrixXd& slopes, SUNMatrix J) {
+/// coordinates half as much as d^2 g/dt^2 = G^T a + v^T H v does by the rates (with balls, nearly).
+void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, const Eigen::MatrixXd& slopes, double cj, SUNMatrix J) {
   const int nq = s.n_q(), nv = s.n_v(), m = s.n_loops();
   const auto at = [&](int row, int column) -> double& { return SUNDenseMatrix_Column(J, column)[row]; };
   for (int r = 0; r < m; ++r) {
     const auto g = s.G.col(s.rows[static_cast<std::size_t>(r)]);
     const int y = nq + nv + r, drift = y + m;
+    at(y, drift) = at(drift, y) = kEased * g.squaredNorm() / cj;  // at singular positions rows depend on others
     for (int k = 0; k < nv; ++k) {
       const int i = s.ws.free[static_cast<std::size_t>(k)];
       at(nq + k, y) = -g[i];
@@ -77,7 +79,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
         column[nq + l] = d.derivatives.dv(i, j) + cj * s.ws.M(i, j);
       }
     }
-    if (!s.rows.empty()) put_loops(s, d.rate_by_v, d.derivatives.loops, J);
+    if (!s.rows.empty()) put_loops(s, d.rate_by_v, d.derivatives.loops, cj, J);
     return 0;
   });
 }

@@ -12,6 +12,9 @@ namespace {
 
 constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it depends on them
 
+constexpr double kOpen = 1e4;  // tolerances by which a row may be open (m, or rad)
+constexpr double kLeastOpen = 1e-9;
+
 }  // namespace
 
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control)
@@ -88,6 +91,13 @@ void IdaSystem::choose_rows() {
   ws.held.assign(static_cast<std::size_t>(n), 0.0);
   drift = Eigen::VectorXd::Zero(n_loops());
   shifted = v;
+}
+
+bool IdaSystem::loops_closed(double rtol) {
+  if (rows.empty()) return true;
+  move_chain(ws, q, v);
+  find_loops();
+  return found.row(0).cwiseAbs().maxCoeff() <= kOpen * std::max(rtol, kLeastOpen);
 }
 
 void IdaSystem::find_loops() { ws.chain().loop_rows(found.data(), G.data()); }

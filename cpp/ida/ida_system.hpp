@@ -70,6 +70,8 @@ struct IdaSystem : System {
   int size() const { return n_q() + n_v() + 2 * n_loops(); }
   /// Takes the rows of loops that are independent where the chain is.
   void choose_rows();
+  /// Whether all rigid rows are closed, those that were not chosen, too, as far as the tolerance lets them.
+  bool loops_closed(double rtol);
   /// g and its derivatives, and G, where the chain is.
   void find_loops();
   /// Current coordinates and rates from y, accelerations from yp if given, and the drives at time t.

@@ -157,7 +157,7 @@ bool closed(void* self) {
 
 void project(void* self, const Shift& shift, double* q, double* v, double* scratch) {
   on(self, [&](auto& chain) {
-    if (chain.layout.loops > 0) ::project(chain, shift, q, v, scratch);
+    if (chain.layout.rigid_rows > 0) ::project(chain, shift, q, v, scratch);
   });
 }
 

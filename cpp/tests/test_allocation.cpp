@@ -312,6 +312,35 @@ TEST_CASE("gauss collocation of many coordinates asks nothing of the system") {
   }
 }
 
+TEST_CASE("steps of closed loops ask nothing of the system") {
+  const Eigen::Vector3d z = Eigen::Vector3d::UnitZ();
+  Placement right;
+  right.position = {0.5, 0.0, 0.0};
+  std::vector<Link> links;
+  for (const Placement& at : {Placement{}, Placement{}, right, Placement{}})
+    links.emplace_back(Joint({{true, z}}, false, {"hinge"}, {}, at), std::nullopt,
+                       flexarm_test::beam({2, 0, 0, 0, 0}, 2), std::nullopt);
+  Loop pin;
+  pin.a.at.link = 1;
+  pin.b.at.link = 3;
+  const Arm arm(std::move(links), {0.0, -9.81, 0.0}, {-1, 0, -1, 2}, {}, {}, {pin});
+  Problem problem(arm);
+  const double left = 2.0, in = std::acos(0.5 - std::cos(left)) - left;  // symmetric
+  problem.q0[0] = left;
+  problem.q0[3] = in;
+  problem.q0[6] = 3.14159265358979323846 - left;
+  problem.q0[9] = -in;
+  for (const Method& method : methods({"implicit", "rk4", "gauss"})) {
+    CAPTURE(method.name);
+    Simulation sim(problem, method, 1e-5);
+    Status status = sim.step();
+    check_nothing("loops", [&] {
+      for (int k = 0; k < 20 && status == Status::ok; ++k) status = sim.step();
+    });
+    CHECK(status == Status::ok);
+  }
+}
+
 TEST_CASE("steps in which events occur, or that one ends, ask nothing of the system") {
   Problem problem(flexarm_test::spatial_arm());
   problem.v0 = flexarm_test::wave(problem.arm->nv(), 0.3, 2.0);

@@ -17,7 +17,10 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kEased = 1e-11;  // of the diagonal of the matrix of loops, added to it as rows may depend on others
+constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it takes no force
+constexpr double kSmallest = 1e-300;
+constexpr double kLoose = 1e-6;   // parts of the motion that such a row may miss
+constexpr double kEased = 1e-11;  // of the diagonal of the matrix of loops: as much as their forces give way
 constexpr double kSlow = 0.25;    // contraction above which the Jacobians are made anew
 constexpr double kFails = 0.7;    // contraction at which even new ones are made anew, where the iteration now is
 constexpr double kBest = 0.02;    // contraction that is believed without having been measured in the same step
@@ -111,8 +114,11 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   rows_ = ws.chain().layout().rigid_rows;
   G_ = Eigen::MatrixXd::Zero(arm_->nv(), rows_);
   G_by_q_ = G_by_v_ = Eigen::MatrixXd::Zero(rows_, arm_->nv());
-  closing_ = Eigen::MatrixXd::Zero(n, rows_);
-  closed_ = Eigen::MatrixXd::Zero(rows_, rows_);
+  closing_ = by_force_ = Eigen::MatrixXd::Zero(n, rows_);
+  inertia_ = Eigen::LLT<Eigen::MatrixXd>(n);
+  closure_ = Eigen::LLT<Eigen::MatrixXd>(rows_);
+  row_forces_ = taken_ = own_ = Eigen::VectorXd::Zero(rows_);
+  closed_ = left_ = Eigen::MatrixXd::Zero(rows_, rows_);
   found_ = Eigen::Matrix3Xd::Zero(3, rows_);
   reaction_ = reaction_before_ = Eigen::MatrixXd::Zero(rows_, s_);
   newton_ = Eigen::MatrixXd::Identity(s_ * (n + rows_), s_ * (n + rows_));
@@ -169,12 +175,11 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
       for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
       as_[row] = held(row) ? 0.0 : sum;
     }
-    if (rows_ > 0) hold(reaction_ * monomials_.transpose() * powers(x), ws);
+    if (rows_ > 0) hold_inside(x, ws);
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
     for (Eigen::Index k = 0; k < missed_force_.size(); ++k) missed_force_[k] = missing(k, tau, ws);
-    if (rows_ > 0)  // but for the part that loops take
-      missed_force_ -= closing_ * closed_.llt().solve(closing_.transpose() * M_.llt().solve(missed_force_));
+    if (rows_ > 0) take_loops(ws, missed_force_);
     error_ = std::max(error_, (*seen_)(missed_force_, M_all_, v, as_, 0.5 * fastest_));
   }
 }
@@ -237,7 +242,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   as_ = a_.col(middle);
   for (std::size_t k = 0; k < ws.loads.size(); ++k)
     derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
-  if (rows_ > 0) hold(reaction_.col(middle), ws);
+  if (rows_ > 0) hold(middle, ws);
   derivatives_->recall(ws);
   (*derivatives_)(*arm_, qs_, vs_, as_);
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
@@ -277,18 +282,65 @@ void CollocationStep::reduce() {
     const int i = free_[static_cast<std::size_t>(k)];
     for (Eigen::Index r = 0; r < rows_; ++r) closing_(k, r) = held(i) ? 0.0 : G_(i, r);
   }
-  closed_.noalias() = closing_.transpose() * M_.llt().solve(closing_);
-  for (Eigen::Index r = 0; r < rows_; ++r) closed_(r, r) = closed_(r, r) > 0.0 ? (1.0 + kEased) * closed_(r, r) : 1.0;
+  inertia_.compute(M_);
+  by_force_ = closing_;
+  inertia_.solveInPlace(by_force_);
+  closed_.noalias() = closing_.transpose() * by_force_;
+  drop_rows();
+  for (Eigen::Index r = 0; r < rows_; ++r) closed_(r, r) *= 1.0 + kEased;
+  closure_.compute(closed_);
 }
 
-void CollocationStep::hold(const Eigen::VectorXd& reaction, Workspace& ws) const {
-  ws.held.assign(reaction.begin(), reaction.end());
+/// Rows of loops that are rounding beside others have no force: Cholesky's elimination, largest pivots first, tells
+/// which.
+void CollocationStep::drop_rows() {
+  left_ = closed_;
+  taken_.setZero();
+  const double least = rows_ > 0 ? kDependent * closed_.diagonal().maxCoeff() : 0.0;
+  for (Eigen::Index r = 0; r < rows_; ++r) own_[r] = std::sqrt(std::max(closed_(r, r), least));
+  for (Eigen::Index count = 0; count < rows_; ++count) {
+    Eigen::Index next = -1;
+    double most = kDependent;
+    for (Eigen::Index r = 0; r < rows_; ++r)
+      if (taken_[r] == 0.0 && left_(r, r) > most * closed_(r, r)) {
+        most = left_(r, r) / closed_(r, r);
+        next = r;
+      }
+    if (next < 0) break;
+    taken_[next] = 1.0;
+    row_forces_ = left_.col(next);
+    left_.noalias() -= (1.0 / row_forces_[next]) * row_forces_ * row_forces_.transpose();
+  }
+  for (Eigen::Index r = 0; r < rows_; ++r) {
+    if (taken_[r] != 0.0) continue;
+    closing_.col(r).setZero();
+    by_force_.col(r).setZero();
+    closed_.row(r).setZero();
+    closed_.col(r).setZero();
+    closed_(r, r) = 1.0;
+  }
 }
 
-Eigen::VectorXd CollocationStep::powers(double x) const {
-  Eigen::VectorXd out = Eigen::VectorXd::Ones(s_);
-  for (int k = 1; k < s_; ++k) out[k] = out[k - 1] * x;
-  return out;
+/// The part of free forces that no loop takes, and those that d^2 g/dt^2, as found, misses.
+void CollocationStep::take_loops(Workspace& ws, Eigen::VectorXd& forces) {
+  ws.chain().loop_rows(found_.data(), nullptr);
+  row_forces_.noalias() = by_force_.transpose() * forces;
+  for (Eigen::Index r = 0; r < rows_; ++r) row_forces_[r] += taken_[r] * found_(2, r);
+  closure_.solveInPlace(row_forces_);
+  forces.noalias() -= closing_ * row_forces_;
+}
+
+void CollocationStep::hold(int i, Workspace& ws) const {
+  ws.held.resize(static_cast<std::size_t>(rows_));
+  for (Eigen::Index r = 0; r < rows_; ++r) ws.held[static_cast<std::size_t>(r)] = reaction_(r, i);
+}
+
+void CollocationStep::hold_inside(double x, Workspace& ws) const {
+  for (Eigen::Index r = 0; r < rows_; ++r) {
+    double sum = 0.0;
+    for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(reaction_.row(r));
+    ws.held[static_cast<std::size_t>(r)] = sum;
+  }
 }
 
 /// I x M + h A x C + h^2 A^2 x K, and, of loops, the forces that make their second derivatives zero.
@@ -306,6 +358,8 @@ bool CollocationStep::factor(double h) {
     newton_.middleRows(at, rows_).setZero();
     newton_.block(i * n, at, n, rows_) = -closing_;
     newton_.block(at, at, rows_, rows_).diagonal() = kEased * closed_.diagonal();
+    for (Eigen::Index r = 0; r < rows_; ++r)
+      if (taken_[r] == 0.0) newton_(at + r, at + r) = 1.0;
     for (int j = 0; j < s_; ++j)
       for (Eigen::Index k = 0; k < n; ++k) {
         const int rate = free_[static_cast<std::size_t>(k)];
@@ -313,6 +367,7 @@ bool CollocationStep::factor(double h) {
         auto column = newton_.block(at, j * n + k, rows_, 1);
         column = h * A_(i, j) * G_by_v_.col(rate) + h * h * A2_(i, j) * G_by_q_.col(rate);
         if (i == j) column += G_.row(rate).transpose();
+        column.array() *= taken_.array();
       }
   }
   if (!newton_.allFinite()) return false;
@@ -401,18 +456,25 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       vs_ = v_.col(i);
       as_ = a_.col(i);
       set_forces(i, ws);
-      if (rows_ > 0) hold(reaction_.col(i), ws);
+      if (rows_ > 0) hold(i, ws);
       inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) residual_[i * n + k] = missing(k, tau_.col(i), ws);
       if (rows_ == 0) continue;
       ws.chain().loop_rows(found_.data(), nullptr);
-      residual_.segment(s_ * n + i * rows_, rows_) = -found_.row(2).transpose();
+      for (Eigen::Index r = 0; r < rows_; ++r)
+        residual_[s_ * n + i * rows_ + r] =
+            -found_(2, r) - (taken_[r] != 0.0 ? kEased * closed_(r, r) * reaction_(r, i) : 0.0);
     }
     correction_ = lu_.solve(residual_);
+    for (Eigen::Index r = 0; r < rows_; ++r)
+      for (int i = 0; i < s_ && taken_[r] == 0.0; ++i) correction_[s_ * n + i * rows_ + r] = -reaction_(r, i);
     ++counts_.iterations;
-    double work = 0.0, motion = 0.0;
+    double work = 0.0, motion = 0.0, missed = 0.0;
     for (int i = 0; i < s_; ++i) {
+      for (Eigen::Index r = 0; r < rows_; ++r)
+        if (const double second = residual_[s_ * n + i * rows_ + r]; taken_[r] == 0.0)
+          missed = std::max(missed, std::abs(second) / std::max(own_[r], kSmallest));
       reaction_.col(i) += correction_.segment(s_ * n + i * rows_, rows_);
       const auto turn = correction_.segment(i * n, n);
       for (Eigen::Index k = 0; k < n; ++k) a_(free_[static_cast<std::size_t>(k)], i) += turn[k];
@@ -429,6 +491,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     const bool stalled = newton.stalls(iteration) && (moved <= kFloor * scale || lost(h));
     if (!stalled && more && ++grown == kGivenUp) return Status::not_converged;
     if (newton.left() <= std::max(options_.rtol, kSolved * options_.tolerance) * scale || stalled) {
+      if (h * missed > kLoose * scale) return Status::not_converged;
       if (!place(h) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
@@ -466,11 +529,13 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
     fresh_ = false;
     a_ = a_before_;  // from which a shorter step goes on
     reaction_ = reaction_before_;
+    std::fill(ws.held.begin(), ws.held.end(), 0.0);
     return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
   h_before_ = h_;
   h_ = h;
   if (seen_) judge(ws, q, v, tau, given);
+  std::fill(ws.held.begin(), ws.held.end(), 0.0);
   inside(1.0, q, v);
   if (given) given(1.0);
   if (rows_ > 0) ws.chain_to_move().project({0.0, 0.25 * h * h}, q.data(), v.data(), as_.data());

@@ -87,6 +87,7 @@ bool StepEvents::look(double t) {
     for (const auto& [time, k] : found_) {
       if (ended && time > out_.reached) break;
       cubic_.place(s_, time);
+      s_.close_loops(t - t0_);
       ended = s_.log(events_, k, time, out_) || ended;
       if (tape_) tape_->occurrences.push_back({k, time, before_, after_});
     }

@@ -56,7 +56,7 @@ struct Engine {
     return good;
   }
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
-  bool closes() const { return !arm.loops().empty(); }
+  bool closes() const { return layout->rigid_rows > 0; }
   void close_accelerations(double* x) { ws->chain().close({}, x, nullptr, nullptr, nullptr); }
   double close_places(const lanes::Shift& shift, double* w) {
     double sizes[2];
@@ -267,6 +267,7 @@ OneStep::OneStep(const std::string& method, const Arm& arm, double h, const Impl
          << " over the highest frequency), or an implicit method";
     remedy_ = text.str();
   }
+  if (!arm.loops().empty()) remedy_ += "; or the loops have come to a position where their equations depend on others";
   Methods::visit(number, [&](auto row) { run_ = std::make_unique<RunOf<decltype(row)>>(arm, options); });
 }
 

@@ -277,7 +277,7 @@ def test_the_compiled_scene_among_the_examples_is_up_to_date(runner: Path) -> No
 def test_bad_files_are_refused_in_one_line(runner: Path, tmp_path: Path) -> None:
     text = SHIPPED.read_text()
     for file, content, named in [
-        ("version.json", text.replace('"version":5', '"version":7'), "version = 7: this flexarm reads 5"),
+        ("version.json", text.replace('"version":6', '"version":7'), "version = 7: this flexarm reads 6"),
         ("key.json", text.replace('"coulomb"', '"columb"'), "arm.links[0].joint.forces[0]: missing key 'coulomb'"),
         ("cut.json", text[:9000], "is no JSON"),
         ("scene.toml", SCENES[0].read_text(), "compile it, by 'flexarm compile"),

@@ -275,14 +275,14 @@ inline void solve_step(C& chain, typename C::S* r, typename C::S* x) {
 /// Factors M + shift of a chain after its `move`.
 /// @return where every pivot is positive; where not, `chain.lost` says why
 template <class C>
-inline typename C::Mask factor(C& chain, const Shift& shift) {
+inline typename C::Mask factor(C& chain, const Shift& shift, double eased = kEased) {
   const typename C::Mask good = factor_recursive(chain, shift);
   chain.stiffened =
       chain.layout.by_state() && (shift.stiffness != 0.0 || shift.damping != 0.0) && chain.by_state->acts(chain.layout);
   if (chain.stiffened)
     chain.by_state->factor(chain, shift, [&](const auto* r, auto* x) { solve_recursive(chain, r, x); });
   if (chain.layout.loops > 0)
-    chain.by_state->loops.factor(chain, shift, [&](const auto* r, auto* x) { solve_tree(chain, r, x); });
+    chain.by_state->loops.factor(chain, shift, eased, [&](const auto* r, auto* x) { solve_tree(chain, r, x); });
   return good;
 }
 
@@ -292,7 +292,7 @@ template <class C>
   ByState<C>& by_state = *chain.by_state;
   chain.accelerate(base, x);
   by_state.loops.accelerate(chain, by_state.places, base, x);
-  by_state.loops.factor(chain, Shift{}, [&](const auto* r, auto* y) { solve_recursive(chain, r, y); });
+  by_state.loops.factor(chain, Shift{}, kEased, [&](const auto* r, auto* y) { solve_recursive(chain, r, y); });
   by_state.loops.constrain(chain.layout, x);
 }
 /// After inverse dynamics with accelerations x: d^2 g/dt^2 of the loops.
@@ -320,7 +320,7 @@ template <class C>
 [[gnu::noinline]] void project(C& chain, const Shift& shift, typename C::S* q, typename C::S* v, typename C::S* w) {
   constexpr int kRounds = 3;
   chain.move(q, v);
-  factor(chain, shift);
+  factor(chain, shift, kProjected);
   for (int round = 0; round < kRounds; ++round) shut(chain, q, v, w);
 }
 /// Forces of loops, of what is left of inverse dynamics when all other forces are taken off it, r; which becomes what
@@ -328,6 +328,7 @@ template <class C>
 template <class C>
 [[gnu::noinline]] void react(C& chain, typename C::S* r, typename C::S* x) {
   factor(chain, Shift{});
+  chain.by_state->loops.add_held(chain.layout, 1.0, r);
   solve_tree(chain, r, x);
   chain.by_state->loops.react(chain.layout, r, x);
 }

@@ -14,10 +14,11 @@ using flexarm::lanes::LoopRow;
 using flexarm::lanes::Shift;
 using flexarm::lanes::TiedPoint;
 
-constexpr double kEased = 1e-11;  // of C's diagonal, added to it as rows may depend on others; then taken off by
-                                  // iterations
-constexpr int kUneased = 2;
-constexpr double kNearly = 1e-7;  // of the arm's size, or rad: a gap
+constexpr double kEased = 1e-11;     // of C's diagonal, added to it, as rows may depend on others
+constexpr int kUneased = 2;          // refinements that take it off again
+constexpr double kProjected = 1e-8;  // the same where states are moved onto loops: none is moved far in directions in
+                                     // which the arm is nearly singular
+constexpr double kNearly = 1e-7;     // of the arm's size, or rad: a gap
 
 template <class C>
 struct Loops {
@@ -37,7 +38,7 @@ struct Loops {
     S g, rate, second;  ///< g and its derivatives by time
     S force;            ///< y: of a compliant joint; of a rigid one, that which is held
     S stiffness, damping;
-    S nearly;  ///< a size of g
+    S nearly;  ///< |g| below which it counts as nearly closed
     bool soft;
   };
 
@@ -45,7 +46,7 @@ struct Loops {
   Side* side;  ///< two of each loop
   Row* row;
   Pull<Sp>* pull;  ///< two of each row
-  S* held;         ///< of each row that is rigid: its force as given from outside
+  S* held;         ///< of each rigid row: its force, where it is known from outside or from iterations before
   S* reaction;     ///< of each row: its force, where accelerations were found last
   S* change;       ///< of each row: of its force, by the last `correct`
   S *G, *solved;   ///< by columns of nv; (M + shift)^-1 G
@@ -160,8 +161,9 @@ struct Loops {
               [&](int n, const Place& place, const Pull<Sp>& p) { gather_pull(chain, place, p, G + n * nv); });
   }
   /// C, of M + shift; solve(r, x) is that of the tree. Without a shift, compliant joints have no part in it.
+  /// @param part  of its diagonal, by which rigid rows give way
   template <class Solve>
-  void factor(const C& chain, const Shift& shift, const Solve& solve) {
+  void factor(const C& chain, const Shift& shift, double part, const Solve& solve) {
     const int n = chain.layout.loop_rows, nv = chain.layout.nv;
     gather(chain);
     solve_columns(n, nv, solve);
@@ -174,7 +176,7 @@ struct Loops {
     for (int k = 0; k < n; ++k) {
       S& own = matrix[k * n + k];
       own = Lanes<S>::select(own > 0.0, own, number<S>(1.0));  // nothing free moves it
-      eased[k] = row[k].soft ? S{} : kEased * own;
+      eased[k] = row[k].soft ? S{} : part * own;
       if (row[k].soft && !free)
         own += 1.0 / (shift.stiffness * row[k].stiffness + shift.damping * row[k].damping);
       else
@@ -199,39 +201,44 @@ struct Loops {
   /// residual r loses the forces that the loops take.
   void correct(const Layout& layout, S* r, S* x) {
     const int n = layout.loop_rows, nv = layout.nv;
-    S* y = view<S>(turn);
+    S *y = view<S>(turn), *taken = y + n;
     times_columns(G, nv, n, x, y);
-    solve(n, y);
-    for (int k = 0; k < n; ++k)
+    for (int k = 0; k < n; ++k) {
+      taken[k] = y[k];
+      if (!row[k].soft) y[k] += row[k].second + eased[k] * held[k];  // as much as the forces allow, where rows depend
+    }
+    ease(n, y);
+    ease(n, taken);
+    for (int k = 0; k < n; ++k) {
+      change[k] = -y[k];
       for (int i = 0; i < nv; ++i) {
         x[i] -= solved[k * nv + i] * y[k];
-        if (!row[k].soft) r[i] -= G[k * nv + i] * y[k];
+        if (!row[k].soft) r[i] -= G[k * nv + i] * taken[k];
       }
-    for (int k = 0; k < n; ++k) change[k] = -y[k];
-    close_accelerations(layout, x);
-    for (int k = 0; k < n; ++k) change[k] += y[k];
+    }
   }
-  /// Rigid rows hold with their change, too, of arms where `open`; or with no force.
+  /// Adds the last change to the held forces, of arms that are `open`. `let_go` sets these to zero.
   template <class Mask>
   void hold_change(const Layout& layout, const Mask& open) {
-    for (int k = 0; k < layout.loop_rows; ++k) held[k] += Lanes<S>::select(open, change[k], S{});
+    for (int k = 0; k < layout.loop_rows; ++k)
+      if (!row[k].soft) held[k] += Lanes<S>::select(open, change[k], S{});
   }
   void let_go(const Layout& layout) {
     for (int k = 0; k < layout.loop_rows; ++k) held[k] = S{};
   }
   /// Adds to x accelerations of which d^2 g/dt^2, as found, becomes zero.
   void close_accelerations(const Layout& layout, S* x) const {
-    add_closing(layout, [](const Row& one) { return one.second; }, x);
+    add_closing<true>(layout, [](const Row& one) { return one.second; }, x);
   }
   /// A displacement w of which g becomes zero, and rates z of which dg/dt does; they are zero before. Beside them,
   /// accelerations that make d^2 g/dt^2 zero move the coordinates by so many times them, and the rates.
   /// @return the square of its size in the norm of M + shift
   S close_places(const Layout& layout, S* w, double by_accelerations = 0.0) const {
-    add_closing(layout, [&](const Row& one) { return one.g - by_accelerations * one.second; }, w);
+    add_closing<false>(layout, [&](const Row& one) { return one.g - by_accelerations * one.second; }, w);
     return size(layout, w);
   }
   S close_rates(const Layout& layout, S* z, double by_accelerations = 0.0) const {
-    add_closing(layout, [&](const Row& one) { return one.rate - by_accelerations * one.second; }, z);
+    add_closing<false>(layout, [&](const Row& one) { return one.rate - by_accelerations * one.second; }, z);
     return size(layout, z);
   }
   /// Where every rigid row is so nearly closed that one more correction leaves rounding.
@@ -248,16 +255,22 @@ struct Loops {
     const S* y = view<const S>(turn);
     for (int k = 0; k < layout.loop_rows; ++k) reaction[k] = row[k].force + y[k];
   }
+  /// Adds `sign` times G times the forces with which rigid rows hold.
+  void add_held(const Layout& layout, double sign, S* r) const {
+    for (int k = 0; k < layout.loop_rows; ++k)
+      for (int i = 0; i < layout.nv && !row[k].soft; ++i) r[i] += sign * (G[k * layout.nv + i] * held[k]);
+  }
   /// The forces of rows for a residual that only they can have left, of which x = (M + shift)^-1 r of the tree; G times
-  /// them into r.
+  /// them, beyond those with which they hold, into r.
   void react(const Layout& layout, S* r, const S* x) {
     const int n = layout.loop_rows, nv = layout.nv;
     S* y = view<S>(turn);
     times_columns(G, nv, n, x, y);
     solve(n, y);
     for (int i = 0; i < nv; ++i) r[i] = S{};
+    add_held(layout, -1.0, r);
     for (int k = 0; k < n; ++k) {
-      reaction[k] = row[k].force + y[k];
+      reaction[k] = row[k].soft ? row[k].force : y[k];
       for (int i = 0; i < nv; ++i) r[i] += G[k * nv + i] * y[k];
     }
   }
@@ -356,13 +369,18 @@ struct Loops {
     }
   }
 
+  /// y = C^-1 y, of the matrix that is eased.
+  template <class V>
+  void ease(int n, V* y) const {
+    for (int k = 0; k < n && without_soft; ++k)
+      if (row[k].soft) y[k] = V{};
+    solve_small(matrix, n, y);
+  }
   /// y = C^-1 y
   template <class V>
   void solve(int n, V* y) const {
     V* more = view<V>(turn) + n;
-    for (int k = 0; k < n && without_soft; ++k)
-      if (row[k].soft) y[k] = V{};
-    solve_small(matrix, n, y);
+    ease(n, y);
     for (int k = 0; k < n; ++k) more[k] = y[k];
     for (int round = 0; round < kUneased; ++round) {
       for (int k = 0; k < n; ++k) more[k] = eased[k] * more[k];
@@ -371,16 +389,16 @@ struct Loops {
     }
   }
   /// Adds to x what makes of(row) of the rigid ones zero. `turn` has the forces, C^-1 of it.
-  template <class Of>
+  template <bool exact, class Of>
   void add_closing(const Layout& layout, const Of& of, S* x) const {
     const int n = layout.loop_rows, nv = layout.nv;
     S* y = view<S>(turn);
     for (int k = 0; k < n; ++k) y[k] = row[k].soft ? S{} : -of(row[k]);
-    solve(n, y);
+    exact ? solve(n, y) : ease(n, y);
     for (int k = 0; k < n; ++k)
       for (int i = 0; i < nv; ++i) x[i] += y[k] * solved[k * nv + i];
   }
-  /// Of what `add_closing` has made of zero.
+  /// x^T (M + shift) x of the x that `add_closing` has just made of zero, whose forces are still in `turn`.
   S size(const Layout& layout, const S* x) const {
     const int n = layout.loop_rows;
     S *y = view<S>(turn), *moved = y + n, sum{};

@@ -142,7 +142,7 @@ struct Kernels {
   /// From nearly there, by the last factors.
   void (*shut)(void* self, double* q, double* v, double* scratch);
   /// Of forces r that inverse dynamics needs beyond all applied ones: those of the loops, force and moment (6) of each
-  /// on its side b, in the world; r becomes what they do. Scratch: nv.
+  /// on its side b, in the world; r becomes their generalised forces, beyond those set by `hold`. Scratch: nv.
   void (*react)(void* self, double* r, double* scratch, double* forces);
   /// g, dg/dt and, after `inverse`, d^2 g/dt^2 of each rigid row of the loops, and, unless null, G by columns.
   void (*loop_rows)(void* self, double* rows, double* G);

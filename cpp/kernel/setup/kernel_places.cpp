@@ -174,6 +174,7 @@ void KernelArm::put_loops(const Arm& arm) {
   for (const Link& link : arm.links())
     size += (link.beam() ? link.beam()->length() : 0.0) + link.hub().end.norm() +
             link.joint().inboard().position.norm() + link.joint().outboard().position.norm();
+  for (const Loop& loop : arm.loops()) size += loop.a.at.offset.norm() + loop.b.at.offset.norm();
   for (const Loop& loop : arm.loops()) {
     LoopJoint joint;
     for (const Loop::Row& row : loop.rows())

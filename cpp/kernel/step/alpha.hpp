@@ -58,7 +58,7 @@ struct GeneralisedAlpha : AlphaNumbers {
   S *v0, *a0, *a_before, *alpha0, *lagged, *alpha, *a, *u, *r, *turn, *tau_own;  // lagged: alpha0 as this step has it
   S *closed_q, *closed_v;  // displacement and rates that keep loops closed, in this step
   S *part_q, *part_v, *part_a, *part_alpha, *part_closed_q, *part_closed_v, *none;  // of `divide`; none: zeros
-  S *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
+  S *kept_q, *kept_v, *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
   int iterations = 0;
   Work work;
   Mask divided = L::everywhere(false), met = divided;  // the last step; contacts touched or let go in it
@@ -71,9 +71,9 @@ struct GeneralisedAlpha : AlphaNumbers {
     max_iterations = options.max_iterations;
     nq = nq_;
     nv = nv_;
-    arena.take_zeros(nq, q0, part_q, coarse_q);
+    arena.take_zeros(nq, q0, part_q, coarse_q, kept_q);
     arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
-    arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v);
+    arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v, kept_v);
     arena.take_zeros(nv, closed_q, closed_v, part_closed_q, part_closed_v);
     arena.take_zeros(rubbing_count, start_sense, start_before);
     joints.lay_out(arena, rubbing, rubbing_count, nv);
@@ -218,16 +218,14 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.step_contacts(-1.0);
     scale = L::select(good, scale, scale0);  // an iteration that fails is forgotten
     newton.contraction = L::select(good, newton.contraction, contraction0);
-    if (L::all(good | skip)) {
-      place(engine, h, q, v);
-      if (engine.closes()) engine.shut(q, v, turn);
-      return good;
-    }
-    divide(engine, h, q, v, tau, L::none_of(good | skip));
     place(engine, h, q, v);
-    if (engine.closes()) engine.shut(q, v, turn);  // by the factors of the divided arms: these are near, too
-    for (int i = 0; i < nq; ++i) q[i] = L::select(divided, coarse_q[i], q[i]);
-    for (int i = 0; i < nv; ++i) v[i] = L::select(divided, coarse_v[i], v[i]);
+    if (engine.closes()) engine.shut(q, v, turn);
+    if (L::all(good | skip)) return good;
+    for (int i = 0; i < nq; ++i) kept_q[i] = q[i];
+    for (int i = 0; i < nv; ++i) kept_v[i] = v[i];
+    divide(engine, h, q, v, tau, L::none_of(good | skip));
+    for (int i = 0; i < nq; ++i) q[i] = L::select(divided, coarse_q[i], kept_q[i]);
+    for (int i = 0; i < nv; ++i) v[i] = L::select(divided, coarse_v[i], kept_v[i]);
     return good | divided;
   }
 
@@ -279,6 +277,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.normalise(coarse_q);
     if (engine.closes()) {
       engine.let_go();
+      for (int i = 0; i < nq; ++i) coarse_q[i] = L::select(divided, coarse_q[i], begin_q[i]);
+      for (int i = 0; i < nv; ++i) coarse_v[i] = L::select(divided, coarse_v[i], begin_v[i]);
       engine.project({0.0, h * h}, coarse_q, coarse_v, turn);
     }
     q0 = begin_q;

@@ -14,6 +14,9 @@
 
 namespace {
 
+constexpr double kLeast = 1e-30;  // least acceleration by a unit force: at a dead centre it is rounding, or negative
+constexpr double kShared = 1e-9;  // parts of it by which a joint gives way that others hold, too
+
 template <class Engine>
 struct JointFriction {
   using S = typename Engine::Scalar;
@@ -135,6 +138,7 @@ struct JointFriction {
     engine.solve(unit, column);
     for (int i = 0; i < nv; ++i) columns[c * nv + i] = L::select(now, column[i], columns[c * nv + i]);
     for (int k = 0; k < count; ++k) W[k * count + c] = columns[c * nv + at[k]];
+    W[c * count + c] = L::larger(W[c * count + c], number<S>(kLeast));  // at a dead centre of a loop it is rounding
   }
   /// To be called when a matrix has been factored.
   void refactored(const Mask& where) {
@@ -142,11 +146,13 @@ struct JointFriction {
   }
 
   /// Changes of the forces under which all that is held comes to rest: rows of W, and known forces elsewhere.
-  void find_turn(const S* x, const S* rate, double d) {
+  /// @param tied  whether loops tie joints together: then their forces, when all of them hold, are not unique
+  void find_turn(const S* x, const S* rate, double d, bool tied) {
     for (int c = 0; c < count; ++c) {
       const Mask holds = is(held[c]);
       for (int k = 0; k < count; ++k)
         G[c * count + k] = L::select(holds, W[c * count + k], number<S>(c == k ? 1.0 : 0.0));
+      if (tied) G[c * count + c] += L::select(holds, kShared * W[c * count + c], S{});
       const S y = rate ? rate[at[c]] * (1.0 / d) : S{};
       turn[c] = L::select(holds, -y - x[at[c]], rhs[c] - force[c]);
     }
@@ -226,7 +232,7 @@ struct JointFriction {
     if (!L::any(need & open)) return changed;
     for (int round = 0; round < 12 * (count + 1); ++round) {
       for (int c = 0; c < count; ++c) make_column(engine, c, open & (is(held[c]) | (rhs[c] != force[c])), unit);
-      find_turn(x, rate, d);
+      find_turn(x, rate, d, engine.closes());
       const Mask now = pivot(x, rate, v0, d, weight, open, round > 2 * count);
       if (!L::any(now)) break;
       changed = changed | now;

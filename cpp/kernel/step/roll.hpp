@@ -74,7 +74,7 @@ struct Rolled {
     solve_step(chain, r, x);
     return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
-  bool closes() const { return chain.layout.loops > 0; }
+  bool closes() const { return chain.layout.rigid_rows > 0; }
   S close_places(const Shift& shift, S* w) {
     return chain.by_state->loops.close_places(chain.layout, w, shift.stiffness);
   }
@@ -209,7 +209,7 @@ struct Roller {
         force = arms.laws.within(c, force);
       }
       arms.laws.add(q, v, 1.0, forces);  // the reactions of prescribed motions alone
-      if (arms.closes()) take_reactions();
+      if (arms.chain.layout.loops > 0) take_reactions();
       for (int k = 0; k < arms.free_count; ++k) forces[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
         const S speed = v[job.rubbing[c]], most = arms.of(job.coulomb, c);

@@ -1,6 +1,7 @@
 // Gauss collocation: implicit Runge-Kutta steps of high order.
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <memory>
 #include <optional>
@@ -77,9 +78,11 @@ class CollocationStep final : public Step {
   }
   Status iterate(double h, Workspace& ws);
   double missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau, const Workspace& ws) const;
-  /// Sets the forces of loops for the sweeps.
-  void hold(const Eigen::VectorXd& reaction, Workspace& ws) const;
-  Eigen::VectorXd powers(double x) const;
+  /// Sets the forces of loops for the sweeps: those at point i; between the points.
+  void hold(int i, Workspace& ws) const;
+  void hold_inside(double x, Workspace& ws) const;
+  void take_loops(Workspace& ws, Eigen::VectorXd& forces);
+  void drop_rows();
   void judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau, const Given& given);
 
   const Arm* arm_;
@@ -108,10 +111,15 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd M_, C_, K_;              ///< of the free rates
   Eigen::MatrixXd M_all_, C_all_, K_all_;  ///< of all
   Eigen::MatrixXd rate_by_q_, rate_by_v_;
-  Eigen::Index rows_ = 0;                       ///< of loops
-  Eigen::MatrixXd G_, closing_;                 ///< their columns, of all and of the free rates
-  Eigen::MatrixXd G_by_q_, G_by_v_;             ///< of their second derivatives by time
-  Eigen::MatrixXd closed_;                      ///< G^T M^-1 G of the free rates
+  Eigen::Index rows_ = 0;              ///< of loops
+  Eigen::MatrixXd G_, closing_;        ///< their columns, of all and of the free rates
+  Eigen::MatrixXd G_by_q_, G_by_v_;    ///< of their second derivatives by time
+  Eigen::MatrixXd by_force_, closed_;  ///< M^-1 G and G^T M^-1 G of the free rates
+  Eigen::LLT<Eigen::MatrixXd> inertia_, closure_;
+  Eigen::VectorXd row_forces_;
+  Eigen::MatrixXd left_;                        ///< of `drop_rows`
+  Eigen::VectorXd own_;                         ///< of each row: the root of G^T M^-1 G
+  Eigen::VectorXd taken_;                       ///< 1 of rows that are more than rounding beside others, else 0
   Eigen::Matrix3Xd found_;                      ///< g and its derivatives by time
   Eigen::MatrixXd reaction_, reaction_before_;  ///< forces of the rows at the points, one column each
   Eigen::MatrixXd newton_;
