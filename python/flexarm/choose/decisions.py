@@ -1,16 +1,14 @@
 """The decisions of `economize`, a class for each: modes, order, rotary inertia, Gauss points.
 
-A new decision is a class here, named in DECISIONS. An optional part of a link, such as friction in its joint, is a
-LinkFeature: it says which links have it, and returns such a link without it. The descent then tries to leave it out,
-the table has a row for it, and the saved scene lacks it. The indicators estimate the error of leaving it out from
-forces at an instant. For a part without such a force at rest, such as dry friction, `poorer` returns nothing.
+A new decision is a class here, named in DECISIONS. The indicators estimate its error from forces at an instant; for a
+part without such a force at rest `poorer` returns nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -18,7 +16,6 @@ import numpy as np
 
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
-from ..model.parts.link import Link
 from .models import ORDERS, Model, Models, lowest_order
 from .trials import OutOfTime, Run, Trials
 
@@ -155,9 +152,6 @@ class Choice:
     time: float | None
     inside: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        return dict(self.__dict__)
-
 
 class Reduction(NamedTuple):
     """A reduction of a model, its estimated error, and the function that makes it."""
@@ -169,10 +163,6 @@ class Reduction(NamedTuple):
 
 class Decision:
     """A decision that is taken for each group of equal links."""
-
-    def groups(self, models: Models) -> list[list[int]]:
-        """The groups of links for which it is decided."""
-        return models.groups
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
@@ -261,35 +251,23 @@ class Order(Decision):
             yield Choice(where, "order", str(beam.order), now, ESTIMATE, more, False)
 
 
-class Switch(Decision):
-    """A part of the model that is included or not.
+class RotaryInertia(Decision):
+    """Rotary inertia of a beam's slices. Torsion and shear need it."""
 
-    Attributes:
-        name: its name in the table.
-    """
-
-    name: str
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        raise NotImplementedError
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        """The model with this part (on), or without."""
-        raise NotImplementedError
+    name = "rotary inertia"
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
-        links = [k for group in self.groups(models) for k in group]
-        return {self.name: self.switched(model, links, False)} if links else {}
+        return {self.name: model.but(rotary=False)}
 
     def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
-        if self.inside(model, group):
+        if model.beam(group[0]).rotary:
             about = min(evidence.lacking.get(self.name, math.inf), evidence.tol)
-            yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
+            yield Reduction((self.name, group[0]), about, partial(Model.but, links=group, rotary=False))
 
     def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, estimate = evidence.lean.model, evidence.trials.share, evidence.lacking.get(self.name, math.inf)
-        inside = self.inside(model, group)
-        other = self.switched(model, group, not inside)
+        inside = model.beam(group[0]).rotary
+        other = model.but(group, rotary=not inside)
         if inside:
             error, how = evidence.without(other, estimate)
             yield Choice(where, self.name, "yes", error, how, share(model, other), True)
@@ -299,39 +277,6 @@ class Switch(Decision):
             now, then = evidence.known(model), evidence.known(other)
             lost = None if now is None or then is None else abs(now - then)
             yield Choice(where, self.name, "no", lost, ALONE if lost is None else RUN, share(other, model), False)
-
-
-class RotaryInertia(Switch):
-    """Rotary inertia of a beam's slices. Torsion and shear need it."""
-
-    name = "rotary inertia"
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        return model.beam(group[0]).rotary
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        return model.but(group, rotary=on)
-
-
-class LinkFeature(Switch):
-    """An optional part of a link, with or without a beam."""
-
-    def has(self, link: Link) -> bool:
-        raise NotImplementedError
-
-    def leave_out(self, link: Link) -> Link:
-        """The link without this part."""
-        raise NotImplementedError
-
-    def groups(self, models: Models) -> list[list[int]]:
-        return [[k] for k, link in enumerate(models.scene.arm.links) if self.has(link)]
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        return (group[0], self) not in model.without
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        these = {(k, self) for k in group}
-        return replace(model, without=model.without - these if on else model.without | these)
 
 
 class GaussPoints(Decision):

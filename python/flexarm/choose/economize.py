@@ -169,7 +169,7 @@ class ModelPlan:
             "coordinates": {"given": self.given.arm.nv, "lean": self.arm.nv, "rich": self.rich.arm.nv},
             "options": self.scene.options,
             "evaluation": speed_of(self._found),
-            "choices": [c.to_dict() for c in self.choices],
+            "choices": [vars(c) for c in self.choices],
         }
 
 
@@ -297,10 +297,10 @@ def choices_of(evidence: Evidence) -> list[Choice]:
     """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
     model = evidence.lean.model
     rows: list[Choice] = []
-    about = [(group, decision) for decision in DECISIONS for group in decision.groups(evidence.models)]
-    for group, decision in sorted(about, key=lambda pair: pair[0][0]):
+    for group in evidence.models.groups:
         where = evidence.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
-        rows += decision.rows(evidence, where, group)
+        for decision in DECISIONS:
+            rows += decision.rows(evidence, where, group)
     method = Choice("arm", "method", "ab", None, "the same motion", evidence.trials.share(model, model, "ci"), True)
     tried = sorted(evidence.settings, key=lambda run: (run.values is None, run.time))
     return [*rows, *_planes(evidence, rows), method, *(_setting(evidence, trial) for trial in tried)]
