@@ -69,15 +69,9 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The completion of a parser for a shell.
+    """The completion of a parser for a shell."""
+    import shtab
 
-    Raises:
-        ValueError: shtab, which writes it, is not installed.
-    """
-    try:
-        import shtab
-    except ImportError:
-        raise ValueError("flexarm completion needs shtab: pip install shtab") from None
     known = _completers()
     for action in _actions(parser):
         if action.metavar in known:
