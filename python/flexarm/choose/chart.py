@@ -7,19 +7,17 @@ import math
 import platform
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._check import number, positive
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
+from ..data.draw.style import Figure
 from ..data.draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
 from ..run.scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
 from .models import Models, read_scene
 from .trials import LINES, OVER_OUTPUTS, Run, longest_gap
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _DOUBTFUL = 1e-2  # of the span: a truth with a larger uncertainty counts as not converged

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .._check import number, outside, positive
 from .._console import aligned, progress_bar, seconds
 from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
+from ..data.draw.style import Figure
 from ..data.draw.tradeoff import Point, Trial, plot_trials
 from ..model.acting.load import driven_forces
 from ..model.acting.sampled import Sampled
@@ -28,9 +29,6 @@ from .measures import Measure
 from .models import Model, read_scene
 from .states import embed, restated
 from .trials import Budget, OutOfTime, Run, setting_words, silent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(repr=False)
