@@ -1,7 +1,5 @@
 """Checks at the door: arrays of the right shape, finite numbers, and errors in words."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import os

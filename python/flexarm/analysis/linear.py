@@ -1,7 +1,5 @@
 """Exact derivatives of the dynamics, and linear models between chosen inputs and outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

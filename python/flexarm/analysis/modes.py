@@ -201,17 +201,12 @@ def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
 
 @dataclass(frozen=True)
 class SmallMotions:
-    """M dv + G v + K q = 0 about a steady state.
-
-    Attributes:
-        arm: the chain. q: the state, (nq,). free: which rates are not locked, (nv,).
-        M, G, K: of the free coordinates.
-    """
+    """M dv + G v + K q = 0 about a steady state."""
 
     arm: Chain
-    q: Array
-    free: NDArray[np.bool_]
-    M: Array
+    q: Array  #: the state, (nq,)
+    free: NDArray[np.bool_]  #: which rates are not locked, (nv,)
+    M: Array  #: it, G and K are of the free coordinates
     G: Array
     K: Array
 

@@ -1,7 +1,5 @@
 """Where to bond a piezo patch: its authority over each mode, along a beam (paper Eq. 61 against Eq. 62)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

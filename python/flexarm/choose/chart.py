@@ -1,7 +1,5 @@
 """Speed against accuracy: models, integrators and tolerances on one scene (`flexarm chart`)."""
 
-from __future__ import annotations
-
 import csv
 import math
 import platform

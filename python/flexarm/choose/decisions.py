@@ -4,8 +4,6 @@ A new decision is a class here, named in DECISIONS. The indicators estimate its 
 part without such a force at rest `poorer` returns nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -37,45 +35,29 @@ def keys(arm: Arm) -> list[tuple[int, int, int]]:
 
 @dataclass
 class Evidence:
-    """Results that decisions use, and the decisions.
+    """Results that decisions use, and the decisions."""
 
-    Attributes:
-        trials: runs of the models. tol: the tolerance.
-        base: the scene's own model without coordinates that symmetry keeps at rest. reference, check: rich runs. lean:
-            the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
-            the reference, or, if strains jump, its beams in pieces.
-        share: estimated contribution of each coordinate of the enriched model to the quantity. by_order: estimated
-            error by order. lacking: by name, that of leaving out another part of the model.
-        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
-            sections against its base, the largest (rad). first_frequency: rad/s.
-        sizes: change of the quantity by each coordinate of the reference.
-        refused: reductions that were tried. dormant: by link, strains that are not excited.
-        off: error of the lean run against the check. gap: between reference and check.
-        settings: runs of the lean model with other integrators.
-        reasons: why the plan is not certified. notes: limits of the check.
-    """
-
-    trials: Trials
-    tol: float
-    base: Run
-    reference: Run = field(init=False)
-    judge: Run = field(init=False)
-    lean: Run = field(init=False)
-    check: Run | None = None
-    share: Sizes = field(default_factory=dict)
-    by_order: dict[int | str, float] = field(default_factory=dict)
-    lacking: dict[str, float] = field(default_factory=dict)
-    spin: dict[int, float] = field(default_factory=dict)
-    rotation: dict[int, float] = field(default_factory=dict)
-    first_frequency: float = np.nan
-    sizes: Sizes = field(default_factory=dict)
-    refused: set[tuple[Any, ...]] = field(default_factory=set)
-    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
-    off: float = np.inf
-    gap: float = np.inf
-    settings: list[Run] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    trials: Trials  #: runs of the models
+    tol: float  #: the tolerance
+    base: Run  #: the scene's own model without coordinates that symmetry keeps at rest
+    reference: Run = field(init=False)  #: a rich run
+    judge: Run = field(init=False)  #: from which the descent takes errors: the reference, or its beams in pieces
+    lean: Run = field(init=False)  #: the choice, with all output times and the chosen integrator
+    check: Run | None = None  #: a richer run, from which the final error is taken
+    share: Sizes = field(default_factory=dict)  #: estimated contribution of each coordinate of the enriched model
+    by_order: dict[int | str, float] = field(default_factory=dict)  #: estimated error by order
+    lacking: dict[str, float] = field(default_factory=dict)  #: by name, that of leaving out another part
+    spin: dict[int, float] = field(default_factory=dict)  #: by link, its angular rate over the first frequency
+    rotation: dict[int, float] = field(default_factory=dict)  #: by link, of its sections against its base (rad)
+    first_frequency: float = np.nan  #: joints locked (rad/s)
+    sizes: Sizes = field(default_factory=dict)  #: change of the quantity by each coordinate of the reference
+    refused: set[tuple[Any, ...]] = field(default_factory=set)  #: reductions that were tried
+    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)  #: by link, strains that are not excited
+    off: float = np.inf  #: error of the lean run against the check
+    gap: float = np.inf  #: between reference and check
+    settings: list[Run] = field(default_factory=list)  #: runs of the lean model with other integrators
+    reasons: list[str] = field(default_factory=list)  #: why the plan is not certified
+    notes: list[str] = field(default_factory=list)  #: limits of the check
 
     def __post_init__(self) -> None:
         self.reference = self.judge = self.lean = self.base

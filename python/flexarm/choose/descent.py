@@ -1,8 +1,6 @@
 """Steps of a negligible error; and the descent from a rich model to the cheapest one within the tolerance: models and
 integrators, verified by runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

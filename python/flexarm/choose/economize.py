@@ -1,7 +1,5 @@
 """The cheapest model of a scene whose error stays below a tolerance: `economize`, `flexarm economize`."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable

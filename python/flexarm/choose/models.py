@@ -36,21 +36,13 @@ def read_scene(scene: Scene | str | Path) -> Scene:
 
 @dataclass(frozen=True)
 class BeamModel:
-    """The model of one beam.
+    """The model of one beam."""
 
-    Attributes:
-        counts: shape functions of each of STRAINS; all zero: rigid.
-        order: of the rotation of its sections.
-        rotary: whether its slices have rotary inertia.
-        gauss: its Gauss points; None: as many as its basis asks for.
-        basis: of its shape functions; None: the scene's.
-    """
-
-    counts: tuple[int, ...]
-    order: int | str
-    rotary: bool
-    gauss: int | None = None
-    basis: str | None = None
+    counts: tuple[int, ...]  #: shape functions of each of STRAINS; all zero: rigid
+    order: int | str  #: of the rotation of its sections
+    rotary: bool  #: whether its slices have rotary inertia
+    gauss: int | None = None  #: its Gauss points; None: as many as its basis asks for
+    basis: str | None = None  #: of its shape functions; None: the scene's
 
     def __post_init__(self) -> None:
         if self.rigid:  # all orders of a rigid beam are the same
@@ -76,18 +68,11 @@ class BeamModel:
 
 @dataclass(frozen=True)
 class Model:
-    """The model of a scene's arm.
+    """The model of a scene's arm."""
 
-    Attributes:
-        beams: the model of each link's beam; None if it has no beam.
-        pieces: whether its beams are cut where their strains jump; each piece has a few more modes than the beam has
-            over that length.
-        shift: number of modes of each strain above (below) the scene's, if all beams are changed alike.
-    """
-
-    beams: tuple[BeamModel | None, ...]
-    pieces: bool = False
-    shift: int = field(default=0, compare=False)
+    beams: tuple[BeamModel | None, ...]  #: the model of each link's beam; None if it has no beam
+    pieces: bool = False  #: whether its beams are cut where their strains jump, each piece with a few modes more
+    shift: int = field(default=0, compare=False)  #: modes of each strain above the scene's, if all beams are alike
 
     def each(self, change: Callable[[int, BeamModel], BeamModel]) -> Model:
         """The model with each beam changed by `change`: (link, beam model) -> beam model."""

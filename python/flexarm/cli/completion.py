@@ -1,7 +1,5 @@
 """`flexarm completion SHELL`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """`flexarm demo`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 import itertools
 

@@ -1,7 +1,5 @@
 """`flexarm modes SCENE`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Signals over time: their values at other times, and by how much one comes later than another."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

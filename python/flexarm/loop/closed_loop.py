@@ -1,7 +1,5 @@
 """The linear loop of an arm and its controllers: poles, zeros, modes, margins."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property

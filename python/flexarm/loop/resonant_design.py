@@ -1,7 +1,5 @@
 """Positive position feedback and integral resonant control of one mode, chosen by the arm's linear model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ Hub inertia, friction, drive gain and step are not published: bench/cli/identify
 results of PD control. Strain feedback is then a prediction, except its gain, which is not published either.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -56,27 +54,16 @@ def tip_acceleration(result: Result) -> Array:
 
 @dataclass(frozen=True)
 class Marks:
-    """The paper's measures of a step response, and a few more.
+    """The paper's measures of a step response, and a few more."""
 
-    Attributes:
-        rise: from 10 to 90 % of the step (s).
-        settling: time until the joint stays within BAND of the step (s); nan: not within the run.
-        overshoot: beyond the step (%).
-        ringing: largest acceleration of the tip in the last quarter of the run (m/s^2).
-        decay: of the tip's acceleration, its largest from 0.25 to 0.75 s against that from 1.25 to 1.75 s (1/s).
-        quiet: time until the tip's acceleration stays below QUIET (s); nan: not within the run.
-        held: time until the joint stands still (s).
-        error: of the joint at the end (%).
-    """
-
-    rise: float
-    settling: float
-    overshoot: float
-    ringing: float
-    decay: float
-    quiet: float
-    held: float
-    error: float
+    rise: float  #: from 10 to 90 % of the step (s)
+    settling: float  #: until the joint stays within BAND of the step (s); nan: not within the run
+    overshoot: float  #: beyond the step (%)
+    ringing: float  #: largest acceleration of the tip in the last quarter of the run (m/s^2)
+    decay: float  #: of its largest acceleration from 0.25 to 0.75 s to that from 1.25 to 1.75 s (1/s)
+    quiet: float  #: until the tip's acceleration stays below QUIET (s); nan: not within the run
+    held: float  #: until the joint stands still (s)
+    error: float  #: of the joint at the end (%)
 
 
 def _last(t: Array, y: Array, level: float) -> float:
@@ -149,19 +136,12 @@ def gauge_after_impact(arm: Arm, samples: int = SAMPLES) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Control:
-    """The results for Fig. 7, 12 and 13.
+    """The results for Fig. 7, 12 and 13."""
 
-    Attributes:
-        fine: spectra of the gauge over 8 s, by density (kg/m^3): bare steel, and with the added mass.
-        coarse: that of SAMPLES at RATE, with the added mass.
-        peaks: of `coarse`, the bins of its three highest (Hz).
-        runs, marks: by gain of the strain feedback: 0 (PD alone) and KS.
-    """
-
-    fine: dict[float, PowerSpectrum]
-    coarse: PowerSpectrum
-    peaks: Array
-    runs: dict[float, Result]
+    fine: dict[float, PowerSpectrum]  #: of the gauge over 8 s, by density (kg/m^3)
+    coarse: PowerSpectrum  #: of SAMPLES at RATE, with the added mass
+    peaks: Array  #: bins of the three highest of `coarse` (Hz)
+    runs: dict[float, Result]  #: by gain of the strain feedback: 0 (PD alone), KS
     marks: dict[float, Marks]
 
 

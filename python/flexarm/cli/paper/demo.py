@@ -1,7 +1,5 @@
 """`flexarm demo`: the paper's single-link experiments (Sec. 5), computed, plotted and compared with its numbers."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import textwrap

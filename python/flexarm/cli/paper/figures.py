@@ -1,7 +1,5 @@
 """The paper's Fig. 7 to 10, 12 and 13."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..._check import Array

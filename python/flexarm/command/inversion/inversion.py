@@ -1,7 +1,5 @@
 """The result of an inversion: the motion, the torques, their errors, and runs that try them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Moves from rest to rest, as fast as limits allow, that leave a flexible arm still."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Figures of a sweep: columns over parameters."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any

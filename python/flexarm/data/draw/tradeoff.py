@@ -1,7 +1,5 @@
 """Error against wall time of runs, log-log."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import wrap

@@ -1,7 +1,5 @@
 """Quantities of a run, for sweeps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,17 +20,11 @@ _PLACES = 17  # along a beam, for its largest strain
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a run: its columns with their units, and its function.
+    """A quantity of a run: its columns with their units, and its function."""
 
-    Attributes:
-        columns: (arm, link) -> [(name, unit), ...].
-        of: (result, link, band) -> a number for each column.
-        forces: whether it needs `Result.tau`.
-    """
-
-    columns: Callable[[Arm, int], list[tuple[str, str]]]
-    of: Callable[[Result, int, float], Array]
-    forces: bool = False
+    columns: Callable[[Arm, int], list[tuple[str, str]]]  #: (arm, link) -> [(name, unit), ...]
+    of: Callable[[Result, int, float], Array]  #: (result, link, band) -> a number for each column
+    forces: bool = False  #: whether it needs `Result.tau`
 
 
 def _one(name: str, unit: str) -> Callable[[Arm, int], list[tuple[str, str]]]:

@@ -1,7 +1,5 @@
 """Sweeps: runs of a scene with varied parameters, and quantities of each run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import time
