@@ -156,7 +156,7 @@ class Run:
     warning: str = ""  #: messages of RangeWarning, if a beam bent beyond the range of its order
     error: float | None = None  #: in a chart, the largest distance from the truth over the span; None: unknown
     absolute: dict[str, float] = field(default_factory=dict)  #: the same by unit, such as {"m": 1e-5}
-    values: dict[str, Array] | None = field(default=None, repr=False)  #: the quantity where runs are compared; None: it failed
+    values: dict[str, Array] | None = field(default=None, repr=False)  #: where runs are compared; None: it failed
     full: dict[str, Array] | None = field(default=None, repr=False)  #: of a kept whole run, at all output times, too
     result: Result | None = field(default=None, repr=False)  #: where runs are compared, if kept
 
