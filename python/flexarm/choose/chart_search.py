@@ -41,8 +41,8 @@ def best(rows: Iterable[Run], least: float = 0.0) -> list[Run]:
 @dataclass(frozen=True)
 class Truth:
     """The run from which errors are measured, and its convergence: over the span, its distances from the next poorer
-    runs; None where there is none, inf where it was not run. (Modes of a free beam converge slowly under a payload, which
-    one mode less hardly shows; another basis does. Smooth modes converge slowly where strains jump.)
+    runs; None where there is none, inf where it was not run. (Modes of a free beam converge slowly under a payload,
+    which one mode less hardly shows; another basis does. Smooth modes converge slowly where strains jump.)
     """
 
     row: Run  #: the richest model, at a tolerance of negligible error
