@@ -37,6 +37,17 @@ def gaps(t: Array) -> Array:
     return np.column_stack([t[at], steps[at]]) if len(at) else np.empty((0, 2))
 
 
+def last_above(t: Array, y: Array, level: float) -> float:
+    """The time after which |y| stays below a level, between two samples by a straight line; nan if it does not."""
+    k = np.flatnonzero(np.abs(y) > level)
+    if not k.size:
+        return float(t[0])
+    if k[-1] + 1 == len(t):
+        return float("nan")
+    a, b = np.abs(y[k[-1] : k[-1] + 2])
+    return float(t[k[-1]] + (a - level) / (a - b) * (t[k[-1] + 1] - t[k[-1]]))
+
+
 def at_times(t: Array, y: Array, new: Array, method: str) -> Array:
     """Columns y (nt, k) at new times within t, (n, k)."""
     from scipy.interpolate import CubicSpline

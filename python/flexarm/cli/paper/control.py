@@ -13,6 +13,7 @@ import numpy as np
 from ..._check import Array
 from ..._console import write_csv
 from ...arm.arm import Arm
+from ...data.signal import last_above
 from ...model.acting.control import StrainFeedback
 from ...model.acting.load import Load
 from ...model.acting.motor import Motor
@@ -66,17 +67,6 @@ class Marks:
     error: float  #: of the joint at the end (%)
 
 
-def _last(t: Array, y: Array, level: float) -> float:
-    """The time after which |y| stays below a level; nan if it does not."""
-    k = np.flatnonzero(np.abs(y) > level)
-    if not k.size:
-        return float(t[0])
-    if k[-1] + 1 == len(t):
-        return float("nan")
-    a, b = np.abs(y[k[-1] : k[-1] + 2])
-    return float(t[k[-1]] + (a - level) / (a - b) * (t[k[-1] + 1] - t[k[-1]]))
-
-
 def _crossing(t: Array, y: Array, level: float) -> float:
     k = int(np.argmax(y >= level))
     if k == 0:
@@ -95,11 +85,11 @@ def marks(result: Result, step: float, band: float = BAND) -> Marks:
     early, late = _largest(t, a, 0.25, 0.75), _largest(t, a, 1.25, 1.75)
     return Marks(
         rise=_crossing(t, q, 0.9) - _crossing(t, q, 0.1),
-        settling=_last(t, q - 1.0, band),
+        settling=last_above(t, q - 1.0, band),
         overshoot=100.0 * (float(q.max()) - 1.0),
         ringing=_largest(t, a, 0.75 * t[-1], t[-1]),
         decay=float(np.log(early / late)) if early > 0 < late else float("nan"),
-        quiet=_last(t, a, QUIET),
+        quiet=last_above(t, a, QUIET),
         held=float(t[moving[-1]]) if moving.size else 0.0,
         error=100.0 * float(q[-1] - 1.0),
     )

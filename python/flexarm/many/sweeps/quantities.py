@@ -8,6 +8,7 @@ import numpy as np
 
 from ..._check import Array, array, choice
 from ...arm.arm import Arm
+from ...data.signal import last_above
 from ...model.parts.beam import STRAIN_NAMES
 from ...model.parts.labels import ends, joint_coordinates
 from ...run.result import Result
@@ -38,17 +39,9 @@ def _residual(result: Result, link: int, band: float) -> Array:
 
 
 def settling_time(t: Array, distance: Array, band: float) -> float:
-    """From t[0] to the last time that `distance` was above `band` times its greatest value (s), between two rows by a
-    straight line; nan where that is in the last tenth of the run, which then is too short to tell."""
-    limit = band * distance.max()
-    above = np.flatnonzero(distance > limit)
-    if not above.size:
-        return 0.0
-    k = int(above[-1])
-    if k + 1 == len(t):
-        return float("nan")
-    share = (distance[k] - limit) / (distance[k] - distance[k + 1])
-    settled = float(t[k] + share * (t[k + 1] - t[k]) - t[0])
+    """From t[0] to the last time that `distance` was above `band` times its greatest value (s); nan where that is in
+    the last tenth of the run, which then is too short to tell."""
+    settled = last_above(t, distance, band * distance.max()) - float(t[0])
     return settled if settled <= 0.9 * float(t[-1] - t[0]) else float("nan")
 
 
