@@ -93,6 +93,14 @@ def within(field: str, value: Any, low: float, high: float, more: str = "") -> A
     return plain(value)
 
 
+def between(field: str, value: Any, low: float, high: float, more: str = "") -> float:
+    """A number above `low` and below `high`; `more` is added to the error."""
+    x = number(field, value)
+    if not low < x < high:
+        raise ValueError(f"{field} = {value!r}: must be above {low:g} and below {high:g}{more}")
+    return x
+
+
 def flag(field: str, value: Any) -> bool:
     value = plain(value)
     if not isinstance(value, bool):

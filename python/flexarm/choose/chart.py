@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .._check import number, positive
+from .._check import positive
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
 from ..data.draw.style import Figure
@@ -74,8 +74,7 @@ class Chart:
     def recommend(self, tolerance: float) -> Run | None:
         """The fastest run with an error of at most `tolerance` (over the quantity's span); None if there is none, or
         if the truth's own tolerance is coarser than that."""
-        if not number("tolerance", tolerance) > 0:
-            raise ValueError(f"tolerance = {tolerance}: must be positive")
+        positive("tolerance", tolerance)
         good = [r for r in self._graded if r.error is not None and r.error <= tolerance and self._least <= tolerance]
         return min(good, key=lambda r: r.time, default=None)
 

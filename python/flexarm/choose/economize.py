@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import number, outside, positive
+from .._check import between, outside, positive
 from .._console import aligned, progress_bar, seconds
 from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
@@ -339,18 +339,6 @@ def speed_of(evidence: Evidence) -> dict[str, dict[str, float | int]]:
 # -- deciding ----------------------------------------------------------------------------------------------------------
 
 
-def _checked(tolerance: float, atol: float | None, budget: float | None) -> float:
-    if budget is not None:
-        positive("budget", budget, "s; None: no limit")
-    if atol is not None:
-        return positive("atol", atol, "in the quantity's unit")
-    if not 0 < number("tolerance", tolerance) < 1:
-        raise ValueError(
-            f"tolerance = {tolerance}: must be between 0 and 1, as a share of the quantity's span; absolute: atol="
-        )
-    return tolerance
-
-
 def economize(
     scene: Scene | str | Path,
     tolerance: float = 1e-3,
@@ -385,7 +373,12 @@ def economize(
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
-    limit = _checked(tolerance, atol, budget)
+    if budget is not None:
+        positive("budget", budget, "s; None: no limit")
+    if atol is not None:
+        limit = positive("atol", atol, "in the quantity's unit")
+    else:
+        limit = between("tolerance", tolerance, 0, 1, ", as a share of the quantity's span; absolute: atol=")
     scene = read_scene(scene)
     scene.arm.refuse_rubbing("economize: scene.arm")
     measure = Measure(scene, quantity, atol)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, at_least, choice, flag, instance, known_keys, number, whole, within
+from ..._check import Array, array, at_least, between, choice, flag, instance, known_keys, number, whole, within
 from ...run.scene.scene import SCENES, shallow, tomllib
 from .quantities import QUANTITIES, quantity
 
@@ -174,8 +174,7 @@ class SweepPlan:
             quantity(output)
         if not self.vary:
             raise ValueError("vary: a sweep needs at least one block")
-        if not 0 < number("band", self.band) < 1:
-            raise ValueError(f"band = {self.band}: must be between 0 and 1")
+        between("band", self.band, 0, 1)
         at_least("every", self.every, 1)
         flag("trajectories", self.trajectories)
         instance("title", self.title, str, "text")
