@@ -28,11 +28,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def demonstration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
     """What `flexarm demo --json` computed, a demo.Demo, and what it printed."""
     from flexarm import cli
-    from flexarm.cli.paper import demo
+    from flexarm.cli import demo
 
-    done, run = [], demo.run
+    done, computed = [], demo.computed
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
-        patch.setattr(demo, "run", lambda *args: done.append(run(*args)) or done[-1])
+        patch.setattr(demo, "computed", lambda *args: done.append(computed(*args)) or done[-1])
         assert cli.main(["demo", "-o", str(tmp_path_factory.mktemp("demo") / "new"), "--json"]) == 0
     return done[0], json.loads(out.getvalue())
 

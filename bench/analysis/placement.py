@@ -10,9 +10,9 @@ the static tip at one volt (closed form) and of three frequencies (the three bea
 
 from __future__ import annotations
 
-import argparse
 import csv
 import platform
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.ticker import NullFormatter
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 PZT = fa.Piezo(youngs_modulus=60.6e9, poisson_ratio=0.3, density=7500, d31=-274e-12, permittivity=3e-8)
@@ -120,10 +123,7 @@ def followed(out: Path, head: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figures")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     head = f"# flexarm {fa.__version__}, {platform.machine()}, Python {platform.python_version()}\n"
     places(out, head)
     followed(out, head)

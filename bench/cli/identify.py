@@ -15,8 +15,8 @@ Writes identify.csv, identify.txt and identify.png into DIR (default: here). Tak
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,6 +28,9 @@ from flexarm.cli.paper import control as dc
 from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 PATHS = ("link.0.joint.reflected_inertia", "control.0.motor.torque_constant", "link.0.joint.damping",
          "link.0.joint.coulomb", "control.0.reference.value", "control.0.ks")  # fmt: skip
@@ -357,8 +360,6 @@ def draw(
     for ax, title in ((a, "a: PD alone"), (b, "b: the solutions that stick"), (c, "c: what strain feedback costs"),
                       (d, "d: the least it costs, all six numbers free")):  # fmt: skip
         ax.set_title(title, fontsize=10, loc="left")
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
         where = {a: "lower right", b: "upper left", c: "lower left", d: "upper right"}[ax]
         ax.legend(frameon=False, fontsize=8, loc=where)
     for ax, ticks in ((b, (0.3, 0.5, 1, 2, 4)), (c, (5, 10, 20, 50)), (d, (5, 10, 20, 50))):
@@ -366,14 +367,11 @@ def draw(
         ax.yaxis.minorticks_off()
     c.set_xlim(left=0)
     d.set_xlim(0, 32)
-    fig.savefig(path, dpi=110)
+    finish(fig, path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     warnings.simplefilter("ignore", fa.errors.RangeWarning)
     lines: list[str] = []
 

@@ -11,8 +11,8 @@ into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,9 @@ import numpy as np
 from flexarm.cli.paper.control import DRIVE_GAIN, KP, KS, KV, STEP, marks, respond
 from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
 from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 RATES = (1000.0, 500.0, 100.0)
 GAINS = (0.006, 0.0, -0.005, -0.01, KS, -0.02, -0.05, -0.1, -0.2)
@@ -96,11 +99,9 @@ def draw(arm: fa.Arm, most: float, path: Path) -> None:
         ax.axvline(-KS, color=INK, ls=":", lw=1)
     for ax, title in ((a, "a: root locus"), (b, "b: damping, continuous"), (c, "c: sampled, with a hold")):
         ax.set_title(title, fontsize=10, loc="left")
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
         where = {a: (0.02, 0.46), b: (0.02, 0.42), c: (0.02, 0.68)}[ax]
         ax.legend(frameon=False, fontsize=8, loc=where)
-    fig.savefig(path, dpi=110)
+    finish(fig, path)
 
 
 def steps(arm: fa.Arm, path: Path) -> None:
@@ -117,10 +118,7 @@ def steps(arm: fa.Arm, path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     arm = fa.load("ist_control").arm
     with (out / "strain-feedback.csv").open("w", newline="") as f:
         writer = csv.writer(f)

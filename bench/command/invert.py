@@ -12,15 +12,18 @@ Writes invert.csv, arms.csv and invert.png into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
 import os
 import platform
 import statistics
+import sys
 import time
 import warnings
 from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -100,10 +103,8 @@ def one_link(out: Path) -> None:
         ax.set_title(title, fontsize=10, loc="left")
         ax.set(xlabel="time (s)", xlim=(-0.3, 1.3))
         ax.axvspan(0, TIME, color="#0072B2", alpha=0.06, lw=0)
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
     b.legend(*a.get_legend_handles_labels(), frameon=False, fontsize=9, loc="lower right")
-    figure.savefig(out / "invert.png", dpi=110)
+    finish(figure, out / "invert.png")
     write(out / "invert.csv", rows)
 
 
@@ -181,10 +182,7 @@ def write(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     warnings.simplefilter("ignore", fa.errors.RangeWarning)
     one_link(out)
     write(out / "arms.csv", [tried(name) for name in ARMS])

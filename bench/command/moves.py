@@ -13,8 +13,8 @@ here). Prints, too: two masses and a spring; a servo with and without the torque
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -27,6 +27,9 @@ import numpy as np
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 STEEL, ALUMINIUM = fa.Material(7850, 209e9, 0.3), fa.Material(2700, 70e9, 0.33)
 COLOURS = {"unshaped": "#888888", "ZV": "#D55E00", "shaped": "#0072B2", "fast": "#009E73"}
@@ -220,10 +223,7 @@ def servo() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     warnings.simplefilter("ignore", fa.errors.RangeWarning)
     two_masses()
     servo()

@@ -8,11 +8,14 @@ closed-loop-locus.png (poles over Ks at 100 Hz) into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 MEASURED = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]
 NONE = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0))
@@ -23,10 +26,7 @@ def law(rate: float, ks: float = -0.015) -> fa.Controller:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the figures")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     arm = fa.load("ist_control").arm
     loop = fa.closed_loop(arm, law(500))
     print(loop)

@@ -9,12 +9,15 @@ prints.
 from __future__ import annotations
 
 import argparse
-import re
+import sys
 from pathlib import Path
 from typing import Any
 
 import flexarm as fa
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import replace_table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "servo.md"
@@ -70,12 +73,7 @@ def main() -> None:
         return
     whole = fa.Servo(0, **GAINS, **{k: v for _, part in PARTS for k, v in part.items()})
     fa.closed_loop(ARM, whole).stability_map().plot().savefig(options.o / "servo-map.png", dpi=95)
-    text = PAGE.read_text(encoding="utf-8")
-    pattern = r"(<!-- servo: [^\n]*-->\n).*?(<!-- end of servo -->)"
-    new, count = re.subn(pattern, lambda m: f"{m[1]}{found}\n{m[2]}", text, flags=re.S)
-    if count != 1:
-        raise SystemExit(f"{PAGE}: the marks of the table are missing")
-    PAGE.write_text(new, encoding="utf-8")
+    replace_table(PAGE, "servo", found)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,16 @@ of the lowest frequency with the joints held. Writes laws.csv and laws.png into 
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
 from flexarm.data.draw.style import DPI, INK, PALETTE, label_axes, legend, new_figure
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 T = np.linspace(0, 1.6, 1601)
 END, MOVES = 0.8, (1.0, 0.8, -0.6)  # s; rad
@@ -64,10 +67,7 @@ def start(arm: fa.Arm, share: float) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     arm, light = arm_with(1.0), arm_with(0.0)
     joints = [arm.joint_rate(k) for k in range(3)]
     zero = [0.0, 0.0, 0.0]

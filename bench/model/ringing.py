@@ -9,9 +9,9 @@ the second after 1 s; every command has ended by then. Writes ringing.csv and ri
 
 from __future__ import annotations
 
-import argparse
 import csv
 import platform
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,9 @@ import numpy as np
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 COLOURS = {"unshaped": "#888888", "zv": "#D55E00", "zvd": "#0072B2"}
 MOVE = fa.Motion([0, 0.4, 2], [0, 0.5, 0.5], [0, 0, 0], [0, 0, 0])  # quintic from rest to rest, then rest
@@ -44,10 +47,7 @@ def ringing(run: fa.Result) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
 
     w = paper_arm().modes(lock=[0]).frequencies[0]
     shapers = {kind: fa.input_shaper(kind, w) for kind in ("zv", "zvd")}
@@ -86,13 +86,11 @@ def main() -> None:
     c.set(xlabel="arm's frequency is off by (%)", ylabel="ringing left (% of unshaped)")
     for ax, title in ((a, "a: the command"), (b, "b: the tip"), (c, "c: a wrong frequency")):
         ax.set_title(title, fontsize=10, loc="left")
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
     b.set_ylim(b.get_ylim()[0], 1.45 * b.get_ylim()[1])
     a.legend(frameon=False, fontsize=9, loc="lower right")
     b.legend(handlelength=1.2, columnspacing=1.2, frameon=False, fontsize=9, loc="upper right", ncols=3)
     c.legend(frameon=False, fontsize=9, loc="upper center")
-    figure.savefig(out / "ringing.png", dpi=110)
+    finish(figure, out / "ringing.png")
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +21,9 @@ import numpy as np
 from flexarm.cli.paper.control import DRIVE_GAIN, KP, KV
 from flexarm.data.draw.style import BLUE, GREEN, INK, ORANGE, RED
 from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 KS = -0.05
 T = np.linspace(0, 4, 4001)
@@ -67,10 +70,7 @@ def frictionless(arm: fa.Arm) -> fa.Arm:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     arm = fa.load("ist_control").arm
     rows = []
     fig = Figure(figsize=(10.0, 5.6), layout="constrained")
@@ -88,12 +88,9 @@ def main() -> None:
         print("  ".join(rows[-1]))
     top.set_ylabel("tip deflection (mm)")
     bottom.set(xlabel="time (s)", ylabel="joint (degrees)", xlim=(0, 3))
-    for ax in (top, bottom):
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
     top.set_ylim(-125, 190)
     top.legend(frameon=False, fontsize=9, ncols=3, loc="upper right")
-    fig.savefig(out / "ringing-feedback.png", dpi=110)
+    finish(fig, out / "ringing-feedback.png")
     with (out / "ringing-feedback.csv").open("w", newline="") as f:
         writer = csv.writer(f)
         writer.writerow(["controller", "peak (mm)", "after 1 s (mm)", "after 3 s (mm)", "joint, peak (degrees)",

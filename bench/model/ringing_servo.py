@@ -10,14 +10,17 @@ ringing-servo.png into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
 from flexarm.data.draw.style import BLUE, INK, RED, label_axes, new_figure
 from ringing import paper_arm
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 SERVOS = {"soft": (1.0, 0.01), "stiff": (5.0, 0.02)}  # N m/rad, N m s/rad
 SHOWN = "soft"
@@ -37,10 +40,7 @@ def run(kp: float, kd: float, shaper: fa.Shaper | None) -> tuple[fa.Result, floa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     arm = paper_arm()
     locked = arm.modes(lock=[0])
     rows, shown = [], {}

@@ -13,6 +13,7 @@ Prints the tables; with --docs writes them into docs/contact.md and the pictures
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import thread_time
@@ -27,6 +28,8 @@ from matplotlib.patches import Rectangle
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from reporting import fastest, finish
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -359,7 +362,7 @@ def draw_press(path: Path, drawn: dict[str, Array]) -> None:
         ax.semilogy(drawn[f"{name} t"], np.maximum(off, 1e-13), color=colour, lw=0.9, label=label)
     ax.set(xlabel="time (s)", ylabel="the end off by (m)", title="(d) flexarm less the own solution", xlim=(0, 2.5))
     ax.legend(frameon=False)
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def draw(path: Path, found: dict[str, Any]) -> None:
@@ -392,7 +395,7 @@ def draw(path: Path, found: dict[str, Any]) -> None:
         ax.legend(frameon=False)
     axes[1, 0].set(xlabel="time (ms)", ylabel="its end (mm)", title="(c) a beam falls on a stop 1 mm below its end")
     axes[1, 1].set(xlabel="time (ms)", ylabel="force of the stop (N)", title="(d) and bounces")
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def main() -> None:

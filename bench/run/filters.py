@@ -10,9 +10,9 @@ Writes filters.csv and filters.png into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
 import platform
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,9 @@ from sensors import BLUE, GREY, ORANGE, axes_of, impact
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 CUT = 5.0  # Hz
 SWUNG = CUT * np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0])
@@ -57,10 +60,7 @@ def passed(low_pass: fa.sensors.LowPass, run: fa.Result) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     figure, ((a, b), (c, d)) = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
     rows: list[dict[str, Any]] = []
     run = swing(4000)

@@ -10,9 +10,9 @@ than 20 s is left out.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import platform
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +25,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.ticker import NullFormatter
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import output_folder
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 ORDERS = (2, 3, 4, 5)
@@ -108,10 +111,7 @@ def measure(name: str) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     rows = [row for name in CASES for row in measure(name)]
     with (out / "ida_order.csv").open("w", newline="") as f:
         f.write(f"# flexarm {fa.__version__}, {platform.machine()}, Python {platform.python_version()}\n")

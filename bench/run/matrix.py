@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,9 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 from matrix_features import RATE, Feature, H, M, Scene, T, features
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import replace_table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "matrix.md"
@@ -334,12 +338,7 @@ def main() -> None:
     print(table)
     if options.check or options.words:
         return
-    text = PAGE.read_text(encoding="utf-8")
-    pattern = r"(<!-- matrix: [^\n]*-->\n).*?(<!-- end of matrix -->)"
-    new, count = re.subn(pattern, lambda found: f"{found[1]}{table}\n{found[2]}", text, flags=re.S)
-    if count != 1:
-        raise SystemExit(f"{PAGE}: the marks of the matrix are missing")
-    PAGE.write_text(new, encoding="utf-8")
+    replace_table(PAGE, "matrix", table)
 
 
 if __name__ == "__main__":

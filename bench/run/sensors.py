@@ -12,9 +12,9 @@ Writes sensors.csv and sensors.png into DIR (default: here).
 
 from __future__ import annotations
 
-import argparse
 import csv
 import platform
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, output_folder
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#888888"
 PAPER = (20.95, 131.28, 367.6)  # rad/s, calculated; measured 2.9, 20.5, 55.7 Hz
@@ -70,8 +73,6 @@ def axes_of(ax: Axes, title: str, x: str, y: str) -> None:
     ax.set_title(title, fontsize=10, loc="left")
     ax.set_xlabel(x)
     ax.set_ylabel(y)
-    ax.grid(alpha=0.3)
-    ax.spines[["top", "right"]].set_visible(False)
 
 
 def draw(rung: fa.results.Reading, spectrum: fa.results.PowerSpectrum, run: fa.Result, path: Path) -> None:
@@ -103,14 +104,11 @@ def draw(rung: fa.results.Reading, spectrum: fa.results.PowerSpectrum, run: fa.R
     axes_of(d, "d: acceleration of the tip, across the beam", "time (s)", "acceleration (m/s²)")
     d.set_ylim(d.get_ylim()[0], d.get_ylim()[1] + 0.25 * np.ptp(d.get_ylim()))
     d.legend(frameon=False, fontsize=9, loc="upper right")
-    figure.savefig(path, dpi=110)
+    finish(figure, path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
-    out = parser.parse_args().o
-    out.mkdir(parents=True, exist_ok=True)
+    out = output_folder(__doc__)
     rows: list[dict[str, Any]] = []
     draw(*measure(rows), out / "sensors.png")
     with (out / "sensors.csv").open("w", newline="") as f:

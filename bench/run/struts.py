@@ -14,6 +14,7 @@ Prints the tables; with --docs writes them into docs/struts.md and the picture d
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ from struts_truth import BOOM, GRAVITY, RHO, STIFF, STRUCK, Array, Boom, E, Stay
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from reporting import fastest, finish
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -342,7 +345,7 @@ def draw(path: Path, found: dict[str, Any]) -> None:
            xticks=n, xticklabels=n)  # fmt: skip
     ax.minorticks_off()
     ax.legend(frameon=False)
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def main() -> None:

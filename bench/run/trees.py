@@ -13,6 +13,7 @@ Prints the tables; with --docs writes them into docs/trees.md and the picture do
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from time import thread_time
@@ -28,6 +29,8 @@ from scipy.linalg import eigh
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from reporting import finish
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -328,7 +331,7 @@ def draw(path: Path, modes: list[tuple[float, float, float, float]], run: fa.Res
     ax.semilogy(run.t, np.maximum(off, 1e-17), ":", color=GREY, lw=1.4, label="energy, free")
     ax.set(xlabel="time (s)", ylabel="change since the start (relative)", title="(d) what stays", ylim=(1e-17, 1e-8))
     ax.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=2)
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def main() -> None:

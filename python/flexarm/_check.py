@@ -1,7 +1,5 @@
 """Checks at the door: arrays of the right shape, finite numbers, and errors in words."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import os
@@ -93,6 +91,14 @@ def within(field: str, value: Any, low: float, high: float, more: str = "") -> A
     if not low <= number(field, value) <= high:
         raise ValueError(f"{field} = {value!r}: must be from {low:g} to {high:g}{more}")
     return plain(value)
+
+
+def between(field: str, value: Any, low: float, high: float, more: str = "") -> float:
+    """A number above `low` and below `high`; `more` is added to the error."""
+    x = number(field, value)
+    if not low < x < high:
+        raise ValueError(f"{field} = {value!r}: must be above {low:g} and below {high:g}{more}")
+    return x
 
 
 def flag(field: str, value: Any) -> bool:

@@ -1,7 +1,5 @@
 """Output of programs: a line of complaint, a table, a progress bar, CSV and JSON."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

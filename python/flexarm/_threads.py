@@ -1,7 +1,5 @@
 """Threads that a process does not wait for when it ends, as it does for those of concurrent.futures."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

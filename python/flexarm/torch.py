@@ -1,7 +1,5 @@
 """Rollouts as functions of PyTorch's tensors, with exact gradients; needs the extra "torch"."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -15,7 +15,7 @@ import choose.economize_scenes as scenes
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
+from flexarm.choose.decisions import Order
 from flexarm.choose.models import ORDERS, Model, Models
 from flexarm.choose.trials import CHOSEN, Trials, timed
 from flexarm.cli import main
@@ -359,39 +359,6 @@ def test_initial_bending_is_kept() -> None:
     plan = fa.economize(replace(scene, drive={0: fa.Motion([0, 1, 2], [0, 0, 0])}, q0=q0), 1e-3)
     assert plan.certified and plan.arm.links[0].beam.basis == "clamped-free"
     assert plan.scene.q0[1:3] == pytest.approx([0.02, 0.003])
-
-
-class Friction(LinkFeature):
-    """As one would add it."""
-
-    name = "joint friction"
-
-    def has(self, link: fa.Link) -> bool:
-        return bool(np.any(link.joint.coulomb))
-
-    def leave_out(self, link: fa.Link) -> fa.Link:
-        return replace(link, joint=replace(link.joint, coulomb=0.0))
-
-    def poorer(self, models, model) -> dict:
-        return {}
-
-
-@pytest.mark.parametrize("size, needed", [(1e-6, False), (0.02, True)])
-def test_a_new_decision_is_one_class(size: float, needed: bool) -> None:
-    """Of a link with a beam and of one without: tried on the way down, in the table, and in the lean scene."""
-    joint = fa.Revolute("z", coulomb=size)
-    beam = fa.Beam(0.4, fa.Rectangle(0.004, 0.02), scenes.STEEL, {"bending_y": 2})
-    arm = fa.Arm([fa.Link(joint, scenes.hub(0.05, 0.2)), fa.Link(joint, scenes.hub(0.05, 0.1), beam)])
-    drive = {0: fa.Torque([0, 0.5, 1], [0.05, 0.05, -0.05])}
-    DECISIONS.append(Friction())
-    try:
-        plan = fa.economize(fa.Scene(arm, drive, t=scenes.times(0.5, 50)), 1e-2)
-    finally:
-        DECISIONS.pop()
-    rows = [c for c in plan.choices if c.what == "joint friction"]
-    assert [c.where for c in rows] == ["link 0", "link 1"] and all(c.inside == needed for c in rows)
-    assert [link.joint.coulomb for link in plan.arm.links] == [size * needed] * 2
-    assert ("no joint friction of link 0, link 1" in plan.model) != needed
 
 
 # -- saved, watched, adapted -------------------------------------------------------------------------------------------

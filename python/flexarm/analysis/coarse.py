@@ -1,7 +1,5 @@
 """Shape functions that are too few, or of the wrong basis, for the load of a beam."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -29,25 +27,16 @@ _MODAL_MASS = 0.236  # of a beam's mass, that moves with its end in its first mo
 
 @dataclass(frozen=True)
 class _Stiffened:
-    """The compliance of a loaded beam that the shape functions of one strain leave out.
-
-    Attributes:
-        share: of the end's static compliance to the inertia of the load, in the first mode.
-        weight: the load's part of the deflection, beside that of the beam's own inertia.
-        heavy: whether that is heavier than the beam.
-        carried: displacement (m) of the load by a unit of each of the strain's coordinates, (n,).
-        first: where these stand in the arm's v.
-        under: the load, in words.
-    """
+    """The compliance of a loaded beam that the shape functions of one strain leave out."""
 
     link: int
     strain: str
-    share: float
-    weight: float
-    heavy: bool
-    carried: Array
-    first: int
-    under: str = "what it carries"
+    share: float  #: of the end's static compliance to the inertia of the load, in the first mode
+    weight: float  #: the load's part of the deflection, beside that of the beam's own inertia
+    heavy: bool  #: whether that is heavier than the beam
+    carried: Array  #: displacement (m) of the load by a unit of each of the strain's coordinates, (n,)
+    first: int  #: where these stand in the arm's v
+    under: str = "what it carries"  #: the load, in words
 
 
 #: of each strain: the components of the end that it moves, of x y z and the rotations about them; the second's sign by

@@ -1,7 +1,5 @@
 """Damping of beams, given by the modes of the whole arm, or found from a decay."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A plain table that describes an arm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

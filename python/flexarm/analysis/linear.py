@@ -1,7 +1,5 @@
 """Exact derivatives of the dynamics, and linear models between chosen inputs and outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, choice, finite, number, tilde
+from .._console import aligned
 from ..model.parts.beam import STRAIN_NAMES
 from ..model.parts.chain import Chain
 from .equilibrium import locked_rates, warn_unless_at_rest
-from .printed import model_table
 
+_SHOWN = 16  # labels of a kind, and eigenvalues, that are printed
 INPUTS = ("force", "acceleration", "load", "patch", "strut")
 OUTPUTS = (
     *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),
@@ -86,7 +85,24 @@ class LinearModel:
     y: Array
 
     def __str__(self) -> str:
-        return model_table(self)
+        """Its size, its inputs and outputs, and its eigenvalues."""
+        s = self.eigenvalues
+        counts = f"{len(s)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
+        lines = [f"dx/dt = A x + B u, y = C x + D u: {counts}"]
+        for kind in ("states", "inputs", "outputs"):
+            labels = getattr(self, kind)
+            more = f", and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
+            lines.append(f"{kind:<8} {', '.join(labels[:_SHOWN]) or 'none'}{more}")
+        upper = s[s.imag >= 0]
+        upper = upper[np.argsort(np.abs(upper), kind="stable")]
+        rows = [["eigenvalue (1/s)", "size (rad/s)", "Hz", "damping ratio"]]
+        for x in upper[:_SHOWN]:
+            size = float(np.abs(x))
+            text = f"{x.real + 0.0:.4g}" + (f" +- {x.imag:.4g}i" if x.imag else "")
+            rows.append([text, f"{size:.4g}", f"{size / (2 * np.pi):.4g}", f"{-x.real / size:.4g}" if size else "-"])
+        rest = len(upper) - _SHOWN
+        more = f"... and {rest} more eigenvalues, which are faster"
+        return "\n".join([*lines, "", *aligned(rows, range(1, 4)), *([more] * (rest > 0))])
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:

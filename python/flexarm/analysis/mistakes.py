@@ -1,7 +1,5 @@
 """Numbers of a model that are probably mistakes: wrong units, bodies that cannot be, strains that a beam lacks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, at_least, finite, positive, whole, within
+from .._console import aligned
 from ..data.draw.modes import plot_modes
 from ..data.draw.style import Figure
 from ..model.parts.chain import Chain
@@ -17,7 +18,6 @@ from ..view.body import length
 from ..view.view import View, animate_mode
 from .equilibrium import locked_rates, steady_state
 from .linear import turning
-from .printed import modes_table
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,18 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues)).all())
 
     def __str__(self) -> str:
-        return modes_table(self)
+        return self._table()
+
+    def _table(self, most: int = 16) -> str:
+        """The text of the lowest modes: numbers from 0, as `shapes` and `animate` count them."""
+        rows = [["mode", "rad/s", "Hz", "damping ratio", "most of its energy in"]]
+        for k, (w, s) in enumerate(zip(self.frequencies[:most], self.eigenvalues, strict=False)):
+            where = int(self.participation[:, k].argmax())
+            part = f"{self.arm.coordinates[where]} ({100 * self.participation[where, k]:.0f} %)"
+            ratio = f"{self.damping[k]:.4g}" if w else "grows" if s.real > 0 else "rigid"
+            rows.append([str(k), f"{w:.6g}", f"{w / (2 * np.pi):.6g}", ratio, part])
+        rest = len(self.frequencies) - most
+        return "\n".join([*aligned(rows, range(4)), *([f"... and {rest} more modes, which are faster"] * (rest > 0))])
 
     def plot(self, count: int = 4) -> Figure:
         """A figure of the lowest `count` modes along the arm: how far each slice moves along the world's axes, over the
@@ -190,17 +201,12 @@ def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
 
 @dataclass(frozen=True)
 class SmallMotions:
-    """M dv + G v + K q = 0 about a steady state.
-
-    Attributes:
-        arm: the chain. q: the state, (nq,). free: which rates are not locked, (nv,).
-        M, G, K: of the free coordinates.
-    """
+    """M dv + G v + K q = 0 about a steady state."""
 
     arm: Chain
-    q: Array
-    free: NDArray[np.bool_]
-    M: Array
+    q: Array  #: the state, (nq,)
+    free: NDArray[np.bool_]  #: which rates are not locked, (nv,)
+    M: Array  #: it, G and K are of the free coordinates
     G: Array
     K: Array
 

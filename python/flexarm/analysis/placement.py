@@ -1,7 +1,5 @@
 """Where to bond a piezo patch: its authority over each mode, along a beam (paper Eq. 61 against Eq. 62)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, array, at_least, instance, number, whole
-from .._console import progress_bar
+from .._console import aligned, progress_bar
 from ..data.draw.style import INK, PALETTE, Figure, label_axes, legend, new_figure
 from ..model.parts.chain import Chain
 from ..model.parts.patch import Patch
@@ -46,18 +44,13 @@ class PatchPlacement:
 
     def __str__(self) -> str:
         p = self.patch
-        lines = [
-            f"best place: from {p.start:.4g} to {p.end:.4g} m, merit {self.best_merit:.3f}",
-            "mode   rad/s      weight  there (m/V)  greatest (m/V)  from (m)",
-        ]
-        half = (p.end - p.start) / 2
+        rows, half = [["mode", "rad/s", "weight", "there (m/V)", "greatest (m/V)", "from (m)"]], (p.end - p.start) / 2
         for k, w in enumerate(self.frequencies):
             top = int(np.abs(self.authority[:, k]).argmax())
-            lines.append(
-                f"{k:4d}   {w:<9.5g}  {self.weights[k]:6.3f}  {self.best_authority[k]:11.3e}  "
-                f"{self.authority[top, k]:14.3e}  {self.x[top] - half:8.4g}"
-            )
-        return "\n".join(lines)
+            there = f"{self.best_authority[k]:.3e}", f"{self.authority[top, k]:.3e}", f"{self.x[top] - half:.4g}"
+            rows.append([str(k), f"{w:.5g}", f"{self.weights[k]:.3f}", *there])
+        head = f"best place: from {p.start:.4g} to {p.end:.4g} m, merit {self.best_merit:.3f}"
+        return "\n".join([head, *aligned(rows, range(6))])
 
     def __repr__(self) -> str:
         return f"PatchPlacement(best={self.best:.6g}, merit={self.best_merit:.4g}, {len(self.frequencies)} modes)"

@@ -1,7 +1,5 @@
 """Whether a run stayed within the range of its beams' orders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from weakref import WeakKeyDictionary
 

@@ -1,25 +1,21 @@
 """Speed against accuracy: models, integrators and tolerances on one scene (`flexarm chart`)."""
 
-from __future__ import annotations
-
 import csv
 import math
 import platform
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .._check import number, positive
+from .._check import positive
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
+from ..data.draw.style import Figure
 from ..data.draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
 from ..run.scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
 from .models import Models, read_scene
 from .trials import LINES, OVER_OUTPUTS, Run, longest_gap
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _DOUBTFUL = 1e-2  # of the span: a truth with a larger uncertainty counts as not converged
@@ -78,8 +74,7 @@ class Chart:
     def recommend(self, tolerance: float) -> Run | None:
         """The fastest run with an error of at most `tolerance` (over the quantity's span); None if there is none, or
         if the truth's own tolerance is coarser than that."""
-        if not number("tolerance", tolerance) > 0:
-            raise ValueError(f"tolerance = {tolerance}: must be positive")
+        positive("tolerance", tolerance)
         good = [r for r in self._graded if r.error is not None and r.error <= tolerance and self._least <= tolerance]
         return min(good, key=lambda r: r.time, default=None)
 

@@ -1,7 +1,5 @@
 """The runs of `flexarm chart`, and their order."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -42,29 +40,19 @@ def best(rows: Iterable[Run], least: float = 0.0) -> list[Run]:
 
 @dataclass(frozen=True)
 class Truth:
-    """The run from which errors are measured, and its convergence.
-
-    Attributes:
-        row: the run: the richest model, at a tolerance of negligible error.
-        span: by unit, the largest range of any one component of the quantity.
-        modes, order, tolerance: distance over the span between this run and the next poorer in modes (one less for each
-            strain), in order, and in tolerance (or step); None if there is none, inf if it was not run.
-        basis: the same to the richest run in the scene's basis, if the truth is in Legendre polynomials; inf if it is
-            not, though possible: modes of a free beam converge slowly under a payload, which one mode less hardly
-            shows. None if Legendre polynomials are impossible, or the scene has them.
-        pieces: the same to the beams in pieces, if strains jump (smooth modes converge slowly there); inf if that was
-            not run. None if no strain jumps.
-        poorer: labels of those other runs.
+    """The run from which errors are measured, and its convergence: over the span, its distances from the next poorer
+    runs; None where there is none, inf where it was not run. (Modes of a free beam converge slowly under a payload,
+    which one mode less hardly shows; another basis does. Smooth modes converge slowly where strains jump.)
     """
 
-    row: Run
-    span: dict[str, float]
-    modes: float | None
-    order: float | None
-    tolerance: float
-    basis: float | None
-    pieces: float | None
-    poorer: dict[str, str]
+    row: Run  #: the richest model, at a tolerance of negligible error
+    span: dict[str, float]  #: by unit, the largest range of any one component of the quantity
+    modes: float | None  #: one mode less for each strain
+    order: float | None  #: the next lower order
+    tolerance: float  #: the next looser tolerance, or step
+    basis: float | None  #: the scene's basis; None: it is this, or Legendre polynomials are impossible
+    pieces: float | None  #: its beams in pieces; None: no strain jumps
+    poorer: dict[str, str]  #: labels of those other runs
 
     @property
     def uncertainty(self) -> float:

@@ -1,16 +1,12 @@
 """The decisions of `economize`, a class for each: modes, order, rotary inertia, Gauss points.
 
-A new decision is a class here, named in DECISIONS. An optional part of a link, such as friction in its joint, is a
-LinkFeature: it says which links have it, and returns such a link without it. The descent then tries to leave it out,
-the table has a row for it, and the saved scene lacks it. The indicators estimate the error of leaving it out from
-forces at an instant. For a part without such a force at rest, such as dry friction, `poorer` returns nothing.
+A new decision is a class here, named in DECISIONS. The indicators estimate its error from forces at an instant; for a
+part without such a force at rest `poorer` returns nothing.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -18,7 +14,6 @@ import numpy as np
 
 from ..arm.arm import Arm
 from ..model.parts.beam import STRAINS
-from ..model.parts.link import Link
 from .models import ORDERS, Model, Models, lowest_order
 from .trials import OutOfTime, Run, Trials
 
@@ -40,45 +35,29 @@ def keys(arm: Arm) -> list[tuple[int, int, int]]:
 
 @dataclass
 class Evidence:
-    """Results that decisions use, and the decisions.
+    """Results that decisions use, and the decisions."""
 
-    Attributes:
-        trials: runs of the models. tol: the tolerance.
-        base: the scene's own model without coordinates that symmetry keeps at rest. reference, check: rich runs. lean:
-            the choice, with all output times and the chosen integrator. judge: run from which the descent takes errors:
-            the reference, or, if strains jump, its beams in pieces.
-        share: estimated contribution of each coordinate of the enriched model to the quantity. by_order: estimated
-            error by order. lacking: by name, that of leaving out another part of the model.
-        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
-            sections against its base, the largest (rad). first_frequency: rad/s.
-        sizes: change of the quantity by each coordinate of the reference.
-        refused: reductions that were tried. dormant: by link, strains that are not excited.
-        off: error of the lean run against the check. gap: between reference and check.
-        settings: runs of the lean model with other integrators.
-        reasons: why the plan is not certified. notes: limits of the check.
-    """
-
-    trials: Trials
-    tol: float
-    base: Run
-    reference: Run = field(init=False)
-    judge: Run = field(init=False)
-    lean: Run = field(init=False)
-    check: Run | None = None
-    share: Sizes = field(default_factory=dict)
-    by_order: dict[int | str, float] = field(default_factory=dict)
-    lacking: dict[str, float] = field(default_factory=dict)
-    spin: dict[int, float] = field(default_factory=dict)
-    rotation: dict[int, float] = field(default_factory=dict)
-    first_frequency: float = np.nan
-    sizes: Sizes = field(default_factory=dict)
-    refused: set[tuple[Any, ...]] = field(default_factory=set)
-    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
-    off: float = np.inf
-    gap: float = np.inf
-    settings: list[Run] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    trials: Trials  #: runs of the models
+    tol: float  #: the tolerance
+    base: Run  #: the scene's own model without coordinates that symmetry keeps at rest
+    reference: Run = field(init=False)  #: a rich run
+    judge: Run = field(init=False)  #: from which the descent takes errors: the reference, or its beams in pieces
+    lean: Run = field(init=False)  #: the choice, with all output times and the chosen integrator
+    check: Run | None = None  #: a richer run, from which the final error is taken
+    share: Sizes = field(default_factory=dict)  #: estimated contribution of each coordinate of the enriched model
+    by_order: dict[int | str, float] = field(default_factory=dict)  #: estimated error by order
+    lacking: dict[str, float] = field(default_factory=dict)  #: by name, that of leaving out another part
+    spin: dict[int, float] = field(default_factory=dict)  #: by link, its angular rate over the first frequency
+    rotation: dict[int, float] = field(default_factory=dict)  #: by link, of its sections against its base (rad)
+    first_frequency: float = np.nan  #: joints locked (rad/s)
+    sizes: Sizes = field(default_factory=dict)  #: change of the quantity by each coordinate of the reference
+    refused: set[tuple[Any, ...]] = field(default_factory=set)  #: reductions that were tried
+    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)  #: by link, strains that are not excited
+    off: float = np.inf  #: error of the lean run against the check
+    gap: float = np.inf  #: between reference and check
+    settings: list[Run] = field(default_factory=list)  #: runs of the lean model with other integrators
+    reasons: list[str] = field(default_factory=list)  #: why the plan is not certified
+    notes: list[str] = field(default_factory=list)  #: limits of the check
 
     def __post_init__(self) -> None:
         self.reference = self.judge = self.lean = self.base
@@ -155,9 +134,6 @@ class Choice:
     time: float | None
     inside: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        return dict(self.__dict__)
-
 
 class Reduction(NamedTuple):
     """A reduction of a model, its estimated error, and the function that makes it."""
@@ -169,10 +145,6 @@ class Reduction(NamedTuple):
 
 class Decision:
     """A decision that is taken for each group of equal links."""
-
-    def groups(self, models: Models) -> list[list[int]]:
-        """The groups of links for which it is decided."""
-        return models.groups
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
@@ -261,35 +233,23 @@ class Order(Decision):
             yield Choice(where, "order", str(beam.order), now, ESTIMATE, more, False)
 
 
-class Switch(Decision):
-    """A part of the model that is included or not.
+class RotaryInertia(Decision):
+    """Rotary inertia of a beam's slices. Torsion and shear need it."""
 
-    Attributes:
-        name: its name in the table.
-    """
-
-    name: str
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        raise NotImplementedError
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        """The model with this part (on), or without."""
-        raise NotImplementedError
+    name = "rotary inertia"
 
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
-        links = [k for group in self.groups(models) for k in group]
-        return {self.name: self.switched(model, links, False)} if links else {}
+        return {self.name: model.but(rotary=False)}
 
     def reductions(self, evidence: Evidence, model: Model, group: list[int]) -> Iterator[Reduction]:
-        if self.inside(model, group):
+        if model.beam(group[0]).rotary:
             about = min(evidence.lacking.get(self.name, math.inf), evidence.tol)
-            yield Reduction((self.name, group[0]), about, partial(self.switched, group=group, on=False))
+            yield Reduction((self.name, group[0]), about, partial(Model.but, links=group, rotary=False))
 
     def rows(self, evidence: Evidence, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, estimate = evidence.lean.model, evidence.trials.share, evidence.lacking.get(self.name, math.inf)
-        inside = self.inside(model, group)
-        other = self.switched(model, group, not inside)
+        inside = model.beam(group[0]).rotary
+        other = model.but(group, rotary=not inside)
         if inside:
             error, how = evidence.without(other, estimate)
             yield Choice(where, self.name, "yes", error, how, share(model, other), True)
@@ -299,39 +259,6 @@ class Switch(Decision):
             now, then = evidence.known(model), evidence.known(other)
             lost = None if now is None or then is None else abs(now - then)
             yield Choice(where, self.name, "no", lost, ALONE if lost is None else RUN, share(other, model), False)
-
-
-class RotaryInertia(Switch):
-    """Rotary inertia of a beam's slices. Torsion and shear need it."""
-
-    name = "rotary inertia"
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        return model.beam(group[0]).rotary
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        return model.but(group, rotary=on)
-
-
-class LinkFeature(Switch):
-    """An optional part of a link, with or without a beam."""
-
-    def has(self, link: Link) -> bool:
-        raise NotImplementedError
-
-    def leave_out(self, link: Link) -> Link:
-        """The link without this part."""
-        raise NotImplementedError
-
-    def groups(self, models: Models) -> list[list[int]]:
-        return [[k] for k, link in enumerate(models.scene.arm.links) if self.has(link)]
-
-    def inside(self, model: Model, group: list[int]) -> bool:
-        return (group[0], self) not in model.without
-
-    def switched(self, model: Model, group: list[int], on: bool) -> Model:
-        these = {(k, self) for k in group}
-        return replace(model, without=model.without - these if on else model.without | these)
 
 
 class GaussPoints(Decision):

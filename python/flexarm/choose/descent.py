@@ -1,8 +1,6 @@
 """Steps of a negligible error; and the descent from a rich model to the cheapest one within the tolerance: models and
 integrators, verified by runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -172,8 +170,8 @@ class Descent:
 
     def reductions(self, model: Model) -> list[Reduction]:
         """Reductions that save time and were not refused, by rising estimated error."""
-        places = [(decision, group) for decision in DECISIONS for group in decision.groups(self.models)]
-        known = [x for decision, group in places for x in decision.reductions(self.evidence, model, group)]
+        known = [x for decision in DECISIONS for group in self.models.groups
+                 for x in decision.reductions(self.evidence, model, group)]
         left = [x for x in known if x.error <= _HOPELESS * self.tol and x.name not in self.evidence.refused]
         return sorted(left, key=lambda x: x.error)
 

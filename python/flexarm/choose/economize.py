@@ -1,20 +1,19 @@
 """The cheapest model of a scene whose error stays below a tolerance: `economize`, `flexarm economize`."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._check import number, outside, positive
+from .._check import between, outside, positive
 from .._console import aligned, progress_bar, seconds
 from ..analysis.findings import RangeWarning, RunWarning
 from ..arm.arm import Arm
+from ..data.draw.style import Figure
 from ..data.draw.tradeoff import Point, Trial, plot_trials
 from ..model.acting.load import driven_forces
 from ..model.acting.sampled import Sampled
@@ -28,9 +27,6 @@ from .measures import Measure
 from .models import Model, read_scene
 from .states import embed, restated
 from .trials import Budget, OutOfTime, Run, setting_words, silent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(repr=False)
@@ -169,7 +165,7 @@ class ModelPlan:
             "coordinates": {"given": self.given.arm.nv, "lean": self.arm.nv, "rich": self.rich.arm.nv},
             "options": self.scene.options,
             "evaluation": speed_of(self._found),
-            "choices": [c.to_dict() for c in self.choices],
+            "choices": [vars(c) for c in self.choices],
         }
 
 
@@ -297,10 +293,10 @@ def choices_of(evidence: Evidence) -> list[Choice]:
     """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
     model = evidence.lean.model
     rows: list[Choice] = []
-    about = [(group, decision) for decision in DECISIONS for group in decision.groups(evidence.models)]
-    for group, decision in sorted(about, key=lambda pair: pair[0][0]):
+    for group in evidence.models.groups:
         where = evidence.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
-        rows += decision.rows(evidence, where, group)
+        for decision in DECISIONS:
+            rows += decision.rows(evidence, where, group)
     method = Choice("arm", "method", "ab", None, "the same motion", evidence.trials.share(model, model, "ci"), True)
     tried = sorted(evidence.settings, key=lambda run: (run.values is None, run.time))
     return [*rows, *_planes(evidence, rows), method, *(_setting(evidence, trial) for trial in tried)]
@@ -343,18 +339,6 @@ def speed_of(evidence: Evidence) -> dict[str, dict[str, float | int]]:
 # -- deciding ----------------------------------------------------------------------------------------------------------
 
 
-def _checked(tolerance: float, atol: float | None, budget: float | None) -> float:
-    if budget is not None:
-        positive("budget", budget, "s; None: no limit")
-    if atol is not None:
-        return positive("atol", atol, "in the quantity's unit")
-    if not 0 < number("tolerance", tolerance) < 1:
-        raise ValueError(
-            f"tolerance = {tolerance}: must be between 0 and 1, as a share of the quantity's span; absolute: atol="
-        )
-    return tolerance
-
-
 def economize(
     scene: Scene | str | Path,
     tolerance: float = 1e-3,
@@ -389,7 +373,12 @@ def economize(
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
-    limit = _checked(tolerance, atol, budget)
+    if budget is not None:
+        positive("budget", budget, "s; None: no limit")
+    if atol is not None:
+        limit = positive("atol", atol, "in the quantity's unit")
+    else:
+        limit = between("tolerance", tolerance, 0, 1, ", as a share of the quantity's span; absolute: atol=")
     scene = read_scene(scene)
     scene.arm.refuse_rubbing("economize: scene.arm")
     measure = Measure(scene, quantity, atol)

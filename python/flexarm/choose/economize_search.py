@@ -1,7 +1,5 @@
 """The search of `economize`: indicators first, then models verified by simulation, then an independent check."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -7,8 +7,6 @@ of the excitation, estimates the error of leaving them out. The cost is one inve
 integration of small matrices: less than a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The compared quantity of runs: times of comparison, values along a run, distances, sensitivity to coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -36,21 +36,13 @@ def read_scene(scene: Scene | str | Path) -> Scene:
 
 @dataclass(frozen=True)
 class BeamModel:
-    """The model of one beam.
+    """The model of one beam."""
 
-    Attributes:
-        counts: shape functions of each of STRAINS; all zero: rigid.
-        order: of the rotation of its sections.
-        rotary: whether its slices have rotary inertia.
-        gauss: its Gauss points; None: as many as its basis asks for.
-        basis: of its shape functions; None: the scene's.
-    """
-
-    counts: tuple[int, ...]
-    order: int | str
-    rotary: bool
-    gauss: int | None = None
-    basis: str | None = None
+    counts: tuple[int, ...]  #: shape functions of each of STRAINS; all zero: rigid
+    order: int | str  #: of the rotation of its sections
+    rotary: bool  #: whether its slices have rotary inertia
+    gauss: int | None = None  #: its Gauss points; None: as many as its basis asks for
+    basis: str | None = None  #: of its shape functions; None: the scene's
 
     def __post_init__(self) -> None:
         if self.rigid:  # all orders of a rigid beam are the same
@@ -76,20 +68,11 @@ class BeamModel:
 
 @dataclass(frozen=True)
 class Model:
-    """The model of a scene's arm.
+    """The model of a scene's arm."""
 
-    Attributes:
-        beams: the model of each link's beam; None if it has no beam.
-        without: the (link, `LinkFeature`) that are left out.
-        pieces: whether its beams are cut where their strains jump; each piece has a few more modes than the beam has
-            over that length.
-        shift: number of modes of each strain above (below) the scene's, if all beams are changed alike.
-    """
-
-    beams: tuple[BeamModel | None, ...]
-    without: frozenset[tuple[int, Any]] = frozenset()
-    pieces: bool = False
-    shift: int = field(default=0, compare=False)
+    beams: tuple[BeamModel | None, ...]  #: the model of each link's beam; None if it has no beam
+    pieces: bool = False  #: whether its beams are cut where their strains jump, each piece with a few modes more
+    shift: int = field(default=0, compare=False)  #: modes of each strain above the scene's, if all beams are alike
 
     def each(self, change: Callable[[int, BeamModel], BeamModel]) -> Model:
         """The model with each beam changed by `change`: (link, beam model) -> beam model."""
@@ -312,14 +295,10 @@ class Models:
             made: dict[Any, Link] = {}
             links = []
             for k, (link, beam) in enumerate(zip(self.scene.arm.links, model.beams, strict=True)):
-                left = frozenset(feature for at, feature in model.without if at == k)
-                key = id(link), beam, left
-                if key not in made:
+                if (key := (id(link), beam)) not in made:
                     made[key] = link
                     if link.beam is not None and beam is not None and beam != self.given.beams[k]:
                         made[key] = replace(link, beam=beam_at(link.beam, beam, link.tip))
-                    for feature in left:
-                        made[key] = feature.leave_out(made[key])
                 links.append(made[key])
             whole = self.scene.arm
             self._arms[model] = Arm(links, whole.gravity, whole.struts, whole.contacts)
@@ -361,9 +340,6 @@ class Models:
         for group in self.groups:
             name = self.scene.arm.names[group[0]] + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
             parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + model.beam(group[0]).label)
-        for feature in sorted({feature.name for _, feature in model.without}):
-            whose = [self.scene.arm.names[k] for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature]
-            parts.append(f"no {feature}" + (f" of {', '.join(whose)}" if len(self.given.beams) > 1 else ""))
         if model.pieces:
             parts.append(f"in pieces, cut at {self.cuts}")
         return "; ".join(parts) or "the rigid arm"

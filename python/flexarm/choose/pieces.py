@@ -77,18 +77,12 @@ def _piece_at(starts: Sequence[float], x: float) -> int:
 
 @dataclass(eq=False)
 class Pieces:
-    """The links of an arm cut into pieces, with the map from each link to its pieces.
+    """The links of an arm cut into pieces, with the map from each link to its pieces."""
 
-    Attributes:
-        whole: the arm with whole beams. arm: the same in pieces.
-        first: by link of the whole arm, its first piece. starts: by link, where its pieces begin (m).
-        parts: by link, its pieces, and where they begin.
-    """
-
-    whole: Arm
-    arm: Arm
-    first: list[int]
-    starts: list[list[float]]
+    whole: Arm  #: the arm with whole beams
+    arm: Arm  #: the same in pieces
+    first: list[int]  #: by link of the whole arm, its first piece
+    starts: list[list[float]]  #: by link, where its pieces begin (m)
 
     @classmethod
     def of(cls, whole: Arm, places: Mapping[int, Sequence[float]]) -> Pieces:

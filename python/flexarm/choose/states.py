@@ -1,7 +1,5 @@
 """States of one model of an arm in the coordinates of another, and the initial state of a scene's models."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,8 +1,6 @@
 """Integrators and their settings to try, from loose to tight; timed runs of a scene's models within a budget of wall
 time, each of which is made once."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Sequence
@@ -142,41 +140,25 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
 
 @dataclass(eq=False)
 class Run:
-    """A run of a model with a setting, or the record of a failed or skipped one.
-
-    Attributes:
-        model: the model.
-        options: the arguments of `simulate`.
-        choice: the chart line of its integrator, a key of LINES.
-        whole: whether it had all output times of the scene, or only the times of comparison.
-        status: "ok", "failed", "skipped" (not begun) or "cut" (given up); `reason` says why.
-        time: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut.
-        steps, evaluations: of the integrator; `halved` counts steps that were halved.
-        warning: messages of RangeWarning, if a beam bent beyond the range of its order.
-        error: in a chart, the largest distance from the truth over the quantity's span; None if unknown.
-        absolute: the same by unit, such as {"m": 1e-5}.
-        values: the compared quantity at the times of comparison; None if the run failed.
-        full: for a kept whole run, the quantity at all output times of the scene and those of comparison.
-        result: at the times of comparison, if kept.
-    """
+    """A run of a model with a setting, or the record of a failed or skipped one."""
 
     model: Model
-    options: dict[str, Any]
-    choice: str = ""
-    whole: bool = False
-    status: str = "ok"
-    reason: str = ""
-    time: float = 0.0
+    options: dict[str, Any]  #: the arguments of `simulate`
+    choice: str = ""  #: the chart line of its integrator, a key of LINES
+    whole: bool = False  #: whether at all output times of the scene, or only at those of comparison
+    status: str = "ok"  #: "ok", "failed", "skipped" (not begun) or "cut" (given up)
+    reason: str = ""  #: of a status that is not ok
+    time: float = 0.0  #: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut
     runs: int = 0
     steps: int = 0
     evaluations: int = 0
-    halved: int = 0
-    warning: str = ""
-    error: float | None = None
-    absolute: dict[str, float] = field(default_factory=dict)
-    values: dict[str, Array] | None = field(default=None, repr=False)
-    full: dict[str, Array] | None = field(default=None, repr=False)
-    result: Result | None = field(default=None, repr=False)
+    halved: int = 0  #: steps that were
+    warning: str = ""  #: messages of RangeWarning, if a beam bent beyond the range of its order
+    error: float | None = None  #: in a chart, the largest distance from the truth over the span; None: unknown
+    absolute: dict[str, float] = field(default_factory=dict)  #: the same by unit, such as {"m": 1e-5}
+    values: dict[str, Array] | None = field(default=None, repr=False)  #: where runs are compared; None: it failed
+    full: dict[str, Array] | None = field(default=None, repr=False)  #: of a kept whole run, at all output times, too
+    result: Result | None = field(default=None, repr=False)  #: where runs are compared, if kept
 
     @property
     def key(self) -> Any:

@@ -1,7 +1,5 @@
 """`flexarm batch SCENE SWEEP`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 import functools
 from typing import Any

@@ -1,7 +1,5 @@
 """`flexarm chart SCENE`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 
 from .._console import complain

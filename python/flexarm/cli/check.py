@@ -1,7 +1,5 @@
 """`flexarm check SCENE`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 

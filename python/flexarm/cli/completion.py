@@ -1,7 +1,5 @@
 """`flexarm completion SHELL`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -69,15 +67,9 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The completion of a parser for a shell.
+    """The completion of a parser for a shell."""
+    import shtab
 
-    Raises:
-        ValueError: shtab, which writes it, is not installed.
-    """
-    try:
-        import shtab
-    except ImportError:
-        raise ValueError("flexarm completion needs shtab: pip install shtab") from None
     known = _completers()
     for action in _actions(parser):
         if action.metavar in known:

@@ -1,7 +1,5 @@
 """`flexarm examples`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """`flexarm identify SCENE DATA.csv ...`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -6,8 +6,6 @@ Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simu
 TEXT for --help, `arguments(parser)`, which adds its arguments, and `run(args)`, which returns the exit code.
 """
 
-from __future__ import annotations
-
 import argparse
 import errno
 import sys

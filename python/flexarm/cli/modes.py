@@ -1,7 +1,5 @@
 """`flexarm modes SCENE`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..analysis.modes import Modes
-from ..analysis.printed import modes_table
 from ..model.acting.drive import Motion
 from ..run.scene.scene import Scene
 from ..run.start import state
@@ -88,5 +85,5 @@ def run(args: argparse.Namespace) -> int:
         "coordinates": list(scene.arm.coordinates),
         "modes": [_mode(modes, k) for k in range(min(args.count, len(modes.frequencies)))],
     }  # fmt: skip
-    options.told(args, about, f"{scene.name}: {spin}{held}", modes_table(modes, args.count), *unstable)
+    options.told(args, about, f"{scene.name}: {spin}{held}", modes._table(args.count), *unstable)
     return 0

@@ -1,7 +1,5 @@
 """`flexarm run SCENE`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

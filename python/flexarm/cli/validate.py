@@ -1,7 +1,5 @@
 """`flexarm validate RIG`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 
 from .._console import complain

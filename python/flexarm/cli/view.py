@@ -1,7 +1,5 @@
 """`flexarm view SCENE|RUN`: its options and its output."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

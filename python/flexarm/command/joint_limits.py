@@ -109,16 +109,12 @@ def _numbers(field: str, value: Any) -> Array:
 
 @dataclass(frozen=True)
 class Driven:
-    """The joint coordinates of an arm, all of which are driven.
+    """The joint coordinates of an arm, all of which are driven."""
 
-    Attributes:
-        rates: their indices in v. at: in q. elastic, elastic_at: of the others. names, units: of the joints.
-    """
-
-    rates: Indices
-    at: Indices
-    elastic: Indices
-    elastic_at: Indices
+    rates: Indices  #: their indices in v
+    at: Indices  #: in q
+    elastic: Indices  #: of the others, in v
+    elastic_at: Indices  #: in q
     names: list[str]
     units: list[str]
 
@@ -138,18 +134,13 @@ class Driven:
 
 @dataclass(frozen=True)
 class Limits:
-    """Largest absolute values for each joint, (nj,); inf where there is none.
-
-    Attributes:
-        torque, speed, acceleration, jerk: as given.
-        middle, reach: a joint's range between its stops: `middle` plus and minus `reach`.
-    """
+    """Largest absolute values for each joint, (nj,); inf where there is none."""
 
     torque: Array
     speed: Array
     acceleration: Array
     jerk: Array
-    middle: Array
+    middle: Array  #: of a joint's range between its stops, `middle` plus and minus `reach`
     reach: Array
 
     @staticmethod

@@ -1,7 +1,5 @@
 """Simulated against measured columns, in numbers and as a figure."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass

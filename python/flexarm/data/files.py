@@ -1,7 +1,5 @@
 """Tables of columns in files of HDF5, MATLAB and NumPy: written with their units, and read, whoever wrote them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Data from files and data frames, checked."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """Signals over time: their values at other times, and by how much one comes later than another."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
@@ -37,6 +35,17 @@ def gaps(t: Array) -> Array:
     steps = np.diff(t)
     at = np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) else np.empty(0, int)
     return np.column_stack([t[at], steps[at]]) if len(at) else np.empty((0, 2))
+
+
+def last_above(t: Array, y: Array, level: float) -> float:
+    """The time after which |y| stays below a level, between two samples by a straight line; nan if it does not."""
+    k = np.flatnonzero(np.abs(y) > level)
+    if not k.size:
+        return float(t[0])
+    if k[-1] + 1 == len(t):
+        return float("nan")
+    a, b = np.abs(y[k[-1] : k[-1] + 2])
+    return float(t[k[-1]] + (a - level) / (a - b) * (t[k[-1] + 1] - t[k[-1]]))
 
 
 def at_times(t: Array, y: Array, new: Array, method: str) -> Array:

@@ -1,7 +1,5 @@
 """Tables in text files: any of the common separators, decimal points or commas, headings, comments."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io
@@ -20,17 +18,12 @@ _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM
 
 
 class Table(NamedTuple):
-    """Columns of cells as they stand in a file, or of numbers (n, k), under their headings.
-
-    Attributes:
-        units: from a line of their own below the headings; None without one.
-        lines: the line of the file that each row stands in, from 1.
-    """
+    """Columns of cells as they stand in a file, or of numbers (n, k), under their headings."""
 
     headings: list[str]
-    units: list[str] | None
+    units: list[str] | None  #: of a line of their own below the headings; None without one
     cells: Array | list[tuple[str, ...]]
-    lines: list[int]
+    lines: list[int]  #: that each row stands in, from 1
 
     def column(self, k: int, name: str) -> Array:
         """Column k in numbers, nan where there is none. ValueError if a cell is no number."""

@@ -1,7 +1,5 @@
 """Units of columns: their values in SI, and their place in a heading."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The linear loop of an arm and its controllers: poles, zeros, modes, margins."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -10,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, instance, not_negative, number, positive, whole
+from .._check import Array, array, between, choice, instance, not_negative, number, positive, whole
 from .._console import aligned
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.linear import forces_of, rows_of, state_space
@@ -346,8 +344,7 @@ class ClosedLoop:
             ValueError: no such gains; then with the best that were found, and a bandwidth that is within reach.
         """
         w, gain = positive("bandwidth", bandwidth, "rad/s"), number("gain_margin", gain_margin)
-        if not 0.0 < number("phase_margin", phase_margin) < np.pi:
-            raise ValueError(f"phase_margin = {phase_margin!r}: must be from 0 to pi rad (60 degrees are 1.05)")
+        between("phase_margin", phase_margin, 0, np.pi, " rad (60 degrees are 1.05)")
         if not gain > 1.0:
             raise ValueError(f"gain_margin = {gain_margin!r}: must be a factor above 1")
         if self.period is not None and not w < np.pi / self.period:

@@ -5,8 +5,6 @@ Loan, IEEE Trans. Automatic Control 23 (1978), 395-404; delay: K. J. Astrom and 
 Systems, 1997, ch. 3.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

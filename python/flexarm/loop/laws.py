@@ -1,7 +1,5 @@
 """Controllers as the linear laws that they are, or are about a state."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Poles over a parameter, and the range in which a loop is stable."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

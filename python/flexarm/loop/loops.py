@@ -1,8 +1,6 @@
 """Whether a run grew because of a control loop: the linear loop at the start of the run, looked at when a run fails, or
 has grown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Frequency response of a loop gain, and how far it is from instability."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

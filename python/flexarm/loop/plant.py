@@ -1,7 +1,5 @@
 """The plant of control loops: the arm about a state."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,14 +1,12 @@
 """Positive position feedback and integral resonant control of one mode, chosen by the arm's linear model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import instance, number, whole
+from .._check import between, instance, whole
 from ..analysis.equilibrium import equilibrium
 from ..analysis.modes import small_motions
 from ..model.acting.compensators import IRC, PPF
@@ -20,21 +18,22 @@ _OPPOSITE = 1e-3  # parts of the largest share that one of the other sign may be
 
 
 class _Seen(NamedTuple):
-    """A mode as one actuator and one measurement see it: its frequency (rad/s), its share of the static y by u, and the
-    whole of that; and y at rest."""
+    """A mode as one actuator and one measurement see it: its frequency (rad/s), its part of the loop's static gain, the
+    static y by u, and y at rest."""
 
     frequency: float
-    share: float
+    own: float
     static: float
     y: float
 
 
 def _seen(
     arm: Chain, q: ArrayLike | None, measure: Sequence[Any], actuate: Sequence[Any], lock: Iterable[Any] | None,
-    mode: int | None,
+    mode: int | None, share: float,
 ) -> _Seen:  # fmt: skip
     """Raises ValueError where no gain is known to be stable, or the mode is not there."""
     instance("arm", arm, Chain, "an Arm")
+    between("share", share, 0, 1, ", where the loop is unstable")
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:
             raise ValueError(f"{name} = {value!r}: must be a list of one entry")
@@ -70,14 +69,7 @@ def _seen(
         chosen = int(order[mode])
     if abs(shares[chosen]) < 1e-9 * largest:
         raise ValueError(f"mode = {mode}: is not reached by actuate, or not seen by measure")
-    return _Seen(float(w2[chosen]) ** 0.5, float(shares[chosen]), static, float(row @ at))
-
-
-def _share(share: Any) -> float:
-    found = number("share", share)
-    if not 0.0 < found < 1.0:
-        raise ValueError(f"share = {share}: must be above 0 and below 1, where the loop is unstable")
-    return found
+    return _Seen(float(w2[chosen]) ** 0.5, share * float(shares[chosen]) / static, static, float(row @ at))
 
 
 def ppf(
@@ -103,11 +95,10 @@ def ppf(
     Raises:
         ValueError: measure and actuate that are not collocated, a mode that is not seen, a motion that nothing holds.
     """
-    seen, part = _seen(arm, q, measure, actuate, lock, mode), _share(share)
-    own = part * seen.share / seen.static
-    gain = part / seen.static / (1.0 if motor is None else motor.gain)
-    return PPF(seen.frequency / (1.0 - own) ** 0.5, own**0.5, gain, measure=measure, actuate=actuate, rate=rate,
-               reference=seen.y, delay=delay, limit=limit, motor=motor)  # fmt: skip
+    seen = _seen(arm, q, measure, actuate, lock, mode, share)
+    gain = share / seen.static / (1.0 if motor is None else motor.gain)
+    return PPF(seen.frequency / (1.0 - seen.own) ** 0.5, seen.own**0.5, gain, measure=measure, actuate=actuate,
+               rate=rate, reference=seen.y, delay=delay, limit=limit, motor=motor)  # fmt: skip
 
 
 def irc(
@@ -128,10 +119,9 @@ def irc(
     Raises:
         ValueError: as of `fa.ppf`.
     """
-    seen, part = _seen(arm, q, measure, actuate, lock, mode), _share(share)
-    own = part * seen.share / seen.static
-    feedthrough = seen.static / part
-    gain = seen.frequency / (1.0 - own) ** 0.25 / feedthrough
+    seen = _seen(arm, q, measure, actuate, lock, mode, share)
+    feedthrough = seen.static / share
+    gain = seen.frequency / (1.0 - seen.own) ** 0.25 / feedthrough
     per = 1.0 if motor is None else motor.gain
     return IRC(gain / per, feedthrough * per, measure=measure, actuate=actuate, rate=rate, reference=seen.y,
                delay=delay, limit=limit, motor=motor)  # fmt: skip

@@ -1,7 +1,5 @@
 """Gains of a control loop: a map of which are stable, and those for a wanted bandwidth with its margins."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """From a robot's file, as a tree of bodies, to the links of an arm."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

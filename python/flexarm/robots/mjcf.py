@@ -1,7 +1,5 @@
 """MJCF files to trees, by MuJoCo's own compiler."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 from typing import Any

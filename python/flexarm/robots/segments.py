@@ -1,7 +1,5 @@
 """An arm with its beams cut into rigid segments on springs, for programs without beams."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,22 +23,14 @@ _COUNT, _TERMS = 3, 3  # fitted frequencies; Legendre polynomials of the springs
 
 @dataclass(frozen=True)
 class Segmented:
-    """An arm of rigid links, and its comparison with the arm that it approximates.
+    """An arm of rigid links, and its comparison with the arm that it approximates."""
 
-    Attributes:
-        arm: its links; the links of a beam's segments follow the link itself.
-        of: for each of its links, the link of the first arm that it belongs to.
-        frequencies, wanted: the lowest (rad/s) of this arm and of the first, all joints locked, without gravity.
-        ends: its links that carry no other on their end, where a beam's last segment is.
-        left_out: features of the first arm that this one does not have.
-    """
-
-    arm: Chain
-    of: tuple[int, ...]
-    frequencies: Array
-    wanted: Array
-    ends: tuple[int, ...]
-    left_out: tuple[str, ...] = ()
+    arm: Chain  #: its links; those of a beam's segments follow the link itself
+    of: tuple[int, ...]  #: for each of its links, the link of the first arm that it belongs to
+    frequencies: Array  #: the lowest (rad/s), all joints locked, without gravity
+    wanted: Array  #: those of the first arm
+    ends: tuple[int, ...]  #: its links that carry no other on their end, where a beam's last segment is
+    left_out: tuple[str, ...] = ()  #: features of the first arm that this one does not have
 
     @property
     def names(self) -> tuple[str, ...]:

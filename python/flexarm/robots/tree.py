@@ -99,27 +99,18 @@ def realisable(body: Mass) -> Mass:
 
 @dataclass(frozen=True)
 class TreeJoint:
-    """A joint of the tree.
-
-    Attributes:
-        kind: "fixed", "revolute", "prismatic", "planar", "spherical" or "free", as of fa.Joint; or what else the file
-            has, which is not supported.
-        origin: its frame in the parent's frame; `axis`, of the kinds that have one, is in the axes of this frame.
-        outboard: the child's frame, in the joint's moving axes.
-        springs: arguments of fa.Joint: stiffness, rest, damping, coulomb, reflected_inertia.
-        lower, upper: its limits (rad, m), or None. Of a ball, `upper` is the largest angle of its turn.
-    """
+    """A joint of the tree."""
 
     name: str
-    kind: str
+    kind: str  #: "fixed", "revolute", ... as of fa.Joint; or what else the file has, not supported
     parent: str
     child: str
-    origin: Pose = field(default_factory=Pose)
-    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    outboard: Pose = field(default_factory=Pose)
-    springs: dict[str, float] = field(default_factory=dict)
-    lower: float | None = None
-    upper: float | None = None
+    origin: Pose = field(default_factory=Pose)  #: its frame in the parent's frame
+    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  #: in the axes of `origin`
+    outboard: Pose = field(default_factory=Pose)  #: the child's frame, in the joint's moving axes
+    springs: dict[str, float] = field(default_factory=dict)  #: arguments of fa.Joint, from stiffness on
+    lower: float | None = None  #: limit (rad, m), or None
+    upper: float | None = None  #: likewise; of a ball, the largest angle of its turn
 
     @property
     def moves(self) -> bool:

@@ -1,7 +1,5 @@
 """URDF files to trees, with the looks of their links."""
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence

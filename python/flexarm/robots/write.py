@@ -1,7 +1,5 @@
 """Arms as MJCF and URDF files: Arm.to_mjcf and Arm.to_urdf."""
 
-from __future__ import annotations
-
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence

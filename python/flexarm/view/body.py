@@ -4,8 +4,6 @@ A node is a frame that moves with the arm: the world (node 0), each link's own f
 loads act. Browser and matplotlib draw the same Body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

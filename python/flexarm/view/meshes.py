@@ -1,7 +1,5 @@
 """Meshes of files, as triangles in the axes of a link, simplified for a picture or a page."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Sequence

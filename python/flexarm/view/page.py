@@ -1,7 +1,5 @@
 """One HTML file that holds everything: three.js, our viewer, and the frames as 16-bit numbers."""
 
-from __future__ import annotations
-
 import base64
 import html
 import json

@@ -1,7 +1,5 @@
 """The parts that browser and matplotlib share, apart from bodies and tracks: camera, colours, strain at the surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

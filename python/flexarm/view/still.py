@@ -1,7 +1,5 @@
 """The same picture by matplotlib, without a display: faces in perspective, the far ones first."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The motion of an arm's nodes over time, at as many frames as a smooth curve needs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,28 +20,18 @@ _TOLERANCE = 3e-4  # of the arm's length, between frames
 
 @dataclass
 class Track:
-    """One arm over time.
+    """One arm over time."""
 
-    Attributes:
-        body: the drawn shapes.
-        t: times of the frames (s), (nt,).
-        position: of the nodes, world axes (m), (nt, n, 3). quaternion: x, y, z, w, (nt, n, 4), without jumps of sign.
-        strain: eps, K2, K3 (1/m) of the slices, not magnified, (nt, n, 3); zero elsewhere.
-        force, moment: of the loads, world axes (N, N m), (nt, n, 3).
-        error: largest distance of the curve through the frames from the rows between them (m).
-        title: text above the arm. gravity: world axes (m/s^2).
-    """
-
-    body: Body
-    t: Array
-    position: Array
-    quaternion: Array
-    strain: Array
-    force: Array
-    moment: Array
-    error: float
-    title: str
-    gravity: Array
+    body: Body  #: the drawn shapes
+    t: Array  #: of the frames (s), (nt,)
+    position: Array  #: of the nodes, world axes (m), (nt, n, 3)
+    quaternion: Array  #: x, y, z, w, (nt, n, 4), without jumps of sign
+    strain: Array  #: eps, K2, K3 (1/m) of the slices, not magnified, (nt, n, 3); zero elsewhere
+    force: Array  #: of the loads, world axes (N), (nt, n, 3)
+    moment: Array  #: likewise (N m)
+    error: float  #: largest distance of the curve through the frames from the rows between them (m)
+    title: str  #: text above the arm
+    gravity: Array  #: world axes (m/s^2)
 
     @cached_property
     def _curve(self) -> Callable[[Any], Array]:

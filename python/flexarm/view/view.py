@@ -1,7 +1,5 @@
 """Views: an arm in 3-D, still or in motion, as a page for a browser or a notebook, a picture, or a film."""
 
-from __future__ import annotations
-
 import html
 import os
 import sys

@@ -4,8 +4,6 @@ Hub inertia, friction, drive gain and step are not published: bench/cli/identify
 results of PD control. Strain feedback is then a prediction, except its gain, which is not published either.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +13,7 @@ import numpy as np
 from ..._check import Array
 from ..._console import write_csv
 from ...arm.arm import Arm
+from ...data.signal import last_above
 from ...model.acting.control import StrainFeedback
 from ...model.acting.load import Load
 from ...model.acting.motor import Motor
@@ -56,38 +55,16 @@ def tip_acceleration(result: Result) -> Array:
 
 @dataclass(frozen=True)
 class Marks:
-    """The paper's measures of a step response, and a few more.
+    """The paper's measures of a step response, and a few more."""
 
-    Attributes:
-        rise: from 10 to 90 % of the step (s).
-        settling: time until the joint stays within BAND of the step (s); nan: not within the run.
-        overshoot: beyond the step (%).
-        ringing: largest acceleration of the tip in the last quarter of the run (m/s^2).
-        decay: of the tip's acceleration, its largest from 0.25 to 0.75 s against that from 1.25 to 1.75 s (1/s).
-        quiet: time until the tip's acceleration stays below QUIET (s); nan: not within the run.
-        held: time until the joint stands still (s).
-        error: of the joint at the end (%).
-    """
-
-    rise: float
-    settling: float
-    overshoot: float
-    ringing: float
-    decay: float
-    quiet: float
-    held: float
-    error: float
-
-
-def _last(t: Array, y: Array, level: float) -> float:
-    """The time after which |y| stays below a level; nan if it does not."""
-    k = np.flatnonzero(np.abs(y) > level)
-    if not k.size:
-        return float(t[0])
-    if k[-1] + 1 == len(t):
-        return float("nan")
-    a, b = np.abs(y[k[-1] : k[-1] + 2])
-    return float(t[k[-1]] + (a - level) / (a - b) * (t[k[-1] + 1] - t[k[-1]]))
+    rise: float  #: from 10 to 90 % of the step (s)
+    settling: float  #: until the joint stays within BAND of the step (s); nan: not within the run
+    overshoot: float  #: beyond the step (%)
+    ringing: float  #: largest acceleration of the tip in the last quarter of the run (m/s^2)
+    decay: float  #: of its largest acceleration from 0.25 to 0.75 s to that from 1.25 to 1.75 s (1/s)
+    quiet: float  #: until the tip's acceleration stays below QUIET (s); nan: not within the run
+    held: float  #: until the joint stands still (s)
+    error: float  #: of the joint at the end (%)
 
 
 def _crossing(t: Array, y: Array, level: float) -> float:
@@ -108,11 +85,11 @@ def marks(result: Result, step: float, band: float = BAND) -> Marks:
     early, late = _largest(t, a, 0.25, 0.75), _largest(t, a, 1.25, 1.75)
     return Marks(
         rise=_crossing(t, q, 0.9) - _crossing(t, q, 0.1),
-        settling=_last(t, q - 1.0, band),
+        settling=last_above(t, q - 1.0, band),
         overshoot=100.0 * (float(q.max()) - 1.0),
         ringing=_largest(t, a, 0.75 * t[-1], t[-1]),
         decay=float(np.log(early / late)) if early > 0 < late else float("nan"),
-        quiet=_last(t, a, QUIET),
+        quiet=last_above(t, a, QUIET),
         held=float(t[moving[-1]]) if moving.size else 0.0,
         error=100.0 * float(q[-1] - 1.0),
     )
@@ -149,19 +126,12 @@ def gauge_after_impact(arm: Arm, samples: int = SAMPLES) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Control:
-    """The results for Fig. 7, 12 and 13.
+    """The results for Fig. 7, 12 and 13."""
 
-    Attributes:
-        fine: spectra of the gauge over 8 s, by density (kg/m^3): bare steel, and with the added mass.
-        coarse: that of SAMPLES at RATE, with the added mass.
-        peaks: of `coarse`, the bins of its three highest (Hz).
-        runs, marks: by gain of the strain feedback: 0 (PD alone) and KS.
-    """
-
-    fine: dict[float, PowerSpectrum]
-    coarse: PowerSpectrum
-    peaks: Array
-    runs: dict[float, Result]
+    fine: dict[float, PowerSpectrum]  #: of the gauge over 8 s, by density (kg/m^3)
+    coarse: PowerSpectrum  #: of SAMPLES at RATE, with the added mass
+    peaks: Array  #: bins of the three highest of `coarse` (Hz)
+    runs: dict[float, Result]  #: by gain of the strain feedback: 0 (PD alone), KS
     marks: dict[float, Marks]
 
 

@@ -4,8 +4,6 @@ Everything comes from the scene "ist": the arm, its order-2 beam and the hub mot
 publish the hub motion it recorded; the scene's is reconstructed from its text and the axes of Fig. 9 and 10.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -41,39 +39,25 @@ RECONSTRUCTED = (
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Natural frequencies against hub speed (rad/s).
+    """Natural frequencies against hub speed (rad/s)."""
 
-    Attributes:
-        speeds: hub speeds of Fig. 8, (n,).
-        frequencies: by order, (n, 3).
-        wide_speeds: hub speeds to above the loss of mode 1 for order 1, (m,).
-        wide: frequency of mode 1 by order, (m,); nan after its loss.
-        loss: hub speed at which order 1 loses mode 1.
-    """
-
-    speeds: Array
-    frequencies: dict[int, Array]
-    wide_speeds: Array
-    wide: dict[int, Array]
-    loss: float
+    speeds: Array  #: of the hub, of Fig. 8, (n,)
+    frequencies: dict[int, Array]  #: by order, (n, 3)
+    wide_speeds: Array  #: to above the loss of mode 1 for order 1, (m,)
+    wide: dict[int, Array]  #: mode 1 by order, (m,); nan after its loss
+    loss: float  #: hub speed at which order 1 loses mode 1
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """The hub motion and the tip's response, orders 0 and 2.
-
-    Attributes:
-        results: by order.
-        cruise: start and end of the hub's constant speed (s).
-        peak: by order, time (s) and height (m) of the first positive peak of the tip during the cruise.
-        period: by order, twice the time from that peak to the next trough (s). For order 2 it is a little longer than
-            2 pi over the frequency, which holds for small swings.
+    """The hub motion and the tip's response, by order, 0 and 2. Of order 2 the period is a little longer than 2 pi over
+    the frequency, which holds for small swings.
     """
 
-    results: dict[int, Result]
-    cruise: tuple[float, float]
-    peak: dict[int, tuple[float, float]]
-    period: dict[int, float]
+    results: dict[int, Result]  #: by order
+    cruise: tuple[float, float]  #: start and end of the hub's constant speed (s)
+    peak: dict[int, tuple[float, float]]  #: time (s), height (m) of the first positive one of the tip in the cruise
+    period: dict[int, float]  #: twice the time from that peak to the next trough (s)
 
     def tip(self, order: int) -> Array:
         """Tip displacement across the beam (m), (nt,)."""

@@ -1,7 +1,5 @@
 """The table of `flexarm demo`: this program's numbers beside the paper's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

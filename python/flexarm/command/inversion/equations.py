@@ -1,7 +1,5 @@
 """The equations of an inversion: joints that keep the tip on the path, and the elastic coordinates' own dynamics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,9 +1,7 @@
 """The result of an inversion: the motion, the torques, their errors, and runs that try them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +9,7 @@ import flexarm._core as _core
 
 from ..._check import Array, array, choice
 from ...arm.arm import Arm
+from ...data.draw.style import Figure
 from ...data.draw.trajectory import plot_panels
 from ...model.acting.control import PD
 from ...model.acting.drive import Motion, Torque
@@ -18,9 +17,6 @@ from ...run.result import Result
 from ...run.simulation import simulate
 from ..joint_limits import freedoms, same_joints
 from .path import Output
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REPLAYS = ("motion", "torque", "feedback")
 

@@ -1,7 +1,5 @@
 """Stable inversion: joint torques and motions that carry the tip of a flexible arm along a path."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Iterable, Mapping

@@ -5,8 +5,6 @@ A solution that is bounded for all times, of equations with stable and unstable 
 that is long enough for both to die out: the unstable part backwards in time (Bayo 1987; Devasia, Chen and Paden 1996).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The window of an inversion: times before and after the path, the step of the grid, and the check of rest."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,16 +1,15 @@
 """A planned move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..._check import Array, number
 from ..._console import aligned
 from ...arm.arm import Arm
+from ...data.draw.style import Figure
 from ...data.draw.trajectory import plot_panels
 from ...model.acting.drive import Motion
 from ...model.parts.labels import ends as ends_of
@@ -18,9 +17,6 @@ from ...run.result import Result
 from ...run.simulation import simulate
 from ..joint_limits import same_joints
 from .moved_arm import MovedArm
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _HOLD = 1e4  # duration of the rest at the end of the motions (s)
 _AT = 0.99  # share of a limit from which it counts as reached

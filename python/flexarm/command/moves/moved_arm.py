@@ -1,8 +1,6 @@
 """A flexible arm whose joints are moved: its simulation, and its response to a small change of the command: exact
 Jacobians along the run, and modes, integrated from knot to knot by matrix exponentials."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,18 +21,12 @@ _LOOK = 96  # times in a period of the slowest mode at which the vibration is ev
 
 @dataclass(frozen=True)
 class LockedModes:
-    """Modes about rest with all joints locked.
+    """Modes about rest with all joints locked."""
 
-    Attributes:
-        frequencies: undamped (rad/s), ascending, (n,).
-        shapes: of the elastic coordinates, their modal masses 1, (ne, n). mass: of these, (ne, ne).
-        tip: displacement of the arm's end, of a tree the largest of its ends, by each mode of amplitude 1, (n,).
-    """
-
-    frequencies: Array
-    shapes: Array
-    mass: Array
-    tip: Array
+    frequencies: Array  #: undamped (rad/s), ascending, (n,)
+    shapes: Array  #: of the elastic coordinates, their modal masses 1, (ne, n)
+    mass: Array  #: of these, (ne, ne)
+    tip: Array  #: displacement of the arm's end, of a tree the largest, by each mode of amplitude 1, (n,)
 
 
 class MovedArm:
@@ -124,16 +116,11 @@ _FOLLOWED = 24  # modes, at most
 
 
 class Response(NamedTuple):
-    """Derivatives by the variables (nx).
+    """Derivatives by the variables (nx)."""
 
-    Attributes:
-        left: of `MovedArm.left`, for the modes that are steered, (2, n, nx).
-        tau, q, v, a: of the joints' torques, positions, rates and accelerations at the knots, (N + 1, nj, nx).
-    """
-
-    left: Array
-    tau: Array
-    q: Array
+    left: Array  #: of `MovedArm.left`, for the modes that are steered, (2, n, nx)
+    tau: Array  #: of the joints' torques at the knots, (N + 1, nj, nx)
+    q: Array  #: likewise of their positions, rates and accelerations
     v: Array
     a: Array
 

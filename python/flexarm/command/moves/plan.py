@@ -1,7 +1,5 @@
 """Moves from rest to rest, as fast as limits allow, that leave a flexible arm still."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -10,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, choice, number
+from ..._check import Array, array, between, choice
 from ..._console import progress_bar
 from ...arm.arm import Arm
 from ...run.simulation import simulated
@@ -102,9 +100,7 @@ def plan_move(
     driven = Driven.of(arm)
     arm.refuse_rubbing("plan_move: arm")
     choice("method", method, METHODS)
-    allowed = number("residual", residual)
-    if not 0.0 < allowed < 1.0:
-        raise ValueError(f"residual = {residual}: must be between 0 and 1, a part of the rigid move's vibration")
+    allowed = between("residual", residual, 0, 1, ", a part of the rigid move's vibration")
     within = Limits.of(arm, driven, limits)
     route = Route(_points(arm, driven, q_from, q_to, path))
     within.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)

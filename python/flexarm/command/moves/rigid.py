@@ -7,8 +7,6 @@ and u = d²s/dt² = (dx/ds)/2 all limits are linear, but for viscous friction. O
 them, the larger at every place keeps them too: the fastest is the one with the largest sum of x, a linear programme.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -23,17 +21,12 @@ _ROUNDS = 20  # for viscous friction
 
 
 class RigidMove(NamedTuple):
-    """A way along a path, with constant d²s/dt² between places.
+    """A way along a path, with constant d²s/dt² between places."""
 
-    Attributes:
-        t: times (s), (n + 1,). s, ds: place and rate there. dds: between them, (n,).
-        duration: (s).
-    """
-
-    t: Array
-    s: Array
-    ds: Array
-    dds: Array
+    t: Array  #: places in time (s), (n + 1,)
+    s: Array  #: the place on the path there
+    ds: Array  #: its rate there
+    dds: Array  #: its second rate between them, (n,)
 
     @property
     def duration(self) -> float:

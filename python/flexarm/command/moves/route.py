@@ -1,7 +1,5 @@
 """The motion of the joints: a route, by one number from 0 to 1, and profiles over time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -109,19 +107,13 @@ def integrals(knots: int, fine: int = 1) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Profile:
-    """z(t) of m numbers: the place on a route, or all joints.
+    """z(t) of m numbers: the place on a route, or all joints."""
 
-    Attributes:
-        duration: (s). alpha: d²z/d(t/duration)² at the knots, (N + 1, m), zero at both ends.
-        start: (m,). route: None for independent joints.
-        fine: places in each interval between knots, P - 1 in all.
-    """
-
-    duration: float
-    alpha: Array
-    start: Array
-    route: Route | None
-    fine: int = 1
+    duration: float  #: (s)
+    alpha: Array  #: d²z/d(t/duration)² at the knots, (N + 1, m), zero at both ends
+    start: Array  #: (m,)
+    route: Route | None  #: None for independent joints
+    fine: int = 1  #: places in each interval between knots, P - 1 in all
 
     @property
     def t(self) -> Array:

@@ -35,43 +35,29 @@ _SIMPLEX = {"presolve": False}  # it removes no dense row, and takes a quarter o
 
 @dataclass(frozen=True)
 class Aim:
-    """The aim of a search.
+    """The aim of a search."""
 
-    Attributes:
-        limits: with their margins. free: whether the duration is minimised; else the largest jerk.
-        end: final z, (m,). size: of alpha of each number, (m,).
-        scale: of vibration (m). kept: number of modes that are steered.
-        enough: sufficient vibration, in parts of `scale`.
-        penalty: of exceeded limits and of vibration.
-    """
-
-    limits: Limits
-    free: bool
-    end: Array
-    size: Array
-    scale: float
-    kept: int
-    enough: float
-    penalty: float = PENALTIES[False][0]
+    limits: Limits  #: with their margins
+    free: bool  #: whether the duration is minimised; else the largest jerk
+    end: Array  #: final z, (m,)
+    size: Array  #: of alpha of each number, (m,)
+    scale: float  #: of vibration (m)
+    kept: int  #: number of modes that are steered
+    enough: float  #: sufficient vibration, in parts of `scale`
+    penalty: float = PENALTIES[False][0]  #: of exceeded limits and of vibration
 
 
 @dataclass(frozen=True)
 class Found:
-    """A motion, the run of the flexible arm, and its merit.
-
-    Attributes:
-        goal: the objective. over: largest excess over a limit, as a part of it. left: vibration, in parts of
-            `Aim.scale`.
-        penalty: of both. enough: sufficient value of `left`.
-    """
+    """A motion, the run of the flexible arm, and its merit."""
 
     profile: Profile
     run: Result
-    goal: float
-    over: float
-    left: float
-    penalty: float
-    enough: float
+    goal: float  #: the objective
+    over: float  #: largest excess over a limit, as a part of it
+    left: float  #: vibration, in parts of `Aim.scale`
+    penalty: float  #: of both
+    enough: float  #: sufficient value of `left`
 
     @property
     def merit(self) -> float:

@@ -1,7 +1,5 @@
 """A fit: measured and fitted columns, residuals, and their autocorrelation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Poles, Nyquist and Bode diagrams, root loci."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

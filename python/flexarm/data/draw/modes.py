@@ -1,7 +1,5 @@
 """Modes along an arm."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

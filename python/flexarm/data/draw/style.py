@@ -1,7 +1,5 @@
 """The style of figures: colours, sizes, axes, legends."""
 
-from __future__ import annotations
-
 import io
 import sys
 from typing import TYPE_CHECKING, Any

@@ -1,18 +1,13 @@
 """Figures of a sweep: columns over parameters."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..._check import Array
 from .style import BLUE, RED, Axes, Figure, label_axes, new_figure, short, words
-
-if TYPE_CHECKING:
-    from matplotlib.axis import Axis
 
 _WIDE = 10.0  # inches: the widest figure whose letters stay readable on a page
 _LETTER = 0.078  # inches, of a label
@@ -76,7 +71,7 @@ def _scales(ax: Axes, x: Array, y: Array) -> None:
             axis.set_major_formatter(EngFormatter(sep=""))  # 210G instead of 2.10 and a separate 1e11
 
 
-def _tick_values(axis: Axis, values: Array, inches: float) -> None:
+def _tick_values(axis: Any, values: Array, inches: float) -> None:
     """Puts ticks at a parameter's values, if these are few and their labels do not overlap."""
     from matplotlib.axis import YAxis
     from matplotlib.ticker import EngFormatter, NullLocator

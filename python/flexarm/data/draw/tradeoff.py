@@ -1,28 +1,23 @@
 """Error against wall time of runs, log-log."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
-from ..._check import Array
 from ..._console import seconds
 from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, Axes, Figure, label_axes, new_figure, short, words
 
 _MARKERS: tuple[Any, ...] = ("o", "s", "^", "D", "v", "p", "*", "P", "X", "<", ">", "h")
 _FILLS = ("full", "none", "left", "top", "right", "bottom")
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (2, 3)))
-_PER_COLUMN = 8  # entries of the list under a chart, at least
+_SIZE = (7.6, 5.2)  # of the axes of a chart (inches), about
 _TOP = 10.0  # shares of a span: larger errors are drawn at the upper edge
 _SMALL = 8.5  # size of letters (pt)
 _WIDE = 140  # letters of that size across a figure
 _UNDER = 6  # lines under a title
-_DIRECTIONS = (225, 45, 135, 315, 180, 0, 270, 90)  # degrees, from a point to its number
 
 #: A run: wall time (s), error.
 Point = tuple[float, float]
@@ -141,44 +136,16 @@ def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], f
             text.set_x(text.get_position()[0] - 26)  # aligned with the lines of the entries
 
 
-def _list_of(front: Sequence[Cheapest], known: str) -> list[list[str]]:
-    """The columns of the list under a chart: the ringed runs, in two columns if their texts are short, and the
-    uncertainty of the reference."""
-    rows = [f"{k}  {run.words}: {seconds(run.time)}, error {run.error:.1e}" for k, run in enumerate(front, 1)]
-    rows = [short(row, _WIDE) for row in rows]
-    half = max(_PER_COLUMN, -(-len(rows) // 2))
-    two = len(rows) > half and max(map(len, rows)) <= 0.45 * _WIDE
-    columns = [rows[:half], rows[half:]] if two else [rows]
-    return [columns[0] + ([f"\n{known}"] if known else []), *columns[1:]]
-
-
-def _add_numbers(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Point]) -> None:
-    """Numbers the ringed runs, each beside its point on the least crowded side; `size` of the axes (inches)."""
-
-    def inches(points: Sequence[Point]) -> Array:
-        x, y = zip(*points, strict=True)
-        ends = ax.get_xlim(), ax.get_ylim()
-        parts = [np.log(np.array(v) / low) / np.log(high / low) for v, (low, high) in zip((x, y), ends, strict=True)]
-        return np.array(parts).T * size
-
-    rings, taken = inches(front), [*inches(front), *inches(others)]
-    stairs = [p for a, b in pairwise(rings) for p in (a, np.array([b[0], a[1]]))] + [rings[-1]]
-    steps = [a + s * (b - a) for a, b in pairwise(stairs) for s in np.linspace(0, 1, 25)]
-    there: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
+def _add_numbers(ax: Axes, front: Sequence[Point]) -> None:
+    """Numbers the ringed runs, each to the lower left of its point, where no run can be, apart from the others."""
     box = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8}
-    for k, at in enumerate(rings):
-
-        def crowding(way: Any, at: Array = at) -> float:
-            here = at + way
-            near = sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.17) for p in taken)
-            near += 0.3 * sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.09) for p in steps)
-            return near + 5.0 * bool((here < 0.08).any() or (here > size - 0.08).any())
-
-        ways = [r * np.array([np.cos(a), np.sin(a)]) for r in (0.19, 0.27, 0.36) for a in np.radians(_DIRECTIONS)]
-        best = min(ways, key=crowding)
-        taken.append(at + best)
-        x, y = (72 * best).tolist()
-        ax.annotate(str(k + 1), front[k], (x, y), **there, fontsize=9, zorder=7, bbox=box)
+    rings = (ax.transData + ax.transAxes.inverted()).transform(front) * _SIZE
+    taken = np.empty((0, 2))
+    for k, ring in enumerate(rings):
+        away = next(r for r in 0.13 * np.arange(1, 99) if (np.linalg.norm(ring - r - taken, axis=1) > 0.19).all())
+        taken = np.vstack([taken, ring - away])
+        ax.annotate(str(k + 1), front[k], (-72 * away, -72 * away), textcoords="offset points", ha="center",
+                    va="center", fontsize=9, zorder=7, bbox=box)
 
 
 def _clipped(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
@@ -210,17 +177,15 @@ def plot_lines(
         known = "grey: how near the richest model is to the truth is not known"
         if low:
             known = f"grey: the uncertainty of the reference, {unsure:.1e}; errors below {low:.0e} are drawn there"
-    columns = _list_of(front, known)
-    rows = max(len(column) for column in columns) + bool(known)
-    under = 0.1 + 0.175 * rows if rows else 0.01  # inches
+    listed = [f"{k}  {run.words}: {seconds(run.time)}, error {run.error:.1e}" for k, run in enumerate(front, 1)]
+    listed = [short(row, _WIDE) for row in listed] + ([f"\n{known}"] if known else [])
+    under = 0.1 + 0.175 * (len(listed) + bool(known))  # inches
     fig = new_figure(10.0, 6.2 + under)
     grid = fig.add_gridspec(2, 1, height_ratios=[6.0, under])
     ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
     below.set_axis_off()
-    for place, some in zip((0.0, 0.56), columns, strict=False):
-        text = below.text(place, 1.0, "\n".join(some), transform=below.transAxes, va="top", fontsize=_SMALL, color=INK,
-                          parse_math=False)  # fmt: skip
-        text.set_in_layout(False)  # the second column is below the legend
+    below.text(0.0, 1.0, "\n".join(listed), transform=below.transAxes, va="top", fontsize=_SMALL, color=INK,
+               parse_math=False).set_in_layout(False)  # it may reach below the legend
     count: dict[Kind, int] = {}
     for line in lines:
         count[line.kind] = count.get(line.kind, 0) + len(line.points)
@@ -249,8 +214,7 @@ def plot_lines(
         ax.xaxis.set_major_locator(NullLocator())
     _chart_legend(ax, lines, integrators, bool(front))
     if front:
-        others = [p for line in lines for p in _clipped(line.points, _TOP, low)]
-        _add_numbers(ax, np.array([7.6, 5.2]), list(zip(x, y, strict=True)), others)
+        _add_numbers(ax, list(zip(x, y, strict=True)))
     _add_title(fig, ax, title, notes)
     return fig
 

@@ -1,7 +1,5 @@
 """Curves over time, of one run or beside recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Files that appear whole or not at all, and that are read with one clear error where they are damaged."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

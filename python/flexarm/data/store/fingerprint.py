@@ -4,8 +4,6 @@ Numbers, arrays, Python's containers and flexarm's own objects count by their va
 classes is not compared: the user gives a name for it, and another name when it changes. All that they hold counts, too.
 """
 
-from __future__ import annotations
-
 import copyreg
 import enum
 import functools

@@ -6,8 +6,6 @@ which is written last, is the CRC-32 of all that the file holds of a scenario, a
 scenarios have in common are written once; the attribute "digest" is their checksum.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import zlib

@@ -1,7 +1,5 @@
 """Checks of the arguments of `simulate_batch` and `rollout`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from typing import Any

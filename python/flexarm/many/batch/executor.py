@@ -1,7 +1,5 @@
 """A batch in shares, each computed by a worker of a concurrent.futures.Executor, again if its worker dies."""
 
-from __future__ import annotations
-
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Exact derivatives of steps and rollouts: for filters, optimal control and learning."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple

@@ -33,33 +33,21 @@ def renamed(message: str, names: Any) -> str:
 
 @dataclass
 class Job:
-    """A batch: its scenarios, and how they are run. It can be pickled if its laws can.
+    """makes what is stored instead of the outputs, as `RunSummary`; a file's fingerprint has its attributes"""
 
-    Attributes:
-        variation: the scenarios' arms, drives, loads and controllers.
-        t: output times (s). every: how many of them between two rows of the result.
-        q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
-        outputs: some of OUTPUTS.
-        integrator, step, options: of `simulate`.
-        summary: makes the arrays that are stored in place of the outputs, as `RunSummary` of sweeps does; None: the
-            outputs. Its attributes are part of a file's fingerprint.
-        whole: scenarios of the whole batch, of which this may be a part; few are not worth the lanes.
-        balance: q0 if it was a word, such as "trim".
-    """
-
-    variation: Variation
-    t: Array
-    q0: Array | None
-    v0: Array | None
-    tau: Array | None
-    outputs: tuple[str, ...]
-    every: int
-    integrator: str
+    variation: Variation  #: the scenarios' arms, drives, loads and controllers
+    t: Array  #: output times (s)
+    q0: Array | None  #: (B or 1, nq); None: not given
+    v0: Array | None  #: (B or 1, nv), likewise
+    tau: Array | None  #: (B or 1, nt or 1, nv), held; None: zero
+    outputs: tuple[str, ...]  #: some of OUTPUTS
+    every: int  #: how many of t between two rows of the result
+    integrator: str  #: it, the step and the options are of `simulate`
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
     summary: Any = None
-    whole: int = 0
-    balance: str | None = None
+    whole: int = 0  #: scenarios of the whole batch, of which this may be a part; few are not worth the lanes
+    balance: str | None = None  #: q0 if it was a word, such as "trim"
 
     def taken(self, indices: NDArray[np.int64]) -> Job:
         """The batch of these scenarios alone."""

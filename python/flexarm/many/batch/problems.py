@@ -1,7 +1,5 @@
 """The problems of a batch, their run in the core, and the judgement of it: failures, and warnings of wrong numbers."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

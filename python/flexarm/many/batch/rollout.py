@@ -1,7 +1,5 @@
 """Many runs of fixed steps, from arrays to arrays."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Runs a batch chunk by chunk, in threads or in the workers of an executor."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -80,21 +78,14 @@ def _taken(x: Array, indices: NDArray[np.int64]) -> Array:
 
 @dataclass
 class Runner:
-    """Runs a batch, chunk by chunk, here or in the workers of an executor.
-
-    Attributes:
-        job, count: the batch and its number of scenarios.
-        workers: threads. batch: scenarios in a chunk, or None.
-        executor: as of `simulate_batch`.
-        stats: counts of the run.
-    """
+    """Runs a batch, chunk by chunk, here or in the workers of an executor."""
 
     job: Job
-    count: int
-    workers: int
-    batch: int | None = None
-    executor: Any = None
-    stats: dict[str, Any] = field(default_factory=dict)
+    count: int  #: of its scenarios
+    workers: int  #: threads
+    batch: int | None = None  #: scenarios in a chunk, or None
+    executor: Any = None  #: as of `simulate_batch`
+    stats: dict[str, Any] = field(default_factory=dict)  #: counts of the run
 
     def __post_init__(self) -> None:
         if self.batch is not None:

@@ -1,7 +1,5 @@
 """Batches: many simulations that differ in their start, forces and parameters."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path

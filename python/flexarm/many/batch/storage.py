@@ -1,7 +1,5 @@
 """Stores of a batch's results, filled chunk by chunk: arrays in memory, or a file that can be continued."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

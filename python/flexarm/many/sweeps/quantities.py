@@ -1,7 +1,5 @@
 """Quantities of a run, for sweeps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +8,7 @@ import numpy as np
 
 from ..._check import Array, array, choice
 from ...arm.arm import Arm
+from ...data.signal import last_above
 from ...model.parts.beam import STRAIN_NAMES
 from ...model.parts.labels import ends, joint_coordinates
 from ...run.result import Result
@@ -22,19 +21,11 @@ _PLACES = 17  # along a beam, for its largest strain
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a run: its columns with their units, and its function.
+    """A quantity of a run: its columns with their units, and its function."""
 
-    Attributes:
-        columns: (arm, link) -> [(name, unit), ...].
-        of: (result, link, band) -> a number for each column.
-        says: description, one line.
-        forces: whether it needs `Result.tau`.
-    """
-
-    columns: Callable[[Arm, int], list[tuple[str, str]]]
-    of: Callable[[Result, int, float], Array]
-    says: str
-    forces: bool = False
+    columns: Callable[[Arm, int], list[tuple[str, str]]]  #: (arm, link) -> [(name, unit), ...]
+    of: Callable[[Result, int, float], Array]  #: (result, link, band) -> a number for each column
+    forces: bool = False  #: whether it needs `Result.tau`
 
 
 def _one(name: str, unit: str) -> Callable[[Arm, int], list[tuple[str, str]]]:
@@ -48,17 +39,9 @@ def _residual(result: Result, link: int, band: float) -> Array:
 
 
 def settling_time(t: Array, distance: Array, band: float) -> float:
-    """From t[0] to the last time that `distance` was above `band` times its greatest value (s), between two rows by a
-    straight line; nan where that is in the last tenth of the run, which then is too short to tell."""
-    limit = band * distance.max()
-    above = np.flatnonzero(distance > limit)
-    if not above.size:
-        return 0.0
-    k = int(above[-1])
-    if k + 1 == len(t):
-        return float("nan")
-    share = (distance[k] - limit) / (distance[k] - distance[k + 1])
-    settled = float(t[k] + share * (t[k + 1] - t[k]) - t[0])
+    """From t[0] to the last time that `distance` was above `band` times its greatest value (s); nan where that is in
+    the last tenth of the run, which then is too short to tell."""
+    settled = last_above(t, distance, band * distance.max()) - float(t[0])
     return settled if settled <= 0.9 * float(t[-1] - t[0]) else float("nan")
 
 
@@ -103,52 +86,25 @@ def _state_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
     ]
 
 
-#: the quantities of sweeps, by name
+def _tip(result: Result, link: int, band: float) -> Array:
+    return np.array([np.linalg.norm(result.tip_deflection(link), axis=1).max()])
+
+
+def _end_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
+    return [(f"{label} {c}", "m") for _, label in ends(arm) for c in "xyz"]
+
+
+#: the quantities of sweeps, by name; docs/sweeps.md says what each is
 QUANTITIES: dict[str, Quantity] = {
-    "tip_deflection": Quantity(
-        _one("tip deflection", "m"),
-        lambda r, link, band: np.array([np.linalg.norm(r.tip_deflection(link), axis=1).max()]),
-        "greatest displacement of the beam's tip from rest, in its hub's axes",
-    ),
-    "residual": Quantity(
-        _one("residual", "m"),
-        _residual,
-        "amplitude of the beam's tip in the last tenth of the run: half of peak to peak",
-    ),
-    "settling": Quantity(
-        _one("settling", "s"),
-        _settling,
-        "when the arm's end (of a tree: any end) was last further from where the run leaves it than `band` times the "
-        "greatest distance; "
-        "nan where that is in the last tenth of the run",
-    ),
-    "strain": Quantity(
-        _one("strain", "1"),
-        _strain,
-        "greatest strain of the beam's faces in bending, at the worst of 17 places along it",
-    ),
-    "speed": Quantity(_joint_columns("speed", "rad/s", "m/s"), _of_joint("v"), "greatest rate of the link's joint"),
-    "torque": Quantity(
-        _joint_columns("force", "N m", "N"),
-        _of_joint("tau"),
-        "greatest force of the link's joint, or its reaction where its motion is prescribed",
-        forces=True,
-    ),
-    "energy": Quantity(
-        _one("energy", "J"),
-        lambda r, link, band: np.array([float(x[-1]) for x in r.energy()]).sum(keepdims=True),
-        "kinetic and potential energy at the end of the run",
-    ),
-    "end_position": Quantity(
-        lambda arm, link: [(f"{label} {c}", "m") for _, label in ends(arm) for c in "xyz"],
-        lambda r, link, band: r.arm.end_places(r.q[-1]).ravel(),
-        "where the arm's end is at the end of the run, of a tree all ends, world axes",
-    ),
-    "final_state": Quantity(
-        _state_columns,
-        lambda r, link, band: np.concatenate([r.q[-1], r.v[-1]]),
-        "coordinates and rates at the end of the run",
-    ),
+    "tip_deflection": Quantity(_one("tip deflection", "m"), _tip),
+    "residual": Quantity(_one("residual", "m"), _residual),
+    "settling": Quantity(_one("settling", "s"), _settling),
+    "strain": Quantity(_one("strain", "1"), _strain),
+    "speed": Quantity(_joint_columns("speed", "rad/s", "m/s"), _of_joint("v")),
+    "torque": Quantity(_joint_columns("force", "N m", "N"), _of_joint("tau"), forces=True),
+    "energy": Quantity(_one("energy", "J"), lambda r, *_: np.array([sum(float(x[-1]) for x in r.energy())])),
+    "end_position": Quantity(_end_columns, lambda r, *_: r.arm.end_places(r.q[-1]).ravel()),
+    "final_state": Quantity(_state_columns, lambda r, *_: np.concatenate([r.q[-1], r.v[-1]])),
 }
 
 
@@ -159,7 +115,7 @@ def quantity(output: str | Callable[[Result], float]) -> Quantity:
     if not callable(output):
         raise ValueError(f"outputs: {output!r}: must be one of {', '.join(QUANTITIES)}, or a function of a Result")
     name = getattr(output, "__name__", type(output).__name__)
-    return Quantity(_one(name, ""), lambda r, link, band: array(name, [output(r)], (1,)), "a function of yours")
+    return Quantity(_one(name, ""), lambda r, *_: array(name, [output(r)], (1,)))
 
 
 def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tuple[str, str]]:

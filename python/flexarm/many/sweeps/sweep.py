@@ -1,7 +1,5 @@
 """Sweeps: runs of a scene with varied parameters, and quantities of each run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import time
@@ -10,7 +8,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +16,7 @@ from ..._check import Array
 from ..._console import progress_bar
 from ...analysis.findings import RangeWarning
 from ...analysis.validity import range_warning
-from ...data.draw.style import DPI
+from ...data.draw.style import DPI, Figure
 from ...data.draw.sweep import MISSING, plot_sweep
 from ...data.store.files import named, readable, write_whole
 from ...data.store.scenarios import read_scenarios
@@ -32,9 +30,6 @@ from ..batch.simulate import make_job
 from ..batch.storage import File, Memory
 from .quantities import RunSummary, check_quantities, quantity
 from .vary import SweepPlan
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FILE = "sweep.h5"  # in the folder of a sweep
 _MOST = 4  # columns, and parameters, that a figure shows

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, at_least, choice, known_keys, number, whole
-from ...run.scene.scene import SCENES, shallow
+from ..._check import Array, array, at_least, between, choice, flag, instance, known_keys, number, whole, within
+from ...run.scene.scene import SCENES, shallow, tomllib
 from .quantities import QUANTITIES, quantity
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 #: of a [[vary]] block; the last two are drawn
 KINDS = ("grid", "list", "random", "latin_hypercube")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal", "lognormal")
 _SPACED = ("from", "to", "count", "scale")
 _MOST = 100_000_000  # scenarios
-
-
-def _count(field_name: str, value: Any) -> int:
-    if not 1 <= whole(field_name, value) <= _MOST:
-        raise ValueError(f"{field_name} = {value}: must be from 1 to {_MOST}")
-    return int(value)
 
 
 def _spaced(where: str, table: Mapping[str, Any]) -> Array:
@@ -39,7 +27,7 @@ def _spaced(where: str, table: Mapping[str, Any]) -> Array:
     if missing:
         raise ValueError(f"{where}: missing {', '.join(missing)}; such as {{ from = 0.1, to = 0.5, count = 5 }}")
     a, b = (float(array(f"{where}.{k}", number(f"{where}.{k}", table[k]))) for k in ("from", "to"))
-    count = _count(f"{where}.count", table["count"])
+    count = within(f"{where}.count", whole(f"{where}.count", table["count"]), 1, _MOST)
     if choice(f"{where}.scale", table.get("scale", "linear"), ("linear", "log")) == "linear":
         return np.linspace(a, b, count)
     if not (a > 0 and b > 0):
@@ -110,7 +98,7 @@ class Vary:
         if not drawn and self.count is not None:
             raise ValueError(f"{self.where}.count = {self.count}: a {self.kind} block has as many as its values say")
         if drawn:
-            _count(f"{self.where}.count", self.count)
+            within(f"{self.where}.count", whole(f"{self.where}.count", self.count), 1, _MOST)
         at_least(f"{self.where}.seed", self.seed, 0)
 
     def parameters(self) -> dict[str, Array]:
@@ -161,7 +149,7 @@ class SweepPlan:
         vary: blocks of parameters.
         combine: "product": every scenario of a block with every one of the others, the last fastest; "zip": the first
             of all, then the second, ...
-        outputs: quantities of each run: names of `QUANTITIES` (many/sweeps/quantities.py), or functions of a Result
+        outputs: quantities of each run: names of docs/sweeps.md, or functions of a Result
             that give one number.
         link: the link whose beam is observed; -1 is the last.
         band: of "settling": the part of the whole way.
@@ -186,9 +174,10 @@ class SweepPlan:
             quantity(output)
         if not self.vary:
             raise ValueError("vary: a sweep needs at least one block")
-        if not 0 < number("band", self.band) < 1:
-            raise ValueError(f"band = {self.band}: must be between 0 and 1")
+        between("band", self.band, 0, 1)
         at_least("every", self.every, 1)
+        flag("trajectories", self.trajectories)
+        instance("title", self.title, str, "text")
         paths = [path for v in self.vary for path in v.values]
         twice = {p for p in paths if paths.count(p) > 1}
         if twice:
@@ -245,8 +234,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> SweepPlan:
     """A SweepPlan from the structure of a sweep file."""
-    settings = ("title", "combine", "outputs", "link", "band", "trajectories", "every")
-    known_keys("sweep", d, (*settings, "vary"))
+    known_keys("sweep", d, [f.name for f in fields(SweepPlan)])
     blocks = d.get("vary")
     if not isinstance(blocks, (list, tuple)) or not blocks:
         raise ValueError(f"vary = {blocks!r}: must be a list of at least one table ([[vary]])")
@@ -254,12 +242,7 @@ def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> SweepPlan:
     for k, block in enumerate(blocks):
         where = f"vary[{k}]"
         known_keys(where, block, ("kind", "values", "count", "seed"))
-        if not isinstance(block.get("values"), Mapping):
-            raise ValueError(f"{where}.values = {block.get('values')!r}: must be a table of parameters")
-        rest = {k: block[k] for k in ("count", "seed") if k in block}
-        found.append(Vary(block.get("kind", "grid"), _flat(block["values"]), **rest, where=where))
-    given = {k: d[k] for k in settings if k in d}
-    for key, kind in (("trajectories", bool), ("title", str)):
-        if not isinstance(given.get(key, kind()), kind):
-            raise ValueError(f"{key} = {given[key]!r}: must be {'true or false' if kind is bool else 'text'}")
-    return SweepPlan(found, **{"title": name, **given})
+        values = block.get("values")
+        given = {"kind": "grid", **block, "values": _flat(values) if isinstance(values, Mapping) else values}
+        found.append(Vary(**given, where=where))
+    return SweepPlan(**{"title": name, **d, "vary": found})

@@ -35,7 +35,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["ROBOTS", "SCENES", "Scene", "load", "scene_from_dict", "shallow"]
+__all__ = ["ROBOTS", "SCENES", "Scene", "load", "scene_from_dict", "shallow", "tomllib"]
 
 #: Readers of robots' files, by suffix.
 ROBOTS = {".urdf": "from_urdf", ".xml": "from_mjcf", ".mjcf": "from_mjcf"}
