@@ -34,8 +34,7 @@ void refuse_contact_friction(const Arm& arm, const std::string& what) {
 }
 
 void refuse_loops(const Arm& arm, const std::string& what) {
-  if (!arm.loops().empty())
-    bad_value("loops", std::to_string(arm.loops().size()) + " joints", what + " knows no closed loops: must be none");
+  if (!arm.loops().empty()) bad_value("loops", arm.loops().size(), what + " knows no closed loops: there must be none");
 }
 
 }  // namespace flexarm

@@ -50,7 +50,7 @@ void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench
 
 void InverseDerivatives::recall(const Workspace& ws) {
   memory_->remembered = ws.remembered;
-  memory_->held = ws.held;
+  memory_->held = ws.loop_forces;
 }
 
 void InverseDerivatives::hold(const Arm& arm, const Eigen::VectorXd& forces) {

@@ -65,7 +65,7 @@ lanes::Single& Workspace::chain() {
     chain_->load(wrenches_.data());
   }
   if (!remembered.empty()) chain_->recall(remembered.data());
-  if (!held.empty()) chain_->hold(held.data());
+  if (!loop_forces.empty()) chain_->hold(loop_forces.data());
   return *chain_;
 }
 

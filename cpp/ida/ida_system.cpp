@@ -68,7 +68,7 @@ void IdaSystem::set(double t, const double* y, const double* yp) {
   }
   const double* loops = y + n_q() + n_v();
   for (int k = 0; k < n_loops(); ++k) {
-    ws.held[static_cast<std::size_t>(rows[static_cast<std::size_t>(k)])] = loops[k];
+    ws.loop_forces[static_cast<std::size_t>(rows[static_cast<std::size_t>(k)])] = loops[k];
     drift[k] = loops[n_loops() + k];
   }
 }
@@ -88,7 +88,7 @@ void IdaSystem::choose_rows() {
   qr.setThreshold(kDependent);
   for (Eigen::Index k = 0; k < qr.rank(); ++k) rows.push_back(qr.colsPermutation().indices()[k]);
   std::sort(rows.begin(), rows.end());
-  ws.held.assign(static_cast<std::size_t>(n), 0.0);
+  ws.loop_forces.assign(static_cast<std::size_t>(n), 0.0);
   drift = Eigen::VectorXd::Zero(n_loops());
   shifted = v;
 }
@@ -128,7 +128,7 @@ std::pair<Eigen::VectorXd, Eigen::VectorXd> IdaSystem::state() {
   if (rows.empty()) return {y, yp};
   y.tail(2 * n_loops()).setZero();
   yp.tail(2 * n_loops()).setZero();
-  std::fill(ws.held.begin(), ws.held.end(), 0.0);
+  std::fill(ws.loop_forces.begin(), ws.loop_forces.end(), 0.0);
   inverse_dynamics(arm, ws, q, v, a);
   find_loops();
   Eigen::MatrixXd columns(n_v(), n_loops());

@@ -134,21 +134,24 @@ void correct(void* self, double* r, double* x) {
   on(self, [&](auto& chain) { solve_step(chain, r, x); });
 }
 
-void close(void* self, const Shift& shift, double* second, double* places, double* rates, double* sizes) {
-  on(self, [&](auto& chain) {
-    if (chain.layout.loops == 0) return;
-    const auto& loops = chain.by_state->loops;
-    if (second) loops.close_accelerations(chain.layout, second);
-    if (places) sizes[0] = loops.close_places(chain.layout, places, shift.stiffness);
-    if (rates) sizes[1] = loops.close_rates(chain.layout, rates, shift.damping);
-  });
+void close_accelerations(void* self, double* x) {
+  on(self, [&](auto& chain) { chain.by_state->loops.close_accelerations(chain.layout, x); });
 }
 
-void hold_change(void* self, bool open) {
-  on(self, [&](auto& chain) {
-    auto& loops = chain.by_state->loops;
-    open ? loops.hold_change(chain.layout, true) : loops.let_go(chain.layout);
-  });
+double close_places(void* self, const Shift& shift, double* w) {
+  return on(self, [&](auto& chain) { return chain.by_state->loops.close_places(chain.layout, w, shift.stiffness); });
+}
+
+double close_rates(void* self, const Shift& shift, double* z) {
+  return on(self, [&](auto& chain) { return chain.by_state->loops.close_rates(chain.layout, z, shift.damping); });
+}
+
+void hold_change(void* self) {
+  on(self, [&](auto& chain) { chain.by_state->loops.hold_change(chain.layout, true); });
+}
+
+void let_go(void* self) {
+  on(self, [&](auto& chain) { chain.by_state->loops.let_go(chain.layout); });
 }
 
 bool closed(void* self) {
@@ -167,7 +170,6 @@ void shut(void* self, double* q, double* v, double* scratch) {
 
 void react(void* self, double* r, double* scratch, double* forces) {
   on(self, [&](auto& chain) {
-    if (chain.layout.loops == 0) return;
     ::react(chain, r, scratch);
     chain.by_state->loops.put_forces(chain.layout, forces);
   });
@@ -319,8 +321,11 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   factor,
                                                   solve,
                                                   correct,
-                                                  close,
+                                                  close_accelerations,
+                                                  close_places,
+                                                  close_rates,
                                                   hold_change,
+                                                  let_go,
                                                   closed,
                                                   project,
                                                   shut,

@@ -175,7 +175,7 @@ void CollocationStep::judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& 
       for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(a_.row(row));
       as_[row] = held(row) ? 0.0 : sum;
     }
-    if (rows_ > 0) hold_inside(x, ws);
+    if (rows_ > 0) set_loop_forces_inside(x, ws);
     inverse_dynamics(*arm_, ws, q, v, as_);
     ++counts_.evaluations;
     for (Eigen::Index k = 0; k < missed_force_.size(); ++k) missed_force_[k] = missing(k, tau, ws);
@@ -242,7 +242,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   as_ = a_.col(middle);
   for (std::size_t k = 0; k < ws.loads.size(); ++k)
     derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
-  if (rows_ > 0) hold(middle, ws);
+  if (rows_ > 0) set_loop_forces(middle, ws);
   derivatives_->recall(ws);
   (*derivatives_)(*arm_, qs_, vs_, as_);
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
@@ -330,16 +330,16 @@ void CollocationStep::take_loops(Workspace& ws, Eigen::VectorXd& forces) {
   forces.noalias() -= closing_ * row_forces_;
 }
 
-void CollocationStep::hold(int i, Workspace& ws) const {
-  ws.held.resize(static_cast<std::size_t>(rows_));
-  for (Eigen::Index r = 0; r < rows_; ++r) ws.held[static_cast<std::size_t>(r)] = reaction_(r, i);
+void CollocationStep::set_loop_forces(int i, Workspace& ws) const {
+  ws.loop_forces.resize(static_cast<std::size_t>(rows_));
+  for (Eigen::Index r = 0; r < rows_; ++r) ws.loop_forces[static_cast<std::size_t>(r)] = reaction_(r, i);
 }
 
-void CollocationStep::hold_inside(double x, Workspace& ws) const {
+void CollocationStep::set_loop_forces_inside(double x, Workspace& ws) const {
   for (Eigen::Index r = 0; r < rows_; ++r) {
     double sum = 0.0;
     for (int k = s_; k-- > 0;) sum = sum * x + monomials_.row(k).dot(reaction_.row(r));
-    ws.held[static_cast<std::size_t>(r)] = sum;
+    ws.loop_forces[static_cast<std::size_t>(r)] = sum;
   }
 }
 
@@ -456,7 +456,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       vs_ = v_.col(i);
       as_ = a_.col(i);
       set_forces(i, ws);
-      if (rows_ > 0) hold(i, ws);
+      if (rows_ > 0) set_loop_forces(i, ws);
       inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) residual_[i * n + k] = missing(k, tau_.col(i), ws);
@@ -529,13 +529,13 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
     fresh_ = false;
     a_ = a_before_;  // from which a shorter step goes on
     reaction_ = reaction_before_;
-    std::fill(ws.held.begin(), ws.held.end(), 0.0);
+    std::fill(ws.loop_forces.begin(), ws.loop_forces.end(), 0.0);
     return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
   h_before_ = h_;
   h_ = h;
   if (seen_) judge(ws, q, v, tau, given);
-  std::fill(ws.held.begin(), ws.held.end(), 0.0);
+  std::fill(ws.loop_forces.begin(), ws.loop_forces.end(), 0.0);
   inside(1.0, q, v);
   if (given) given(1.0);
   if (rows_ > 0) ws.chain_to_move().project({0.0, 0.25 * h * h}, q.data(), v.data(), as_.data());

@@ -57,21 +57,13 @@ struct Engine {
   }
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
   bool closes() const { return layout->rigid_rows > 0; }
-  void close_accelerations(double* x) { ws->chain().close({}, x, nullptr, nullptr, nullptr); }
-  double close_places(const lanes::Shift& shift, double* w) {
-    double sizes[2];
-    ws->chain().close(shift, nullptr, w, nullptr, sizes);
-    return sizes[0];
-  }
-  double close_rates(const lanes::Shift& shift, double* z) {
-    double sizes[2];
-    ws->chain().close(shift, nullptr, nullptr, z, sizes);
-    return sizes[1];
-  }
+  void close_accelerations(double* x) { ws->chain().close_accelerations(x); }
+  double close_places(const lanes::Shift& shift, double* w) { return ws->chain().close_places(shift, w); }
+  double close_rates(const lanes::Shift& shift, double* z) { return ws->chain().close_rates(shift, z); }
   void hold_change(bool open) {
-    if (open) ws->chain().hold_change(true);
+    if (open) ws->chain().hold_change();
   }
-  void let_go() { ws->chain().hold_change(false); }
+  void let_go() { ws->chain().let_go(); }
   bool closed() const { return ws->chain().closed(); }
   void project(const lanes::Shift& shift, double* q, double* v, double* scratch) {
     ws->chain_to_move().project(shift, q, v, scratch);

@@ -42,7 +42,7 @@ struct Loops {
     bool soft;
   };
 
-  const TiedPoint* tied = nullptr;
+  const TiedPoint* tied;
   Side* side;  ///< two of each loop
   Row* row;
   Pull<Sp>* pull;  ///< two of each row
@@ -297,7 +297,7 @@ struct Loops {
   }
 
  private:
-  bool without_soft = false;  ///< whether compliant joints have no part in the matrix
+  bool without_soft;  ///< whether compliant joints have no part in the matrix
 
   static bool idle(const Shift& shift) { return shift.stiffness == 0.0 && shift.damping == 0.0; }
   static void put(const L3& force, const L3& moment, S* out) {

@@ -129,12 +129,16 @@ struct Kernels {
   /// The same for a step of Newton's iteration, of arms with loops (arm/loops.hpp): d^2 g/dt^2 as found by `inverse`
   /// becomes zero, and the residual r loses the loops' forces.
   void (*correct)(void* self, double* r, double* x);
-  /// By the last factors: adds accelerations that make d^2 g/dt^2, as found by `inverse`, zero; a displacement that
-  /// closes the loops where the coordinates change with these accelerations, too (zero before), and rates; and the
-  /// squares of the sizes of these two in the norm of M + shift. Null: not asked.
-  void (*close)(void* self, const Shift& shift, double* accelerations, double* places, double* rates, double* sizes);
-  /// Whether `correct` goes on: rigid rows hold with the change of force that it has found, too; else with none.
-  void (*hold_change)(void* self, bool goes_on);
+  /// Of arms with rigid loops, by the last factors. Adds accelerations that make d^2 g/dt^2, as found by `inverse`,
+  /// zero.
+  void (*close_accelerations)(void* self, double* x);
+  /// A displacement, of coordinates that are zero before, that closes the loops beside what these accelerations move;
+  /// and rates. @return the square of its size in the norm of M + shift
+  double (*close_places)(void* self, const Shift& shift, double* w);
+  double (*close_rates)(void* self, const Shift& shift, double* z);
+  /// Rigid rows hold with the change of force that `correct` has found, too; with none.
+  void (*hold_change)(void* self);
+  void (*let_go)(void* self);
   /// Whether all are nearly closed where the chain is.
   bool (*closed)(void* self);
   /// Coordinates and rates onto the loops, the nearest in the norm of M + shift; moves the chain. Scratch: nv.

@@ -62,10 +62,11 @@ class Single {
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
   void correct(double* r, double* x) { kernels_.correct(self_, r, x); }
-  void close(const Shift& shift, double* accelerations, double* places, double* rates, double* sizes) {
-    kernels_.close(self_, shift, accelerations, places, rates, sizes);
-  }
-  void hold_change(bool goes_on) { kernels_.hold_change(self_, goes_on); }
+  void close_accelerations(double* x) { kernels_.close_accelerations(self_, x); }
+  double close_places(const Shift& shift, double* w) { return kernels_.close_places(self_, shift, w); }
+  double close_rates(const Shift& shift, double* z) { return kernels_.close_rates(self_, shift, z); }
+  void hold_change() { kernels_.hold_change(self_); }
+  void let_go() { kernels_.let_go(self_); }
   bool closed() const { return kernels_.closed(self_); }
   void project(const Shift& shift, double* q, double* v, double* scratch) {
     kernels_.project(self_, shift, q, v, scratch);

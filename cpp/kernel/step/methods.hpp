@@ -10,9 +10,10 @@
 //                                 lets go in it (arm/contacts.hpp)
 //   closes()                      whether it has loops
 //   close_accelerations(x)        adds those of which their equations at the last `inverse` are fulfilled
-//   close_places(shift, w), close_rates(shift, z)  a displacement and rates that close them, of their equations at the
-//                                 last `inverse`, by the last `factor`, beside a `correction` of the accelerations.
-//                                 @return its size squared, in the norm of M + shift
+//   close_places(shift, w), close_rates(shift, z)  a displacement that makes g zero, and rates that make dg/dt zero,
+//                                 while a `correction` of the accelerations moves them, too; by the equations at the
+//                                 last `inverse` and the last `factor`. @return its size squared, in the norm of M +
+//                                 shift
 //   hold_change(open), let_go()   loops hold with the change of force that the last `correction` has found, too; with
 //                                 no force
 //   closed()                      where their equations were nearly fulfilled there

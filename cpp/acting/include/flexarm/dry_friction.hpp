@@ -23,7 +23,7 @@ void refuse_friction(const Arm& arm, const char* method);
 
 /// @throws std::invalid_argument for contacts with friction, whose past `what` does not know
 void refuse_contact_friction(const Arm& arm, const std::string& what);
-/// @throws std::invalid_argument where the arm has loops, with which `what` cannot go on
+/// @throws std::invalid_argument where the arm has loops, which `what` does not support
 void refuse_loops(const Arm& arm, const std::string& what);
 
 }  // namespace flexarm

@@ -48,12 +48,12 @@ class Workspace {
   /// Rates with a limit, empty by default: the functions of this workspace limit their forces and laws. OneStep and the
   /// integrators set those of the arm.
   std::vector<AppliedLimit> limits;
-  std::vector<bool> prescribed;    ///< per velocity coordinate
-  std::vector<int> free;           ///< coordinates that are not prescribed
-  double twice_kinetic = 0.0;      ///< v^T M v (J), set by factor_shifted
-  std::vector<double> remembered;  ///< what a run remembers of contacts; empty: no run
-  std::vector<double> held;        ///< forces of the rigid rows of loops, in their order, as given; empty: none
-  std::vector<double> note;        ///< the same at the end of a step, if `noted`, before it counts
+  std::vector<bool> prescribed;     ///< per velocity coordinate
+  std::vector<int> free;            ///< coordinates that are not prescribed
+  double twice_kinetic = 0.0;       ///< v^T M v (J), set by factor_shifted
+  std::vector<double> remembered;   ///< what a run remembers of contacts; empty: no run
+  std::vector<double> loop_forces;  ///< forces of the rigid rows of loops, in their order, as given; empty: none
+  std::vector<double> note;         ///< the same at the end of a step, if `noted`, before it counts
   bool noted = false;
 
   /// Laws without memory that every evaluation includes from now on; they must outlive the workspace.
@@ -61,7 +61,7 @@ class Workspace {
   void feed_back(const std::vector<Feedback>& laws);
   void feed_back(const std::vector<Feedback>&& laws) = delete;  ///< they would be gone
 
-  /// Sets the forces of drives and held laws (nv) for the limits.
+  /// Sets the forces of drives and loop_forces laws (nv) for the limits.
   void give(const double* forces) {
     for (AppliedLimit& l : limits) l.given = forces[l.rate];
   }

@@ -14,9 +14,10 @@
 namespace flexarm {
 
 enum class LinearSolver {
-  automatic,  ///< chain, which is the faster one at any number of links
+  automatic,  ///< chain (dense with rigid loops), which is the faster one at any number of links
   dense,      ///< exact Jacobian, factored: O(N^3) once in several steps
-  chain       ///< AB's elimination of M + C/cj + K/cj^2, within GMRES where it is not enough by itself: O(N)
+  chain  ///< not with rigid loops, which take `dense`: AB's elimination of M + C/cj + K/cj^2, within GMRES where it is
+         ///< not enough by itself: O(N)
 };
 
 struct IdaOptions {

@@ -20,7 +20,8 @@ struct Loop {
   /// The third axis is that of a revolute, prismatic or cylindrical joint, and the normal of a planar one; a universal
   /// joint turns about the first on a and the second on b.
   enum Kind { fixed, revolute, prismatic, cylindrical, universal, planar, spherical };
-  /// An equation: axis i on a sees no displacement; or, of turns, is square to axis j on b.
+  /// An equation: axis i on a sees no displacement; or, of turns, is square to axis j on b. It is so where an axis
+  /// points the other way, too: a motion begins, and stays, where they point the same way.
   struct Row {
     bool turns;
     int i, j;

@@ -79,8 +79,8 @@ class CollocationStep final : public Step {
   Status iterate(double h, Workspace& ws);
   double missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau, const Workspace& ws) const;
   /// Sets the forces of loops for the sweeps: those at point i; between the points.
-  void hold(int i, Workspace& ws) const;
-  void hold_inside(double x, Workspace& ws) const;
+  void set_loop_forces(int i, Workspace& ws) const;
+  void set_loop_forces_inside(double x, Workspace& ws) const;
   void take_loops(Workspace& ws, Eigen::VectorXd& forces);
   void drop_rows();
   void judge(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau, const Given& given);
