@@ -18,16 +18,15 @@ namespace flexarm {
 namespace {
 
 constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it takes no force
-constexpr double kSmallest = 1e-300;
-constexpr double kLoose = 1e-6;   // parts of the motion that such a row may miss
-constexpr double kEased = 1e-11;  // of the diagonal of the matrix of loops: as much as their forces give way
-constexpr double kSlow = 0.25;    // contraction above which the Jacobians are made anew
-constexpr double kFails = 0.7;    // contraction at which even new ones are made anew, where the iteration now is
-constexpr double kBest = 0.02;    // contraction that is believed without having been measured in the same step
-constexpr int kGivenUp = 3;       // corrections that grew, after which an iteration is given up
-constexpr double kFloor = 1e-8;   // parts of the motion: an iteration that stalls below is at the end of its digits
-constexpr double kGrown = 1.5;    // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kSolved = 1e-3;  // of the tolerance of places, to which the equations are solved
+constexpr double kLoose = 1e-6;      // parts of the motion that such a row may miss
+constexpr double kEased = 1e-11;     // of the diagonal of the matrix of loops: as much as their forces give way
+constexpr double kSlow = 0.25;       // contraction above which the Jacobians are made anew
+constexpr double kFails = 0.7;       // contraction at which even new ones are made anew, where the iteration now is
+constexpr double kBest = 0.02;       // contraction that is believed without having been measured in the same step
+constexpr int kGivenUp = 3;          // corrections that grew, after which an iteration is given up
+constexpr double kFloor = 1e-8;      // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
+constexpr double kSolved = 1e-3;     // of the tolerance of places, to which the equations are solved
 constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 
 /// The quaternion at `k` of p0, turned by u, into p.
@@ -302,8 +301,8 @@ void CollocationStep::drop_rows() {
     Eigen::Index next = -1;
     double most = kDependent;
     for (Eigen::Index r = 0; r < rows_; ++r)
-      if (taken_[r] == 0.0 && left_(r, r) > most * closed_(r, r)) {
-        most = left_(r, r) / closed_(r, r);
+      if (taken_[r] == 0.0 && left_(r, r) > most * own_[r] * own_[r]) {
+        most = left_(r, r) / (own_[r] * own_[r]);
         next = r;
       }
     if (next < 0) break;
@@ -474,7 +473,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     for (int i = 0; i < s_; ++i) {
       for (Eigen::Index r = 0; r < rows_; ++r)
         if (const double second = residual_[s_ * n + i * rows_ + r]; taken_[r] == 0.0)
-          missed = std::max(missed, std::abs(second) / std::max(own_[r], kSmallest));
+          missed = std::max(missed, own_[r] > 0.0 ? std::abs(second) / own_[r] : 0.0);
       reaction_.col(i) += correction_.segment(s_ * n + i * rows_, rows_);
       const auto turn = correction_.segment(i * n, n);
       for (Eigen::Index k = 0; k < n; ++k) a_(free_[static_cast<std::size_t>(k)], i) += turn[k];

@@ -15,6 +15,7 @@ using flexarm::lanes::Shift;
 using flexarm::lanes::TiedPoint;
 
 constexpr double kEased = 1e-11;     // of C's diagonal, added to it, as rows may depend on others
+constexpr double kFaint = 1e-8;      // parts of the largest of that diagonal: rows that move less are hardly moved
 constexpr int kUneased = 2;          // refinements that take it off again
 constexpr double kProjected = 1e-8;  // the same where states are moved onto loops: none is moved far in directions in
                                      // which the arm is nearly singular
@@ -173,10 +174,12 @@ struct Loops {
       times_columns(G, nv, n, solved + j * nv, column);
       for (int i = 0; i < n; ++i) matrix[i * n + j] = column[i];
     }
+    S most{};
+    for (int k = 0; k < n; ++k) most = Lanes<S>::larger(most, matrix[k * n + k]);
     for (int k = 0; k < n; ++k) {
       S& own = matrix[k * n + k];
-      own = Lanes<S>::select(own > 0.0, own, number<S>(1.0));  // nothing free moves it
-      eased[k] = row[k].soft ? S{} : part * own;
+      eased[k] = row[k].soft ? S{} : part * (own + kFaint * most);
+      eased[k] = Lanes<S>::select(most > 0.0, eased[k], number<S>(1.0));  // where nothing free moves any
       if (row[k].soft && !free)
         own += 1.0 / (shift.stiffness * row[k].stiffness + shift.damping * row[k].damping);
       else
