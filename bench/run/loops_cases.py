@@ -60,3 +60,39 @@ class Planar:
 
 FOURBAR = Planar(0.2, 0.5, 0.4, 0.45, 0.6, 0.004, 0.02, 1.0, hub=0.02, knots=(0.0, 0.1, 0.3, 0.4), torques=(0.0, 2.5, 2.5, 0.0))  # fmt: skip
 SLIDER = Planar(0.15, 0.5, 0.0, None, 0.0, 0.004, 0.02, 1.0, block=0.2, turn=6 * np.pi)
+
+
+@dataclass(frozen=True)
+class Misaligned:
+    """Bauchau's four bars: A (0, 0), B (0, 0.12), C (0.24, 0.12), D (0.24, 0); hinges along z, but the one at C, which
+    is 5 degrees off. The crank AB turns at 0.6 rad/s, after a smooth start."""
+
+    speed: float = -0.6  # rad/s
+    start: float = 1.0  # s, of degree 5, over which the crank turns by half of speed * start
+    end: float = 12.0
+    tilt: float = np.pi / 36
+    E: float = 207e9
+    NU: float = 0.3
+    RHO: float = 7800.0
+    sides: tuple[float, float, float] = (0.016, 0.016, 0.008)  # of the bars' square sections (m)
+    retardation: float = 1e-4  # s
+    corners: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 0.12), (0.24, 0.12), (0.24, 0.0))
+    # of a square of 16 mm, as the benchmark gives them: EA, kGA, GJ, EI; of other sides by their powers
+    given: tuple[float, float, float, float] = (52.99e6, 16.88e6, 733.5, 1131.0)
+
+    def angle(self, t: float) -> float:
+        """Of the crank; its rate is a smooth step, 10 x^3 - 15 x^4 + 6 x^5."""
+        x = min(t / self.start, 1.0)
+        begun = x**4 * (2.5 - 3 * x + x * x)
+        return self.speed * (self.start * begun + max(t - self.start, 0.0))
+
+    def section(self, side: float) -> tuple[np.ndarray, float, np.ndarray]:
+        """Stiffness of (stretch, shears, twist, bendings), mass and inertia per length."""
+        x = side / 0.016
+        EA, GA, GJ, EI = self.given
+        K = np.diag([EA * x**2, GA * x**2, GA * x**2, GJ * x**4, EI * x**4, EI * x**4])
+        I = self.RHO * side**4 / 12
+        return K, self.RHO * side**2, np.diag([2 * I, I, I])
+
+
+MISALIGNED = Misaligned()

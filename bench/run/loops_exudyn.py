@@ -1,6 +1,6 @@
 """Worker of bench/run/loops.py: mechanisms of beams in Exudyn.
 
-    python loops_exudyn.py fourbar|slider            # one line of JSON
+    python loops_exudyn.py fourbar|slider|misaligned  # one line of JSON
     python loops_exudyn.py fourbar 8 2000            # with so many elements a beam and steps: the run alone
 
 The planar ones are of geometrically exact beams with quadratic elements, pinned together, with Kelvin and Voigt's
@@ -14,14 +14,17 @@ from __future__ import annotations
 import json
 import sys
 import time
+from itertools import pairwise
 from typing import Any
 
 import exudyn as exu
 import exudyn.utilities as eu
 import numpy as np
-from loops_cases import FOURBAR, OUTPUTS, SLIDER, Planar
+from loops_cases import FOURBAR, MISALIGNED, OUTPUTS, SLIDER, Planar
 
-NEWTON = 1e-6  # absolute tolerance; with less, rounding stops it
+ELEMENTS, STEPS = (2, 4, 8, 16, 32), (10, 20, 40, 80, 160)  # of each beam; between two outputs
+ERROR = 1e-6  # of the span, at which times are compared
+NEWTON = 1e-5  # absolute tolerance; with less, rounding stops it
 
 
 class Model:
@@ -123,34 +126,127 @@ class Model:
         return spent, np.hstack([np.array(self.mbs.GetSensorStoredData(n))[:, 1:3] for n in self.sensors])
 
 
+class Misaligned:
+    """Bars in space, of linear elements."""
+
+    def __init__(self, elements: int) -> None:
+        case = MISALIGNED
+        self.container = exu.SystemContainer()
+        self.mbs = self.container.AddSystem()
+        mbs = self.mbs
+        ground = mbs.AddObject(eu.ObjectGround())
+        ends, middles = [], []
+        for k, side in enumerate(case.sides):
+            a, b = (np.array([*case.corners[j], 0.0]) for j in (k, k + 1))
+            x = (b - a) / np.linalg.norm(b - a)
+            R = np.column_stack([x, np.cross([0, 0, 1.0], x), [0, 0, 1.0]])
+            section = exu.BeamSection()
+            section.stiffnessMatrix, section.massPerLength, section.inertia = case.section(side)
+            section.dampingMatrix = case.retardation * section.stiffnessMatrix
+            turn = eu.RotationMatrix2EulerParameters(R)
+            nodes = [mbs.AddNode(eu.NodeRigidBodyEP(referenceCoordinates=[*(a + (b - a) * j / elements), *turn]))
+                     for j in range(elements + 1)]  # fmt: skip
+            long = float(np.linalg.norm(b - a)) / elements
+            for pair in pairwise(nodes):
+                mbs.AddObject(eu.ObjectBeamGeometricallyExact(nodeNumbers=list(pair), length=long, sectionData=section))
+            ends.append((nodes[0], nodes[-1], R))
+            middles.append(nodes[elements // 2])
+
+        def marker(node: int) -> Any:
+            return mbs.AddMarker(eu.MarkerNodeRigid(nodeNumber=node))
+
+        def on_ground(corner: int) -> Any:
+            return mbs.AddMarker(eu.MarkerBodyRigid(bodyNumber=ground, localPosition=[*case.corners[corner], 0.0]))
+
+        c, s = np.cos(case.tilt), np.sin(case.tilt)
+        tilted = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])  # third column: the axis (sin, 0, cos)
+        I = np.eye(3)
+
+        def hinge(a: Any, Ra: Any, b: Any, Rb: Any, axes: Any = I, driven: int = 0, **more: Any) -> None:
+            """At rest the hinge has these axes in the world."""
+            mbs.AddObject(eu.GenericJoint(markerNumbers=[a, b], constrainedAxes=[1, 1, 1, 1, 1, driven],
+                                          rotationMarker0=Ra.T @ axes, rotationMarker1=Rb.T @ axes, **more))  # fmt: skip
+
+        def offset(mbs: Any, t: float, item: int, parameters: Any) -> list[float]:
+            return [0.0, 0.0, 0.0, 0.0, 0.0, case.angle(t)]
+
+        (a0, a1, Ra), (b0, b1, Rb), (c0, c1, Rc) = ends
+        hinge(on_ground(0), I, marker(a0), Ra, driven=1, offsetUserFunction=offset)
+        hinge(marker(a1), Ra, marker(b0), Rb)
+        hinge(marker(b1), Rb, marker(c0), Rc, tilted)
+        hinge(marker(c1), Rc, on_ground(3), I)
+        position = exu.OutputVariableType.Position
+        self.sensors = [mbs.AddSensor(eu.SensorNode(nodeNumber=n, storeInternal=True, writeToFile=False,
+                                                    outputVariableType=position)) for n in (b1, *middles[1:])]  # fmt: skip
+        mbs.Assemble()
+
+    def solve(self, every: int, newton: float = 1e-6) -> tuple[float, np.ndarray]:
+        s = exu.SimulationSettings()
+        s.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        s.solution.file.write = False
+        s.solution.sensors.writePeriod = MISALIGNED.end / OUTPUTS
+        i = s.timeIntegration
+        i.endTime, i.numberOfSteps, i.adaptiveStep = MISALIGNED.end, OUTPUTS * every, False
+        i.generalizedAlpha.spectralRadius, i.newton.useModifiedNewton = 0.95, False
+        i.newton.absoluteTolerance = i.newton.relativeTolerance = newton
+        start = time.process_time()
+        self.mbs.SolveDynamic(s)
+        cpu = time.process_time() - start
+        return cpu, np.hstack([np.array(self.mbs.GetSensorStoredData(x))[:, 1:4] for x in self.sensors])
+
+
+def misaligned() -> None:
+    """Errors of order 2 and 4 in the elements' length are taken away, and those of order 2 in the step."""
+
+    def solved(elements: int, every: int) -> np.ndarray:
+        for newton in (1e-6, 1e-5, 1e-4):  # rounding stops it where this is too small for the elements
+            try:
+                return Misaligned(elements).solve(every, newton)[1]
+            except exu.SolverError:
+                continue
+        raise SystemExit(f"no solution with {elements} elements, {every} steps")
+
+    a, b, c = (solved(n, 24) for n in (8, 16, 32))
+    first, second = (4 * b - a) / 3, (4 * c - b) / 3
+    fine = (16 * second - first) / 15
+    by_step = (solved(8, 48) - a) / 3 * 4
+    print(json.dumps({"exudyn": exu.__version__, "by elements": float(np.abs(second - fine).max()),
+                      "by steps": float(np.abs(by_step).max()), "truth": (fine + by_step).tolist()}))  # fmt: skip
+
+
 def main() -> None:
     exu.config.printToConsole = False
+    if sys.argv[1] == "misaligned":
+        misaligned()
+        return
     case = {"fourbar": FOURBAR, "slider": SLIDER}[sys.argv[1]]
     if len(sys.argv) > 2:
         spent, places = Model(case, int(sys.argv[2])).solve(int(sys.argv[3]) // OUTPUTS)
         print(json.dumps({"seconds": spent, "places": places.tolist()}))
         return
     span = case.span
-    elements, every = (4, 8, 16, 32), (10, 20, 40, 80, 160)
-    runs = {}
-    for n in elements:
-        for e in every:
-            if n == 32 and e < 80:
-                continue
-            runs[n, e] = Model(case, n).solve(e)
+    runs = {(n, e): Model(case, n).solve(e) for n in ELEMENTS for e in STEPS if n < ELEMENTS[-1] or e >= STEPS[-3]}
 
     def at_no_step(n: int) -> np.ndarray:
-        a, b = runs[n, every[-2]][1], runs[n, every[-1]][1]
-        return (4 * b - a) / 3
+        """By halves of the step: errors of order 2, then of order 4, taken away."""
+        a, b, c = (runs[n, e][1] for e in STEPS[-3:])
+        first, second = (4 * b - a) / 3, (4 * c - b) / 3
+        return (16 * second - first) / 15
 
-    fine = {n: at_no_step(n) for n in elements}
-    orders = [float(np.abs(fine[a] - fine[b]).max() / np.abs(fine[b] - fine[c]).max())
-              for a, b, c in zip(elements, elements[1:], elements[2:], strict=False)]  # fmt: skip
-    truth = fine[32] + (fine[32] - fine[16]) / (orders[-1] - 1)
+    fine = {n: at_no_step(n) for n in ELEMENTS}
+    change = [float(np.abs(fine[a] - fine[b]).max() / span) for a, b in pairwise(ELEMENTS)]
+    truth = fine[ELEMENTS[-1]] + (fine[ELEMENTS[-1]] - fine[ELEMENTS[-2]]) / 15
+    for n in ELEMENTS:  # the steps that this mesh needs
+        mesh, step = (np.abs(x).max() / span for x in (fine[n] - truth, runs[n, STEPS[-1]][1] - fine[n]))
+        if mesh < 0.9 * ERROR:
+            every = int(np.ceil(STEPS[-1] * np.sqrt(step / (ERROR - mesh))))
+            runs[n, every] = Model(case, n).solve(every)
+            break
     rows = [{"elements": n, "steps": e * OUTPUTS, "seconds": x[0], "error": float(np.abs(x[1] - truth).max() / span)}
             for (n, e), x in runs.items()]  # fmt: skip
-    doubt = float(np.abs(truth - fine[32]).max() / span)
-    print(json.dumps({"exudyn": exu.__version__, "orders": orders, "doubt": doubt, "runs": rows,
+    a, b = (runs[ELEMENTS[-1], e][1] for e in STEPS[-2:])
+    doubt = float(np.abs((4 * b - a) / 3 - fine[ELEMENTS[-1]]).max() / span)
+    print(json.dumps({"exudyn": exu.__version__, "by elements": change, "by steps": doubt, "runs": rows,
                       "truth": truth.tolist()}))  # fmt: skip
 
 

@@ -774,7 +774,8 @@ class Rod:
         by[0, self.sines :], by[1, : self.sines] = sh["u"], sh["v"]
         by[0, -1] += -v * by_last
         by[1, -1] += x * by_last
-        free = np.array([pin[0] - x * rate**2 - v * bias - 2 * rate * dv, pin[1] - v * rate**2 + x * bias + 2 * rate * du])
+        free = np.array([pin[0] - x * rate**2 - v * bias - 2 * rate * dv,
+                         pin[1] - v * rate**2 + x * bias + 2 * rate * du])  # fmt: skip
         line = self.density * self.side**2 * sh["w"]
         M = np.einsum("cix,cjx,x->ij", by, by, line)
         f = -np.einsum("cix,cx,x->i", by, free, line)
@@ -893,7 +894,7 @@ def check() -> None:
     runs = four_bar_bodies(FOURBAR, 0.5, 3.0)[0].run(four_bar_bodies(FOURBAR, 0.5, 3.0)[1], t)
     angles = np.array([Rotation.from_matrix(m.R).as_rotvec()[:, 2] for m in runs])
     apart = np.abs(np.exp(1j * angles) - np.exp(1j * y[:, :3])).max()
-    print(f"four bars: energy changes by {np.ptp(energy) / abs(energy[0]):.0e}; from bodies on their own {apart:.0e} rad")
+    print(f"four bars: energy changes by {np.ptp(energy) / abs(energy[0]):.0e}; from bodies on their own {apart:.0e}")
     whole, start = bricard()
     runs = whole.run(start, np.linspace(0, 2, 11))
     energy = [whole.energy(m) for m in runs]
@@ -906,7 +907,8 @@ def check() -> None:
     still = DELTA.bodies()[0]
     work = [sum(t * (Rotation.from_matrix(m.R[k]).as_rotvec() @ DELTA.way(k)[1]) for k, t in enumerate(DELTA_TORQUES))
             for m in runs]  # fmt: skip
-    print(f"Delta: energy less the torques' work changes by {np.ptp([still.energy(m) - w for m, w in zip(runs, work, strict=True)]):.0e} J")  # fmt: skip
+    left = [still.energy(m) - w for m, w in zip(runs, work, strict=True)]
+    print(f"Delta: energy less the torques' work changes by {np.ptp(left):.0e} J")
     t = np.array([0.0, 0.1])
     q, _ = TESTSET.run(t, np.array(TESTSET.START), np.array(TESTSET.START_RATES), 1e-9)
     angle, place = TESTSET.ends(t, q)
@@ -914,20 +916,39 @@ def check() -> None:
     print(f"slider crank, own steps from the published digits: {np.abs(off).max():.0e} (rad, m)")
 
 
+def as_numbers(whole: Bodies, start: Motion, tree: list[int]) -> dict[str, Any]:
+    """Bodies and joints for JSON; the joints of `tree`, by their bodies b in turn, make a tree, the others close it.
+    A frame is a place from the body's centre, and a rotation vector."""
+
+    def frame(of: tuple[Array, Array]) -> list[list[float]]:
+        return [of[0].tolist(), Rotation.from_matrix(of[1]).as_rotvec().tolist()]
+
+    joints = [{"kind": h.kind, "a": h.a, "b": h.b, "on a": frame(h.on_a), "on b": frame(h.on_b)} for h in whole.holds]
+    return {
+        "mass": whole.mass.tolist(), "inertia": whole.inertia.tolist(), "gravity": whole.gravity.tolist(),
+        "tree": [joints[k] for k in tree], "loops": [j for k, j in enumerate(joints) if k not in tree],
+    }  # fmt: skip
+
+
 def numbers() -> dict[str, Any]:
-    t = np.array([0.0, 0.25, 0.5, 1.0])
+    t = np.linspace(0, 2, 5)
     whole, start = bricard()
-    turned = [bricard_angles(m) for m in whole.run(start, np.linspace(0, 2, 5))]
+    turned = [bricard_angles(m) for m in whole.run(start, t)]
+    of_bricard = as_numbers(whole, start, [0, 1, 2, 3, 4])
     robot, at = delta()
     accelerations, *_ = robot.accelerations(0.0, at)
     plate = [m.p[9].tolist() for m in robot.run(at, np.linspace(0, 0.2, 3))]
+    # three hinges, then of each arm (universal, ball) twice: bodies in the order of flexarm's links
+    of_delta = as_numbers(robot, at, [0, 1, 2, 3, 5, 7, 9, 11, 13, 4])
     angle, rate = double_four_bar(np.linspace(0, 10, 11))
+    times = np.array([0.0, 0.25, 0.5, 1.0])
     return {
-        "four bar": {"t": t.tolist(), "start": [0.5, 3.0], "y": FOURBAR.run(0.5, 3.0, t).tolist()},
+        "made by": "bench/run/loops_truth.py --write",
+        "four bar": {"t": times.tolist(), "start": [0.5, 3.0], "y": FOURBAR.run(0.5, 3.0, times).tolist()},
         "double four bar": {"t": np.linspace(0, 10, 11).tolist(), "angle": angle.tolist(), "rate": rate.tolist()},
-        "bricard": {"t": np.linspace(0, 2, 5).tolist(), "angle": [a.tolist() for a, _ in turned],
+        "bricard": {**of_bricard, "t": t.tolist(), "angle": [a.tolist() for a, _ in turned],
                     "rate": [v.tolist() for _, v in turned]},
-        "delta": {"t": [0.0, 0.1, 0.2], "plate": plate,
+        "delta": {**of_delta, "t": [0.0, 0.1, 0.2], "plate": plate, "torques": DELTA_TORQUES,
                   "accelerations": [float(accelerations[k, 3:] @ DELTA.way(k)[1]) for k in range(3)]},
         "andrews": {"q": ANDREWS.q_end.tolist(), "v": ANDREWS.v_end.tolist()},
         "rings": [ring(kind, world, soft, 3) for kind in HOLDS for world in (False, True) for soft in (False, True)],
