@@ -58,7 +58,7 @@ class Planar:
         return [*found, (top, (self.base, 0.0))] if self.base is not None else found
 
 
-FOURBAR = Planar(0.2, 0.5, 0.4, 0.45, 0.6, 0.004, 0.02, 1.0, hub=0.02, knots=(0.0, 0.1, 0.3, 0.4), torques=(0.0, 2.5, 2.5, 0.0))  # fmt: skip
+FOURBAR = Planar(0.2, 0.5, 0.4, 0.45, 0.6, 0.004, 0.02, 1.0, hub=0.02, knots=(0.0, 0.1, 0.3, 0.4, 1.0), torques=(0.0, 2.5, 2.5, 0.0, 0.0))  # fmt: skip
 SLIDER = Planar(0.15, 0.5, 0.0, None, 0.0, 0.004, 0.02, 1.0, block=0.2, turn=6 * np.pi)
 
 

@@ -19,6 +19,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -227,7 +228,7 @@ class Bodies:
             return np.concatenate([m.v.ravel(), dq.ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
 
         found = [self.put_back(start)]
-        for begin, end in zip(t, t[1:], strict=False):
+        for begin, end in pairwise(t):
             y = pack(found[-1])
             done = solve_ivp(rates, (begin, end), y, "DOP853", rtol=tol, atol=tol * 1e-2)
             found.append(self.put_back(unpack(done.y[:, -1])))
@@ -280,7 +281,7 @@ class Andrews:
         M[5, 5] = m[5] * b**2 + I[5]
         M[5, 6] = M[6, 5] = m[5] * (b**2 - u * b * s(om)) + I[5]
         M[6, 6] = m[5] * (b**2 - 2 * u * b * s(om) + u**2) + m[6] * (self.ua**2 + self.ub**2) + I[5] + I[6]
-        at = self.B + [self.sd * c(ga) + self.sc * s(ga), self.sd * s(ga) - self.sc * c(ga)]
+        at = self.B + np.array([self.sd * c(ga) + self.sc * s(ga), self.sd * s(ga) - self.sc * c(ga)])
         way = at - self.C
         length = np.hypot(*way)
         fx, fy = -self.spring * (length - self.rest) / length * way
@@ -333,7 +334,7 @@ class Andrews:
 
         q, v = self.put_back(self.start, np.zeros(7))
         found = [(q, v)]
-        for begin, end in zip(t, t[1:], strict=False):
+        for begin, end in pairwise(t):
             y = solve_ivp(rates, (begin, end), np.concatenate([q, v]), "DOP853", rtol=tol, atol=1e-15).y[:, -1]
             q, v = self.put_back(y[:7], y[7:])
             found.append((q, v))
@@ -448,7 +449,7 @@ BRICARD_HINGES = np.array([Y, Z, X, Y, Z, X])  # at these corners, square to bot
 
 
 def bricard() -> tuple[Bodies, Motion]:
-    """Five bars of 1 m, 1 kg and a section of 0.1 m and the ground (from the last corner to the first); gravity along -y."""
+    """Five bars of 1 m, 1 kg, 0.1 m thick, and the ground (from the last corner to the first); gravity along -y."""
     bodies, holds = [], []
     centres = np.array([(BRICARD_CORNERS[k] + BRICARD_CORNERS[k + 1]) / 2 for k in range(5)])
     for k in range(5):
@@ -939,7 +940,7 @@ def numbers() -> dict[str, Any]:
     accelerations, *_ = robot.accelerations(0.0, at)
     plate = [m.p[9].tolist() for m in robot.run(at, np.linspace(0, 0.2, 3))]
     # three hinges, then of each arm (universal, ball) twice: bodies in the order of flexarm's links
-    of_delta = as_numbers(robot, at, [0, 1, 2, 3, 5, 7, 9, 11, 13, 4])
+    of_delta = as_numbers(robot, at, [0, 5, 10, 1, 3, 6, 8, 11, 13, 2])
     angle, rate = double_four_bar(np.linspace(0, 10, 11))
     times = np.array([0.0, 0.25, 0.5, 1.0])
     return {
