@@ -6,7 +6,7 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
-from loops_cases import MISALIGNED, NU, RHO, E, Misaligned, Planar
+from loops_cases import MISALIGNED, NU, RHO, E, Planar
 from loops_truth import (
     ANDREWS,
     DELTA_TORQUES,
@@ -104,38 +104,108 @@ def delta_arm() -> tuple[fa.Arm, Array]:
     return arm, tau
 
 
-def planar(case: Planar, modes: int = 4, along: int = 2, order: Any = "exact") -> fa.Arm:
-    """Beams of a crank, a coupler, and a rocker or a block."""
+def planar(case: Planar, shapes: tuple[int, int, int] = (4, 5, 5), fine: int = 2, order: Any = "exact") -> fa.Arm:
+    """Beams of a crank, a coupler, and a rocker or a block; so many shapes of bending each, `fine` of shear and of
+    stretch."""
 
-    def beam(length: float) -> fa.Beam:
-        of = {"bending_y": modes, "shear_y": max(1, modes - 2), "extension": along}
+    def beam(length: float, bending: int) -> fa.Beam:
+        of = {"bending_y": bending, "shear_y": fine, "extension": fine}
         section = fa.Rectangle(case.thick, case.wide)
         return fa.Beam(length, section, STEEL, of, "legendre", order, kelvin_voigt=case.retardation)
 
     crank = fa.Revolute("z", reflected_inertia=case.hub)
-    links = [fa.Link(crank, beam=beam(case.crank), name="crank"),
-             fa.Link(fa.Revolute("z"), beam=beam(case.coupler), name="coupler")]  # fmt: skip
+    links = [fa.Link(crank, beam=beam(case.crank, shapes[0]), name="crank"),
+             fa.Link(fa.Revolute("z"), beam=beam(case.coupler, shapes[1]), name="coupler")]  # fmt: skip
     if case.base is None:
-        block = fa.RigidBody(case.block, inertia=(0, 0, 0))
-        links.append(fa.Link(fa.Prismatic("x"), block, name="block", parent="world"))
-        return fa.Arm(links, (0, -case.gravity, 0), loops=[pin("coupler", "block")])
-    foot = fa.Revolute("z", inboard=fa.Placement((case.base, 0, 0)))
-    links.append(fa.Link(foot, beam=beam(case.rocker), name="rocker", parent="world"))
-    return fa.Arm(links, (0, -case.gravity, 0), loops=[pin("coupler", "rocker")])
+        links.append(fa.Link(fa.Prismatic("x"), fa.RigidBody(case.block), name="last", parent="world"))
+    else:
+        foot = fa.Revolute("z", inboard=fa.Placement((case.base, 0, 0)))
+        links.append(fa.Link(foot, beam=beam(case.rocker, shapes[2]), name="last", parent="world"))
+    return fa.Arm(links, (0, -case.gravity, 0), loops=[pin("coupler", "last")])
 
 
 def start(arm: fa.Arm, case: Planar) -> Array:
     up, back = case.angles()
-    q = arm.zero.copy()
-    at = {name: k for k, name in enumerate(arm.q_labels)} if hasattr(arm, "q_labels") else {}
-    del at
     last = case.crank * np.cos(case.angle) + case.coupler * np.cos(up) if case.base is None else back
-    pose = {"crank": case.angle, "coupler": up - case.angle, "block" if case.base is None else "rocker": last}
-    q = arm.pose(pose)
-    return arm.assemble(q, hold=["crank"])
+    pose = arm.pose({"crank": case.angle, "coupler": up - case.angle, "last": last})
+    return np.asarray(arm.assemble(pose, hold=["crank"]))
 
 
 def drives(case: Planar) -> dict[str, Any]:
     if case.turn:
         return {"crank": fa.Motion([0, case.end], [case.angle, case.angle + case.turn], [0, 0], [0, 0])}
     return {"crank": fa.Torque(case.knots, case.torques)}
+
+
+def misaligned(bending: int = 3, rest: int = 2) -> fa.Arm:
+    """Bauchau's four bars; at zero the bars stand as they are at first."""
+    case = MISALIGNED
+
+    def beam(k: int) -> fa.Beam:
+        K, mass, J = case.section(case.sides[k])
+        inertia = np.diag([mass] * 3 + list(np.diag(J)))
+        of = {"bending_y": bending, "bending_z": bending, "torsion": rest, "shear_y": rest, "shear_z": rest,
+              "extension": rest}  # fmt: skip
+        length = float(np.hypot(*np.subtract(case.corners[k + 1], case.corners[k])))
+        return fa.Beam(length, fa.SectionMatrix(K, inertia), None, of, "legendre", "exact",
+                       kelvin_voigt=case.retardation)  # fmt: skip
+
+    def hinge(turn: float, at: tuple[float, float] = (0, 0)) -> fa.Revolute:
+        return fa.Revolute("z", inboard=fa.Placement((*at, 0), (0, 0, turn)))
+
+    links = [fa.Link(hinge(np.pi / 2), beam=beam(0), name="crank"),
+             fa.Link(hinge(-np.pi / 2), beam=beam(1), name="coupler"),
+             fa.Link(hinge(np.pi / 2, case.corners[3]), beam=beam(2), name="rocker", parent="world")]  # fmt: skip
+    axis = (np.sin(case.tilt), 0, np.cos(case.tilt))
+    tilted = fa.Revolute(axis, outboard=fa.Placement(rotation=(0, 0, np.pi / 2)))
+    return fa.Arm(links, loops=[fa.Loop("coupler", "rocker", tilted, name="C")])
+
+
+def misaligned_drive() -> dict[str, Any]:
+    """Of degree 5 between 61 samples of the start, and on to the end."""
+    case = MISALIGNED
+    t = np.unique(np.concatenate([np.linspace(0, case.start, 61), [case.end]]))
+    x = np.minimum(t / case.start, 1)
+    rate = case.speed * x**3 * (10 - 15 * x + 6 * x * x)
+    more = case.speed / case.start * 30 * x**2 * (1 - x) ** 2
+    return {"crank": fa.Motion(t, [case.angle(now) for now in t], rate, more)}
+
+
+def rod_crank(of: Rod, bending: int = 5, along: int = 3) -> fa.Arm:
+    """The slider crank of the IVP test set: a crank without mass that is driven, an elastic rod, a block."""
+    material = fa.Material(of.density, of.E, 0.3)
+    beam = fa.Beam(of.length, fa.Rectangle(of.side, of.side), material, {"bending_y": bending, "extension": along},
+                   "legendre", "exact", kelvin_voigt=of.damping)  # fmt: skip
+    body = fa.RigidBody(0.36, (of.crank / 2, 0, 0), (0, 0, 1e-3), (of.crank, 0, 0))
+    links = [fa.Link(fa.Revolute("z"), body, name="crank"), fa.Link(fa.Revolute("z"), beam=beam, name="rod"),
+             fa.Link(fa.Prismatic("x"), fa.RigidBody(of.block), name="block", parent="world")]  # fmt: skip
+    return fa.Arm(links, loops=[pin("rod", "block")])
+
+
+def five_bar(bending: int = 3) -> fa.Arm:
+    """Two cranks and two couplers of beams in a plane, 0.3 m apart, whose couplers meet: two freedoms."""
+    def beam(length: float) -> fa.Beam:
+        return fa.Beam(length, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": bending}, "legendre", kelvin_voigt=1e-4)
+
+    links = []
+    for side, at in (("left", -0.15), ("right", 0.15)):
+        foot = fa.Revolute("z", inboard=fa.Placement((at, 0, 0)), reflected_inertia=0.02)
+        links += [fa.Link(foot, beam=beam(0.3), name=f"{side} crank", parent="world"),
+                  fa.Link(fa.Revolute("z"), beam=beam(0.4), name=f"{side} coupler")]  # fmt: skip
+    return fa.Arm(links, (0, -GRAVITY, 0), loops=[pin("left coupler", "right coupler")])
+
+
+def closed_ring(links: int, bending: int = 0) -> tuple[fa.Arm, Array]:
+    """A regular polygon of so many bars in a plane, on a hinge of the world and closed there; at zero gravity it spins.
+
+    And its start."""
+    long = 2 * np.pi / links * 0.5
+    made = []
+    for k in range(links):
+        hinge = fa.Revolute("z", stiffness=0.0 if k == 0 else 5.0, rest=0.0 if k == 0 else 2 * np.pi / links)
+        body = fa.RigidBody(0.2, (long / 2, 0, 0), (0, 0, 0.2 * long**2 / 12), (long, 0, 0))
+        beam = fa.Beam(long, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": bending}, "legendre") if bending else None
+        made.append(fa.Link(hinge, None if beam else body, beam=beam, name=f"bar{k}"))
+    arm = fa.Arm(made, (0, -GRAVITY, 0), loops=[pin("world", f"bar{links - 1}")])
+    q = arm.pose({f"bar{k}": 0.1 if k == 0 else 2 * np.pi / links for k in range(links)})
+    return arm, np.asarray(arm.assemble(q))

@@ -196,7 +196,8 @@ class Misaligned:
 
 
 def misaligned() -> None:
-    """Errors of order 2 and 4 in the elements' length are taken away, and those of order 2 in the step."""
+    """Errors of order 2 and 4 in the elements' length are taken away. Steps of half the length change more: Newton's
+    tolerance cannot be small enough for them, because rounding stops it."""
 
     def solved(elements: int, every: int) -> np.ndarray:
         for newton in (1e-6, 1e-5, 1e-4):  # rounding stops it where this is too small for the elements
@@ -209,9 +210,9 @@ def misaligned() -> None:
     a, b, c = (solved(n, 24) for n in (8, 16, 32))
     first, second = (4 * b - a) / 3, (4 * c - b) / 3
     fine = (16 * second - first) / 15
-    by_step = (solved(8, 48) - a) / 3 * 4
+    by_steps = float(np.abs(solved(8, 48) - a).max())
     print(json.dumps({"exudyn": exu.__version__, "by elements": float(np.abs(second - fine).max()),
-                      "by steps": float(np.abs(by_step).max()), "truth": (fine + by_step).tolist()}))  # fmt: skip
+                      "by steps": by_steps, "truth": fine.tolist()}))  # fmt: skip
 
 
 def main() -> None:
