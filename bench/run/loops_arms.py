@@ -196,13 +196,13 @@ def five_bar(bending: int = 3) -> fa.Arm:
 
 
 def closed_ring(links: int, bending: int = 0) -> tuple[fa.Arm, Array]:
-    """A regular polygon of so many bars in a plane, on a hinge of the world and closed there; at zero gravity it spins.
-
-    And its start."""
+    """A regular polygon of so many bars in a plane, that swings on a hinge of the world and is closed there; springs
+    and dampers in its hinges. And its start."""
     long = 2 * np.pi / links * 0.5
     made = []
     for k in range(links):
-        hinge = fa.Revolute("z", stiffness=0.0 if k == 0 else 5.0, rest=0.0 if k == 0 else 2 * np.pi / links)
+        spring = {"stiffness": 50.0, "damping": 1.0, "rest": 2 * np.pi / links} if k else {}
+        hinge = fa.Revolute("z", **spring)
         body = fa.RigidBody(0.2, (long / 2, 0, 0), (0, 0, 0.2 * long**2 / 12), (long, 0, 0))
         beam = fa.Beam(long, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": bending}, "legendre") if bending else None
         made.append(fa.Link(hinge, None if beam else body, beam=beam, name=f"bar{k}"))

@@ -817,13 +817,15 @@ class Rod:
         f[: self.sines] -= sh["ddv"] @ moment
         return np.linalg.solve(M, f)
 
-    def run(self, t: Array, q: Array, dq: Array, tol: float = 1e-11) -> tuple[Array, Array]:
+    def run(
+        self, t: Array, q: Array, dq: Array, tol: float = 1e-11, method: str = "DOP853"
+    ) -> tuple[Array, Array]:
         n = self.sines + self.along
 
         def rates(now: float, y: Array) -> Array:
             return np.concatenate([y[n:], self.accelerations(now, y[:n], y[n:])])
 
-        y = solve_ivp(rates, (t[0], t[-1]), np.concatenate([q, dq]), "DOP853", t, rtol=tol, atol=1e-16).y.T
+        y = solve_ivp(rates, (t[0], t[-1]), np.concatenate([q, dq]), method, t, rtol=tol, atol=tol * 1e-5).y.T
         return y[:, :n], y[:, n:]
 
     def ends(self, t: Array, q: Array) -> tuple[Array, Array]:
