@@ -25,10 +25,9 @@ import loops_arms as arms
 import matplotlib
 import numpy as np
 from loops_cases import FOURBAR as FLEXIBLE_FOURBAR
-from loops_cases import MISALIGNED, OUTPUTS, SLIDER
-from loops_truth import ANDREWS, DELTA, DELTA_TORQUES, FOURBAR, GRAVITY, Array, Rod, double_four_bar
+from loops_cases import HELD, MISALIGNED, OUTPUTS, SLIDER, Held
+from loops_truth import ANDREWS, DELTA, DELTA_TORQUES, FOURBAR, GRAVITY, Array, Rod, bricard_angles, double_four_bar
 from loops_truth import bricard as bricard_truth
-from loops_truth import bricard_angles
 from loops_truth import delta as delta_truth
 
 matplotlib.use("Agg")
@@ -37,6 +36,7 @@ from reporting import finish
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
+TITLES = {"fourbar": "four-bar", "slider": "slider crank", "held": "two arms with a bar"}
 Runs = list[tuple[str, dict[str, Any]]]
 
 
@@ -160,22 +160,27 @@ def peer(name: str, folder: Path) -> dict[str, Any]:
 def beams(folder: Path) -> dict[str, Any]:
     """Of the four-bar and the slider crank: the peer, and flexarm's runs: shapes, run, off by (of the span), time."""
     found: dict[str, Any] = {}
-    for name, case in (("fourbar", FLEXIBLE_FOURBAR), ("slider", SLIDER)):
+    for name, case in (("fourbar", FLEXIBLE_FOURBAR), ("slider", SLIDER), ("held", HELD)):
         other = peer(name, folder)
         truth, t = np.array(other["truth"]), np.linspace(0, case.end, OUTPUTS + 1)
         rows = []
         for shapes, fine in (((2, 3, 3), 1), ((3, 5, 4), 1), ((4, 5, 5), 2)):
-            arm = arms.planar(case, shapes, fine)
-            q = arms.start(arm, case)
+            if isinstance(case, Held):
+                arm, watched, long, drive = arms.held(case, shapes, fine), "bar", case.bar, arms.held_drives(case)
+                q = arms.held_start(arm, case)
+            else:
+                arm, watched, long, drive = arms.planar(case, shapes, fine), "coupler", case.coupler, arms.drives(case)
+                q = arms.start(arm, case)
             for run, options in (*steps_of("gauss", 10, 5), *steps_of("implicit", 1, 0.1)):
                 results: list[fa.Result] = []
 
-                def job(arm: fa.Arm = arm, q: Array = q, options: Any = options, results: Any = results) -> None:
-                    results.append(fa.simulate(arm, t, q, drive=arms.drives(case), **options))
+                def job(arm: Any = arm, q: Any = q, drive: Any = drive, options: Any = options,
+                        t: Any = t, results: Any = results) -> None:  # fmt: skip
+                    results.append(fa.simulate(arm, t, q, drive=drive, **options))
 
                 spent = least(job, 3)
                 r = results[-1]
-                places = np.hstack([r.frame("coupler", case.coupler / 2)[0][:, :2], r.frame("coupler")[0][:, :2]])
+                places = np.hstack([r.frame(watched, long / 2)[0][:, :2], r.frame(watched)[0][:, :2]])
                 off = float(np.abs(places - truth).max() / case.span)
                 rows.append((shapes if case.base is not None else shapes[:2], fine, run, off, spent))
                 found[name, "run"] = r
@@ -206,9 +211,10 @@ def out_of_plane(folder: Path) -> dict[str, Any]:
         g, _ = arm.loop_motion(r.q, r.v)
         found["rows"].append((arm.nv, options, float(np.abs(c - finest).max()), float(np.abs(c - truth[:, :3]).max()),
                               float(np.abs(g).max()), spent))  # fmt: skip
-        found.setdefault("c", c)
-        found.setdefault("force", r.loop("C").force)
-        found.setdefault("torque", r.tau[:, 0])
+        if "drawn t" not in found:
+            found["drawn t"] = np.linspace(0, MISALIGNED.end, 2401)
+            r = fa.simulate(arm, found["drawn t"], drive=arms.misaligned_drive(), **options)
+            found |= {"c": r.frame("coupler")[0], "force": r.loop("C").force, "torque": r.tau[:, 0]}
     return found
 
 
@@ -263,7 +269,7 @@ def rings() -> list[tuple[int, Array]]:
         chain = fa.Arm(arm.links, arm.gravity)
         many = 200
         at, none = np.tile(q, (many, 1)), np.zeros((many, arm.nv))
-        times = [least(lambda a=a: a.forward_dynamics(at, none, none), 30) / many for a in (arm, chain)]
+        times = [least(lambda a=a, x=at, z=none: a.forward_dynamics(x, z, z), 30) / many for a in (arm, chain)]
         rows.append((bars, np.array([*times, *(per_step(a, q) for a in (arm, chain))])))
     return rows
 
@@ -274,7 +280,7 @@ def pinocchio(states: int = 2000) -> tuple[float, float, float]:
     import pinocchio as pin
 
     robot, start = delta_truth()
-    elbows, plate, ways = DELTA.start()
+    elbows, _, ways = DELTA.start()
     model = pin.Model()
     model.gravity.linear = np.array([0, 0, -GRAVITY])
 
@@ -303,8 +309,9 @@ def pinocchio(states: int = 2000) -> tuple[float, float, float]:
     models, data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
     first = rods[0][2]
     for rod, top, low in rods[1:]:
-        ball = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, rod, pin.SE3(np.eye(3), low - top), top_plate,
-                                        pin.SE3(np.eye(3), low - first), pin.ReferenceFrame.LOCAL)  # fmt: skip
+        above, below = (pin.SE3(np.eye(3), low - x) for x in (top, first))
+        ball = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, rod, above, top_plate, below,
+                                        pin.ReferenceFrame.LOCAL)  # fmt: skip
         models.append(ball)
         data.append(ball.createData())
     own = model.createData()
@@ -375,21 +382,21 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         table("orders", ["four bars, 1 s", "", "", "", "", "order"], rows)
     if "beams" in found:
         rows, notes = [], []
-        for name, title in (("fourbar", "four-bar"), ("slider", "slider crank")):
+        for name, title in TITLES.items():
             x = found["beams"][name]
             rows += [[title, f"{'+'.join(map(str, shapes))} of bending, {fine} of shear and stretch", run, cell(off),
                       f"{s:.2g}", f"{x['peer'] / s:.0f}" if off < 1e-6 else ""]
                      for shapes, fine, run, off, s in x["rows"]]  # fmt: skip
-            notes.append(f"Exudyn needs {x['peer']:.2g} s for 1e-6 of the {title}, and its extrapolated answer is sure "
-                         f"to {x['doubt']:.0e}.")  # fmt: skip
-        table("beams", ["", "shapes of each beam", "run of 1 s", "off by, of the span", "CPU time (s)",
-                        "Exudyn's time for 1e-6, over that"], rows, " ".join(notes))  # fmt: skip
+            notes.append(f"{title} {x['peer']:.2g} s ({x['doubt']:.0e})")
+        table("beams", ["", "shapes of each beam", "run", "off by, of the span", "CPU time (s)",
+                        "Exudyn's time for 1e-6, over that"], rows,
+              "Exudyn's time for 1e-6, and how sure its extrapolated answer is: " + ", ".join(notes) + ".")  # fmt: skip
     if "misaligned" in found:
         x = found["misaligned"]
         rows = [[str(nv), f"{o['integrator']}, {1e3 * o['step']:g} ms", cell(own), cell(off), cell(g), f"{s:.2g}"]
                 for nv, o, own, off, g, s in x["rows"]]  # fmt: skip
-        table("misaligned", ["coordinates", "run of 12 s", "C off by, from the first row (m)", "from Exudyn (m)", "g (m)",
-                             "CPU time (s)"], rows,
+        heads = ["coordinates", "run of 12 s", "C from the first row (m)", "from Exudyn (m)", "g (m)", "CPU time (s)"]
+        table("misaligned", heads, rows,
               f"C leaves the plane by up to {1e3 * np.abs(x['c'][:, 2]).max():.1f} mm. Exudyn's own runs in steps of 5 "
               f"and 2.5 ms are {x['doubt']:.0e} m apart.")  # fmt: skip
     if "test set" in found:
@@ -407,8 +414,9 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
               [["flexarm, one of 200 states", *(f"{us * s:.3g}" for s in x["delta"])],
                ["flexarm, one state, from Python", f"{us * x['delta one']:.3g}", ""],
                ["Pinocchio, one state, from Python", f"{us * closed:.3g}", f"{us * tree:.3g}"]],
-              f"Their accelerations agree to {off:.0e}. An implicit step of the five-bar of beams ({x['five nv']} "
-              f"coordinates) takes {us * x['five'][0]:.2g} µs, and {us * x['five'][1]:.2g} µs without its loop.")  # fmt: skip
+              f"Pinocchio's accelerations are off by {off:.0e} from those of the bodies on their own. An implicit step "
+              f"of the five-bar of beams ({x['five nv']} coordinates) takes {us * x['five'][0]:.2g} µs, and "
+              f"{us * x['five'][1]:.2g} µs without its loop.")  # fmt: skip
         table("rings", ["bars of the ring", *(str(n) for n, _ in x["rings"])],
               [["forward dynamics (µs)", *(f"{us * s[0]:.3g}" for _, s in x["rings"])],
                ["of the open chain", *(f"{us * s[1]:.3g}" for _, s in x["rings"])],
@@ -442,12 +450,11 @@ def draw(path: Path, found: dict[str, Any]) -> None:
             p = np.array([r.arm.frame(r.q[k], name, x)[0][:2] for x in s * length])
             ax.plot(*p.T, color=colour, lw=1.8, label=f"{r.t[k]:.2f} s" if name == "crank" else None)
             ax.plot(*p[[0, -1]].T, "o", color=colour, ms=3.5)
-    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="(b) four-bar of beams")
+    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="(b) four-bar of beams", xlim=(-0.25, 0.85))
     ax.legend(frameon=False, loc="upper right")
     ax = axes[1, 0]
     for name, colour in (("fourbar", BLUE), ("slider", GREEN)):
-        x = found["beams"][name]
-        title = {"fourbar": "four-bar", "slider": "slider crank"}[name]
+        x, title = found["beams"][name], TITLES[name]
         for kind, marker in (("gauss", "o"), ("implicit", "s")):
             rows = [row for row in x["rows"] if row[2].startswith(kind)]
             ax.loglog([row[4] for row in rows], [row[3] for row in rows], marker, color=colour, ms=5,
@@ -455,13 +462,14 @@ def draw(path: Path, found: dict[str, Any]) -> None:
         ax.loglog([y["seconds"] for y in x["runs"]], [y["error"] for y in x["runs"]], "x", color=colour, ms=5,
                   alpha=0.6, label=f"{title}, Exudyn")  # fmt: skip
     ax.axhline(1e-6, color=GREY, lw=0.7, ls="--")
-    ax.set(xlabel="CPU time (s)", ylabel="off by, of the span", title="(c) runs of 1 s")
-    ax.legend(frameon=False, fontsize=8)
+    ax.set(xlabel="CPU time (s)", ylabel="off by, of the span", title="(c) runs of 1 s", xlim=(0.01, 300))
+    ax.legend(frameon=False, fontsize=8, loc="upper right")
     ax = axes[1, 1]
     n = np.array([k for k, _ in found["speed"]["rings"]])
     times = 1e6 * np.array([s for _, s in found["speed"]["rings"]])
-    for k, (label, colour, dash) in enumerate((("forward dynamics, ring", BLUE, "-"), ("open chain", BLUE, "--"),
-                                               ("implicit step, ring", ORANGE, "-"), ("open chain", ORANGE, "--"))):  # fmt: skip
+    lines = (("forward dynamics, ring", BLUE, "-"), ("open chain", BLUE, "--"), ("implicit step, ring", ORANGE, "-"),
+             ("open chain", ORANGE, "--"))  # fmt: skip
+    for k, (label, colour, dash) in enumerate(lines):
         ax.loglog(n, times[:, k], "o" + dash, color=colour, lw=1.1, ms=4, label=label)
     ax.loglog(n, times[-1, 0] * n / n[-1] * 0.3, color=GREY, lw=0.8, ls=":", label="proportional")
     ax.set(xlabel="bars", ylabel="µs", title="(d) a closed ring of rigid bars")
@@ -471,8 +479,8 @@ def draw(path: Path, found: dict[str, Any]) -> None:
 
 def draw_misaligned(path: Path, x: dict[str, Any]) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")
-    t = x["t"]
-    axes[0].plot(t, 1e3 * x["truth"][:, 2], color=BLUE, lw=2.8, alpha=0.35, label="Exudyn")
+    t = x["drawn t"]
+    axes[0].plot(x["t"], 1e3 * x["truth"][:, 2], color=BLUE, lw=2.8, alpha=0.35, label="Exudyn")
     axes[0].plot(t, 1e3 * x["c"][:, 2], color=BLUE, lw=0.9, label="flexarm")
     axes[0].set(xlabel="time (s)", ylabel="mm", title="C, out of the plane")
     axes[0].legend(frameon=False)

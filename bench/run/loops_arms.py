@@ -6,7 +6,7 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
-from loops_cases import MISALIGNED, NU, RHO, E, Planar
+from loops_cases import MISALIGNED, NU, RHO, E, Held, Planar
 from loops_truth import (
     ANDREWS,
     DELTA_TORQUES,
@@ -20,7 +20,6 @@ from loops_truth import (
     bricard,
     delta,
 )
-from scipy.spatial.transform import Rotation
 
 KINDS = {"fixed": fa.Fixed, "revolute": fa.Revolute, "prismatic": fa.Prismatic, "cylindrical": fa.Cylindrical,
          "universal": fa.Universal, "planar": fa.Planar, "spherical": fa.Spherical}  # fmt: skip
@@ -135,6 +134,38 @@ def drives(case: Planar) -> dict[str, Any]:
     if case.turn:
         return {"crank": fa.Motion([0, case.end], [case.angle, case.angle + case.turn], [0, 0], [0, 0])}
     return {"crank": fa.Torque(case.knots, case.torques)}
+
+
+def held(case: Held, shapes: tuple[int, int, int] = (4, 4, 6), fine: int = 2) -> fa.Arm:
+    """Two arms that hold a bar; the left one carries it, and the right one's hand closes the loop."""
+
+    def beam(length: float, bending: int) -> fa.Beam:
+        of = {"bending_y": bending, "shear_y": fine, "extension": fine}
+        section = fa.Rectangle(case.thick, case.wide)
+        return fa.Beam(length, section, STEEL, of, "legendre", "exact", kelvin_voigt=case.retardation)
+
+    def shoulder(at: float) -> fa.Revolute:
+        return fa.Revolute("z", inboard=fa.Placement((at, 0, 0)), reflected_inertia=case.hub)
+
+    grip = fa.Fixed(inboard=fa.Placement(rotation=(0, 0, -case.fore)))
+    links = [fa.Link(shoulder(0), beam=beam(case.crank, shapes[0]), name="left upper"),
+             fa.Link(fa.Revolute("z"), beam=beam(case.coupler, shapes[1]), name="left fore"),
+             fa.Link(grip, beam=beam(case.bar, shapes[2]), name="bar"),
+             fa.Link(shoulder(case.base or 0), beam=beam(case.crank, shapes[0]), name="right upper", parent="world"),
+             fa.Link(fa.Revolute("z"), beam=beam(case.coupler, shapes[1]), name="right fore")]  # fmt: skip
+    turn = fa.Placement(rotation=(0, 0, np.pi - case.fore))  # the right fore arm, as seen from the bar
+    return fa.Arm(links, (0, -case.gravity, 0), loops=[fa.Loop("bar", "right fore", fa.Fixed(outboard=turn))])
+
+
+def held_start(arm: fa.Arm, case: Held) -> Array:
+    a, b = case.angle, case.fore
+    pose = {"left upper": a, "left fore": b - a, "right upper": np.pi - a, "right fore": a - b}
+    return np.asarray(arm.assemble(arm.pose(pose)))
+
+
+def held_drives(case: Held) -> dict[str, Any]:
+    return {"left upper": fa.Torque(case.knots, case.torques),
+            "right upper": fa.Torque(case.knots, [0.5 * x for x in case.torques])}  # fmt: skip
 
 
 def misaligned(bending: int = 3, rest: int = 2) -> fa.Arm:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,8 +59,37 @@ class Planar:
         return [*found, (top, (self.base, 0.0))] if self.base is not None else found
 
 
-FOURBAR = Planar(0.2, 0.5, 0.4, 0.45, 0.6, 0.004, 0.02, 1.0, hub=0.02, knots=(0.0, 0.1, 0.3, 0.4, 1.0), torques=(0.0, 2.5, 2.5, 0.0, 0.0))  # fmt: skip
+FOURBAR = Planar(0.2, 0.5, 0.4, 0.45, 0.6, 0.004, 0.02, 1.0, hub=0.02, knots=(0.0, 0.1, 0.3, 0.4, 1.0),
+                 torques=(0.0, 2.5, 2.5, 0.0, 0.0))  # fmt: skip
 SLIDER = Planar(0.15, 0.5, 0.0, None, 0.0, 0.004, 0.02, 1.0, block=0.2, turn=6 * np.pi)
+
+
+@dataclass(frozen=True)
+class Held(Planar):
+    """Two arms of two beams that hold a beam between them: `crank` and `coupler` are upper and fore arm of both,
+    `rocker` is not used, and `base` is between their shoulders. The hands are rigid on the bar; elbows are free.
+    `torques` act on the left shoulder, and half of them on the right one."""
+
+    fore: float = 1.05  # angle of the left fore arm at first (rad); the right arm is a mirror
+
+    def places(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """Left upper and fore arm, bar, right fore and upper arm, one after the other."""
+        assert self.base is not None
+        elbow = self.crank * np.array([np.cos(self.angle), np.sin(self.angle)])
+        hand = elbow + self.coupler * np.array([np.cos(self.fore), np.sin(self.fore)])
+        left = [(0.0, 0.0), tuple(elbow), tuple(hand)]
+        right = [(self.base - x, y) for x, y in reversed(left)]
+        points = left + right
+        return list(pairwise(points))  # type: ignore[arg-type]
+
+    @property
+    def bar(self) -> float:
+        (a, _), (b, _) = self.places()[2]
+        return b - a
+
+
+HELD = Held(0.3, 0.3, 0.0, 0.8, 1.9, 0.004, 0.02, 0.5, hub=0.02, knots=(0.0, 0.05, 0.15, 0.2, 0.5),
+            torques=(0.0, 6.0, 6.0, 0.0, 0.0))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Worker of bench/run/loops.py: mechanisms of beams in Exudyn.
 
-    python loops_exudyn.py fourbar|slider|misaligned  # one line of JSON
+    python loops_exudyn.py fourbar|slider|held|misaligned  # one line of JSON
     python loops_exudyn.py fourbar 8 2000            # with so many elements a beam and steps: the run alone
 
 The planar ones are of geometrically exact beams with quadratic elements, pinned together, with Kelvin and Voigt's
@@ -20,7 +20,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.utilities as eu
 import numpy as np
-from loops_cases import FOURBAR, MISALIGNED, OUTPUTS, SLIDER, Planar
+from loops_cases import FOURBAR, HELD, MISALIGNED, OUTPUTS, SLIDER, Held, Planar
 
 ELEMENTS, STEPS = (2, 4, 8, 16, 32), (10, 20, 40, 80, 160)  # of each beam; between two outputs
 ERROR = 1e-6  # of the span, at which times are compared
@@ -36,6 +36,10 @@ class Model:
         ground = self.mbs.AddNode(eu.NodePointGround())
         self.ground = self.mbs.AddMarker(eu.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
         beams = [self._beam(*ends, elements) for ends in case.places()]
+        if isinstance(case, Held):
+            self._hold(beams)
+            self._watch([beams[2][elements], beams[2][-1]])
+            return
         crank, coupler = beams[:2]
         add = self.mbs.AddObject
         for k in range(2):
@@ -53,8 +57,22 @@ class Model:
         else:
             add(eu.ObjectRigidBody2D(mass=0, inertia=case.hub, nodeNumber=crank[0]))
             self._torque(crank[0])
+        self._watch([coupler[len(coupler) // 2], coupler[-1]])
+
+    def _hold(self, beams: list[list[int]]) -> None:
+        """Shoulders and elbows are hinges; hands are rigid on the bar."""
+        for k in range(2):
+            self._equal(self.ground, self._marker(beams[0][0], k))
+            self._equal(self.ground, self._marker(beams[-1][-1], k))
+        for j, (a, b) in enumerate(pairwise(beams)):
+            for k in range(3 if j in (1, 2) else 2):
+                self._equal(self._marker(a[-1], k), self._marker(b[0], k))
+        for node, share in ((beams[0][0], 1.0), (beams[-1][-1], 0.5)):
+            self.mbs.AddObject(eu.ObjectRigidBody2D(mass=0, inertia=self.case.hub, nodeNumber=node))
+            self._torque(node, share)
+
+    def _watch(self, watched: list[int]) -> None:
         kinds = {"storeInternal": True, "writeToFile": False, "outputVariableType": exu.OutputVariableType.Position}
-        watched = [coupler[len(coupler) // 2], coupler[-1]]
         self.sensors = [self.mbs.AddSensor(eu.SensorNode(nodeNumber=n, **kinds)) for n in watched]
         self.mbs.Assemble()
 
@@ -86,8 +104,8 @@ class Model:
         self.kept.append(eu.CreateSymbolicUserFunction(self.mbs, function, name, itemTypeName=of))
         return self.kept[-1]
 
-    def _torque(self, node: int) -> None:
-        knots, values, s = self.case.knots, self.case.torques, exu.symbolic
+    def _torque(self, node: int, share: float = 1.0) -> None:
+        knots, values, s = self.case.knots, [share * x for x in self.case.torques], exu.symbolic
 
         def load(mbs: Any, t: Any, load: Any) -> Any:
             value = s.Real(values[-1])
@@ -164,8 +182,9 @@ class Misaligned:
 
         def hinge(a: Any, Ra: Any, b: Any, Rb: Any, axes: Any = I, driven: int = 0, **more: Any) -> None:
             """At rest the hinge has these axes in the world."""
-            mbs.AddObject(eu.GenericJoint(markerNumbers=[a, b], constrainedAxes=[1, 1, 1, 1, 1, driven],
-                                          rotationMarker0=Ra.T @ axes, rotationMarker1=Rb.T @ axes, **more))  # fmt: skip
+            more |= {"rotationMarker0": Ra.T @ axes, "rotationMarker1": Rb.T @ axes}
+            held = [1, 1, 1, 1, 1, driven]
+            mbs.AddObject(eu.GenericJoint(markerNumbers=[a, b], constrainedAxes=held, **more))
 
         def offset(mbs: Any, t: float, item: int, parameters: Any) -> list[float]:
             return [0.0, 0.0, 0.0, 0.0, 0.0, case.angle(t)]
@@ -175,9 +194,8 @@ class Misaligned:
         hinge(marker(a1), Ra, marker(b0), Rb)
         hinge(marker(b1), Rb, marker(c0), Rc, tilted)
         hinge(marker(c1), Rc, on_ground(3), I)
-        position = exu.OutputVariableType.Position
-        self.sensors = [mbs.AddSensor(eu.SensorNode(nodeNumber=n, storeInternal=True, writeToFile=False,
-                                                    outputVariableType=position)) for n in (b1, *middles[1:])]  # fmt: skip
+        kinds = {"storeInternal": True, "writeToFile": False, "outputVariableType": exu.OutputVariableType.Position}
+        self.sensors = [mbs.AddSensor(eu.SensorNode(nodeNumber=n, **kinds)) for n in (b1, *middles[1:])]
         mbs.Assemble()
 
     def solve(self, every: int, newton: float = 1e-6) -> tuple[float, np.ndarray]:
@@ -220,7 +238,7 @@ def main() -> None:
     if sys.argv[1] == "misaligned":
         misaligned()
         return
-    case = {"fourbar": FOURBAR, "slider": SLIDER}[sys.argv[1]]
+    case = {"fourbar": FOURBAR, "slider": SLIDER, "held": HELD}[sys.argv[1]]
     if len(sys.argv) > 2:
         spent, places = Model(case, int(sys.argv[2])).solve(int(sys.argv[3]) // OUTPUTS)
         print(json.dumps({"seconds": spent, "places": places.tolist()}))

@@ -9,7 +9,7 @@
 - `FourBar`: of any lengths, by its crank alone. `DoubleFourBar`: of the IFToMM library, through its singular positions,
   by an integral. `BRICARD`: of the same library; `DELTA`: a robot of three arms.
 - `ring`: chains of seven bodies about axes by chance, closed by each kind of joint.
-- `Rod`: the flexible slider crank of the IVP test set (Simeon 1996), with its digits, and with the curved rod's stretch.
+- `Rod`: the flexible slider crank of the IVP test set (Simeon 1996), with its digits, and the curved rod's stretch.
 """
 
 from __future__ import annotations
