@@ -32,7 +32,9 @@ from loops_truth import delta as delta_truth
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from reporting import finish
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import finish, replace_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -474,7 +476,7 @@ def draw(path: Path, found: dict[str, Any]) -> None:
     ax.loglog(n, times[-1, 0] * n / n[-1] * 0.3, color=GREY, lw=0.8, ls=":", label="proportional")
     ax.set(xlabel="bars", ylabel="µs", title="(d) a closed ring of rigid bars")
     ax.legend(frameon=False, fontsize=8.5)
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def draw_misaligned(path: Path, x: dict[str, Any]) -> None:
@@ -490,7 +492,7 @@ def draw_misaligned(path: Path, x: dict[str, Any]) -> None:
     axes[1].legend(frameon=False)
     axes[2].plot(t, x["torque"], color=BLUE, lw=0.9)
     axes[2].set(xlabel="time (s)", ylabel="N m", title="torque that turns the crank")
-    finish(figure, axes, path)
+    finish(figure, path)
 
 
 def main() -> None:
@@ -518,13 +520,8 @@ def main() -> None:
             draw(ROOT / "docs" / "figures" / "loops.png", found)
         if "misaligned" in found:
             draw_misaligned(ROOT / "docs" / "figures" / "loops-misaligned.png", found["misaligned"])
-        page = ROOT / "docs" / "loops.md"
-        text = page.read_text(encoding="utf-8")
         for name, table in made.items():
-            before, rest = text.split(f"<!-- {name}: by bench/run/loops.py -->")
-            after = rest.split("<!-- end -->", 1)[1]
-            text = f"{before}<!-- {name}: by bench/run/loops.py -->\n\n{table}\n\n<!-- end -->{after}"
-        page.write_text(text, encoding="utf-8")
+            replace_table(ROOT / "docs" / "loops.md", name, table)
 
 
 if __name__ == "__main__":

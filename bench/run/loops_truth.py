@@ -402,6 +402,35 @@ class FourBar:
         force = self.torque - self.gravity * float(np.imag(self._sums(crank + 1j * h)[0])) / h
         return self.density * inertia, self.density * slope, force
 
+    def rub(self, x: float, end: float, coulomb: float, tol: float = 1e-12) -> float:
+        """The crank's angle at the end, from rest at x, with dry friction (N m) at the rocker's foot; by the time of each
+        turn back of the crank. It must not stick there."""
+
+        def by_rocker(x: float) -> float:
+            return float(np.imag(self.angles(x + 1e-30j)[1])) / 1e-30
+
+        def turned_back(_: float, y: Array) -> float:
+            return float(y[1])
+
+        turned_back.terminal = True  # type: ignore[attr-defined]
+        t, v = 0.0, 0.0
+        while t < end:
+            _, _, force = self.inertia_and_force(x)
+            if abs(force) <= coulomb * abs(by_rocker(x)):
+                raise ValueError(f"it sticks at {t} s")
+            way = np.sign(force)
+
+            def rates(_: float, y: Array, way: float = way) -> list[float]:
+                inertia, slope, force = self.inertia_and_force(y[0])
+                share = by_rocker(y[0])
+                rubs = coulomb * np.sign(way * share) * share
+                return [y[1], (force - 0.5 * slope * y[1] ** 2 - rubs) / inertia]
+
+            turned_back.direction = -way  # type: ignore[attr-defined]
+            y = solve_ivp(rates, (t, end), [x, v], "DOP853", rtol=tol, atol=tol * 0.1, events=[turned_back])
+            t, x, v = float(y.t[-1]), float(y.y[0, -1]), 0.0
+        return x
+
     def energy(self, x: float, v: float) -> float:
         return 0.5 * self.inertia_and_force(x)[0] * v**2 + self.gravity * float(np.real(self._sums(x)[0]))
 
@@ -948,6 +977,7 @@ def numbers() -> dict[str, Any]:
     return {
         "made by": "bench/run/loops_truth.py --write",
         "four bar": {"t": times.tolist(), "start": [0.5, 3.0], "y": FOURBAR.run(0.5, 3.0, times).tolist()},
+        "friction": {"coulomb": 0.3, "end": 3.0, "crank": FOURBAR.rub(0.5, 3.0, 0.3)},
         "double four bar": {"t": np.linspace(0, 10, 11).tolist(), "angle": angle.tolist(), "rate": rate.tolist()},
         "bricard": {**of_bricard, "t": t.tolist(), "angle": [a.tolist() for a, _ in turned],
                     "rate": [v.tolist() for _, v in turned]},

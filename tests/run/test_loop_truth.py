@@ -118,10 +118,12 @@ def bar(length: float, mass: float, name: str, **more: Any) -> fa.Link:
     return fa.Link(joint, body, name=name, **more)
 
 
-def four_bar() -> fa.Arm:
-    """As FOURBAR in bench/run/loops_truth.py."""
+def four_bar(**forces: Any) -> fa.Arm:
+    """As FOURBAR in bench/run/loops_truth.py; the forces are at the rocker's foot."""
+    foot = fa.Revolute("z", inboard=fa.Placement((0.45, 0, 0)), **forces)
+    rocker = fa.RigidBody(0.8, (0.2, 0, 0), (0, 0, 0.8 * 0.16 / 12), (0.4, 0, 0))
     links = [bar(0.2, 0.4, "crank"), bar(0.5, 1.0, "coupler"),
-             bar(0.4, 0.8, "rocker", parent="world", at=(0.45, 0, 0))]  # fmt: skip
+             fa.Link(foot, rocker, name="rocker", parent="world")]  # fmt: skip
     return fa.Arm(links, (0, -G, 0), loops=[fa.Loop("coupler", "rocker", fa.Revolute("z"))])
 
 
@@ -137,6 +139,17 @@ def test_four_bars_beside_their_one_coordinate(options: dict[str, Any]) -> None:
     found = np.column_stack([run.q[:, 0], run.q[:, :2].sum(1), run.q[:, 2]])
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * y[:, :3]), atol=far(options))
     np.testing.assert_allclose(run.v[:, 0], y[:, 3], atol=50 * far(options))
+
+
+@pytest.mark.parametrize("options", RUNS[:-1], ids=lambda x: x.get("integrator", "default"))
+def test_dry_friction_of_a_joint_in_a_loop(options: dict[str, Any]) -> None:
+    """The rocker turns back wherever crank and coupler are in one line, and cannot stick there."""
+    case, arm = TRUTH["friction"], four_bar(coulomb=TRUTH["friction"]["coulomb"])
+    q = arm.assemble([0.5, 0.2, 1.5], hold=[0])
+    run = fa.simulate(arm, np.linspace(0, case["end"], 31), q, **options)
+    closed(arm, run, 1e-11)
+    assert run.q[-1, 0] == pytest.approx(case["crank"], abs={"implicit": 1e-4, "": 1e-5}.get(
+        options.get("integrator", ""), 1e-7))  # fmt: skip
 
 
 @every_run
@@ -180,7 +193,7 @@ def test_the_squeezer_of_the_test_set(options: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("options", [x for x in RUNS if x.get("integrator") != "ida" or "rtol" in x], ids=str)
 def test_two_windows_go_through_their_singular_positions(options: dict[str, Any]) -> None:
-    """The double four-bar of the IFToMM library: in 10 s its bars are in one line nine times, and have two more
+    """The double four-bar of the IFToMM library: in 10 s its bars are in one line ten times, and have two more
     freedoms there; beside an integral of the energy."""
     case = TRUTH["double four bar"]
     links = [bar(1, 1, "crank 0"), bar(1, 1, "coupler 1"), bar(1, 1, "crank 1", parent="world", at=(1, 0, 0)),
