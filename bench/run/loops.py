@@ -197,9 +197,9 @@ def out_of_plane(folder: Path) -> dict[str, Any]:
     truth, t = np.array(other["truth"]), np.linspace(0, MISALIGNED.end, OUTPUTS + 1)
     found: dict[str, Any] = {"doubt": other["by steps"], "t": t, "truth": truth, "rows": []}
     finest = None
-    for bending, rest, options in ((4, 2, {"integrator": "gauss", "step": 0.03}),
-                                   (3, 2, {"integrator": "implicit", "step": 0.01}),
-                                   (2, 1, {"integrator": "implicit", "step": 0.03})):  # fmt: skip
+    for bending, rest, options in ((4, 2, {"integrator": "gauss", "step": 0.01}),
+                                   (3, 2, {"integrator": "implicit", "step": 0.005}),
+                                   (2, 1, {"integrator": "implicit", "step": 0.005})):  # fmt: skip
         arm = arms.misaligned(bending, rest)
         results: list[fa.Result] = []
 

@@ -403,8 +403,8 @@ class FourBar:
         return self.density * inertia, self.density * slope, force
 
     def rub(self, x: float, end: float, coulomb: float, tol: float = 1e-12) -> float:
-        """The crank's angle at the end, from rest at x, with dry friction (N m) at the rocker's foot; by the time of each
-        turn back of the crank. It must not stick there."""
+        """The crank's angle at the end, from rest at x, with dry friction (N m) at the rocker's foot; from one
+        turn back of the crank to the next. It must not stick there."""
 
         def by_rocker(x: float) -> float:
             return float(np.imag(self.angles(x + 1e-30j)[1])) / 1e-30
