@@ -24,12 +24,13 @@ SENSORS = [fa.sensors.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
     fa.sensors.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
 ]
 TIMES = (0.05, 0.2, 0.5, 1.0)  # s
+FINE = STEP / 32  # of the arm that is read (s): the frequency of its fastest mode is right to 1e-4
 
 
 def errors(count: int, told: tuple[float, float], soft: bool, step: float) -> np.ndarray:
     """Errors over standard deviations, (count, times)."""
     rng, model = np.random.default_rng(1), two_links()
-    n, steps, every = model.nv, round(TIMES[-1] / step), round(STEP / step)
+    n, steps, every, fine = model.nv, round(TIMES[-1] / step), round(STEP / step), round(step / FINE)
     t = np.arange(steps + 1) * step
     known = np.zeros((steps + 1, n))
     known[:, 0] = 1.5 * (np.sin(3 * t) if soft else np.cos(6 * t))
@@ -44,7 +45,7 @@ def errors(count: int, told: tuple[float, float], soft: bool, step: float) -> np
         forces = known[:-1] + rng.normal(size=(steps, n)) * FORCES / np.sqrt(step)
         q0, v0 = 0.01 * rng.normal(size=n), 0.01 * rng.normal(size=n)
         arm = two_links(payload)
-        run = fa.rollout(arm, q0[None], v0[None], np.repeat(forces, 4, axis=0)[None], step=step / 4, every=4)
+        run = fa.rollout(arm, q0[None], v0[None], np.repeat(forces, fine, axis=0)[None], step=step / fine, every=fine)
         y = np.column_stack([s.measure(arm, t, run.q[0], run.v[0]) for s in SENSORS])
         y += rng.normal(size=y.shape) * NOISE
         y[np.arange(steps + 1) % every != 0] = np.nan

@@ -36,7 +36,8 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   positive("friction_speed", options.friction_speed);
   std::vector<KalmanParameter> told = parameters;
   for (int j = 0; j < arm.nv(); ++j) told.push_back({KalmanParameter::offset, j, 0.0, 0.0});
-  step_ = std::make_unique<PredictiveStep>(problem_, Eigen::MatrixXd(arm.nv(), 0), told, options.friction_speed, 1);
+  step_ = std::make_unique<PredictiveStep>(problem_, Eigen::MatrixXd(arm.nv(), 0), told, options.friction_speed, 1,
+                                           ImplicitStages::five());
 
   const Index n = arm.nv(), m = static_cast<Index>(parameters.size());
   Index filters = 0;
