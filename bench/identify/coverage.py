@@ -88,7 +88,7 @@ CASES = {
     "motion": Case('torque not measured, `inputs={0: (fa.Motion, "angle")}`', BEAM, motion=True),
     "free": Case('the same without inputs, `method="filter"`', BEAM, motion=True, fit={"method": "filter"}),
     "loop": Case("digital PD at 500 Hz on an encoder of 2000 counts a turn, by its command", TRUE, pulses=2000,
-                 loop=True, step=5e-4),
+                 loop=True, step=2.5e-4),
 }  # fmt: skip
 
 

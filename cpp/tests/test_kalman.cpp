@@ -98,20 +98,20 @@ TEST_CASE("the model is the arm that has these parameters") {
   CHECK((filter.v() - other.v()).norm() < 1e-8 * other.v().norm());
 }
 
-TEST_CASE("predictions are of second order") {
+TEST_CASE("predictions are of fourth order") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
   Workspace ws(arm);
   VectorXd q = at.q, v = at.v;
-  OneStep fine("implicit", arm, 1e-6);
-  for (int k = 0; k < 2000; ++k) REQUIRE(fine(ws, q, v, at.tau) == Status::ok);
+  OneStep fine("gauss", arm, 1e-4);
+  for (int k = 0; k < 20; ++k) REQUIRE(fine(ws, q, v, at.tau) == Status::ok);
   double before = 0.0;
-  for (const int steps : {20, 40, 80}) {
+  for (const int steps : {5, 10, 20}) {
     KalmanFilter filter(Problem(arm), 2e-3 / steps, sensors(arm), {}, VectorXd::Zero(arm.nv()));
     filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
     for (int k = 0; k < steps; ++k) REQUIRE(filter.predict(at.tau) == Status::ok);
     const double error = (filter.q() - q).norm();
-    if (steps > 20) CHECK(before / error == doctest::Approx(4.0).epsilon(0.2));
+    if (steps > 5) CHECK(before / error == doctest::Approx(16.0).epsilon(0.2));
     before = error;
   }
 }
@@ -138,7 +138,7 @@ TEST_CASE("derivatives by states, parameters and filters are those of difference
   REQUIRE(A.rows() == x.size() + 2);
   for (Eigen::Index j = 0; j < x.size(); ++j) {
     CAPTURE(j);
-    const double h = 1e-5;
+    const double h = 1e-4;
     VectorXd up = x, down = x;
     up[j] += h;
     down[j] -= h;
