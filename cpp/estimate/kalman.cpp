@@ -49,6 +49,8 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   for (const KalmanSensor& s : sensors_) {
     first_.push_back(filters);
     filters += s.F.rows();
+    const auto rest = Eigen::MatrixXd::Identity(s.F.rows(), s.F.rows()) - s.F;
+    settled_.push_back(s.F.rows() > 0 ? VectorXd(rest.lu().solve(s.before + s.after)) : VectorXd());
     by_q_.push_back(VectorXd::Zero(arm.nq()));
     for (int i = 0; i < arm.nv(); ++i)
       if (arm.coordinate_of(i) >= 0) by_q_.back()[arm.coordinate_of(i)] = s.by_q[i];
@@ -110,7 +112,7 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
     if (s.F.rows() == 0) continue;
     const Index order = s.F.rows(), row = 2 * n + m + first_[k];
     auto f = f_.segment(first_[k], order);
-    f = (Eigen::MatrixXd::Identity(order, order) - s.F).lu().solve(s.before + s.after);  // of a reading that is 1
+    f = settled_[k];
     const double y = look(k, q, v, row_);
     for (Index j = 0; j < 2 * n; ++j) L_.col(j).segment(row, order) = row_[j] * L_(j, j) * f;
     f *= y;

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import array, not_negative
+from .._check import Array, array, not_negative
 from ..arm.arm import Arm
 from ..run.sensing.lowpass import LowPass
 from ..run.sensing.sensor import Sensor

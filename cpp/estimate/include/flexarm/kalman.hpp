@@ -136,7 +136,8 @@ class KalmanFilter {
   std::vector<KalmanSensor> sensors_;
   std::vector<Eigen::VectorXd> by_q_;  ///< of each sensor, by coordinates
   std::vector<KalmanParameter> parameters_;
-  std::vector<Eigen::Index> first_;  ///< of each sensor's filter in its states
+  std::vector<Eigen::Index> first_;       ///< of each sensor's filter in its states
+  std::vector<Eigen::VectorXd> settled_;  ///< those states, of a reading that is 1
   Eigen::VectorXd force_noise_;
   double h_, t_ = 0.0;
   std::unique_ptr<PredictiveStep> step_;  ///< its parameters are those here, and a force for each rate
