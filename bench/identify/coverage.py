@@ -244,22 +244,23 @@ def main() -> None:
     warnings.simplefilter("ignore")
     keys = ["case", "twin", "number", "true", "start", "value", "low", "high", "std"]
     rows: list[dict[str, Any]] = []
-    for name in args.case or CASES:
-        began, count = time.perf_counter(), round(CASES[name].share * args.n)
-        for k, (true, fit) in enumerate(fits(CASES[name], count, args.seed)):
-            for p, x in true.items():
-                row = [name, k, p, x, fit.start[p], fit.values[p], *fit.intervals[p], fit.std[p]]
-                rows.append(dict(zip(keys, row, strict=True)))
-        print(f"{name}: {(time.perf_counter() - began) / count:.2f} s for each fit", flush=True)
+    with (args.o / "coverage.csv").open("w", newline="") as f:
+        writer = csv.DictWriter(f, keys)
+        writer.writeheader()
+        for name in args.case or CASES:
+            began, count = time.perf_counter(), round(CASES[name].share * args.n)
+            for k, (true, fit) in enumerate(fits(CASES[name], count, args.seed)):
+                for p, x in true.items():
+                    row = [name, k, p, x, fit.start[p], fit.values[p], *fit.intervals[p], fit.std[p]]
+                    rows.append(dict(zip(keys, row, strict=True)))
+                    writer.writerow(rows[-1])
+                f.flush()
+            print(f"{name}: {(time.perf_counter() - began) / count:.2f} s for each fit", flush=True)
     text = table(rows)
     if not args.case:
         told = ", ".join(f"starts={n}: {found(n)}" for n in (1, 8, None))
         text += f"\nOf 24 arms with starts wrong by a factor of 3 in each number, it finds with {told}.\n"
     print(text)
-    with (args.o / "coverage.csv").open("w", newline="") as f:
-        writer = csv.DictWriter(f, keys)
-        writer.writeheader()
-        writer.writerows(rows)
     (args.o / "coverage.md").write_text(text, encoding="utf-8")
 
 

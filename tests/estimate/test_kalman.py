@@ -73,8 +73,9 @@ def test_a_linear_arm_has_the_filter_of_textbooks() -> None:
     F = np.zeros((3 * n, 3 * n))
     F[:n, n : 2 * n] = np.eye(n)
     F[n : 2 * n] = np.linalg.solve(M, np.hstack([-K, -C, np.eye(n)]))
-    W = np.array([[1 / 4, 0, 0, 0, 0], [1 / 2, 1 / 4, 0, 0, 0], [17 / 50, -1 / 25, 1 / 4, 0, 0],
-                  [371 / 1360, -137 / 2720, 15 / 544, 1 / 4, 0], [25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4]])  # fmt: skip
+    W = np.eye(5) / 4
+    W[1, 0], W[2, :2], W[3, :3] = 1 / 2, (17 / 50, -1 / 25), (371 / 1360, -137 / 2720, 15 / 544)
+    W[4, :4] = 25 / 24, -49 / 48, 125 / 16, -85 / 12
     one = np.eye(3 * n)
     slopes = np.linalg.solve(np.eye(15 * n) - h * np.kron(W, F), np.vstack([F] * 5))
     R = one + h * np.kron(W[-1], one) @ slopes

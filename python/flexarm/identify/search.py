@@ -84,8 +84,8 @@ class _Point:
     due: bool = True
 
     def gain(self, u: Array) -> float:
-        """The part of the sum of squares that is expected to go on the way to u, times the count of residuals: e^2 for a
-        step of e standard deviations to its least."""
+        """The part of the sum of squares that is expected to go on the way to u, times the count of independent
+        residuals: e^2 for a step of e standard deviations to its least."""
         size = np.linalg.norm(self.r)
         left = np.append(size, np.zeros(len(self.told) - 1)) + self.told @ (u - self.u)
         return float(1 - left @ left / size**2) * self.count
@@ -101,7 +101,8 @@ class _Point:
         return replace(self, u=u.copy(), r=r, told=told, old=True)
 
     def next(self, u: Array, count: float, r: Array, J: Array, bent: bool) -> _Point:
-        """The point u with residuals r, of which `count` are independent, and derivatives J. bent: whether to use the further curvature."""
+        """The point u with residuals r, of which `count` are independent, and derivatives J. bent: whether to use the
+        further curvature."""
         bend = self.bend if self.bend.size else np.zeros((len(u), len(u)))
         if self.of.size and (u != self.of).any():
             bend = _bent(bend, u - self.of, J.T @ r - self.J.T @ self.r_of, (J - self.J).T @ r)
