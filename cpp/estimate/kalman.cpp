@@ -211,8 +211,9 @@ void KalmanFilter::disturb() {
       if (j < first) mean_ += L_(payload_, j) * bend_;
     }
     const double variance = L_.row(payload_).squaredNorm(), share = step_->share();
-    forces_ *= variance;
-    mean_ /= std::max(1.0, variance * share * share);  // beyond 1 inertia might be negative
+    const double most = std::max(1.0, variance * share * share);  // beyond 1 inertia might be negative
+    forces_ *= variance / most;
+    mean_ /= most;
     forces_ += mean_.lazyProduct(mean_.transpose());
     gain_.noalias() = pushes_.lazyProduct(mean_);
     add(-1.0);
