@@ -195,6 +195,7 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="write the rig's table into docs/online.md")
     options = parser.parse_args()
     warnings.simplefilter("ignore", fa.errors.LoopWarning)
+    warnings.simplefilter("ignore", fa.errors.FilterWarning)  # the rig, where strips are damped too much or too little
     rows: list[list[object]] = []
     figure, axes = plt.subplots(1, 3, figsize=(10.4, 3.6), layout="constrained")
     for payload in (0.05, 0.15, 0.5):
@@ -240,7 +241,7 @@ def main() -> None:
             seen = np.rad2deg(found[:, k] - (found - there)[:, k].mean())
             axes[1 + k].plot(t, seen, color=BLUE, lw=1.3, label="estimated without it")
             axes[1 + k].set(title=f"rig, psf, link {k + 1}", xlabel="time (s)", ylabel="deflection (deg)")
-            axes[1 + k].set(xlim=(t[0], t[0] + 10))
+            axes[1 + k].set(xlim=(t[0], t[0] + 10), ylim=(-3.2, 2.5))
             axes[1 + k].legend(loc="lower right", fontsize=9)
     if options.docs:
         page, end = DOCS / "online.md", "<!-- end of rig -->"
