@@ -1,11 +1,11 @@
 """How often a payload lies within two standard deviations of the Kalman filter's estimate.
 
-    python bench/estimate/coverage.py [--count 100] [--step 0.001] [--docs]
+    python bench/estimate/coverage.py [--count 100] [--step 0.001] [--case payload|ball|late ...] [--docs]
 
 Payloads are drawn from what the filter is told of them (positive ones), starts and noises likewise. Readings come at
 1 kHz; the arm that is read moves by finer steps than the filter's. Prints the tables of docs/online.md (with --docs
-puts them there): how often the payload is within two standard deviations, and the rms of errors over these; and how
-often the turn of a ball lies in the region of 95 %.
+puts them there): how often the payload is within two standard deviations, and the rms of errors over these; how
+often the turn of a ball lies in the region of 95 %; and both, of a strip with a payload on a ball, before late cameras.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from online import STEP, two_links
+from online import STEEL, STEP, two_links
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -87,10 +87,45 @@ def ball(count: int, std: float) -> np.ndarray:
     return np.array(out)
 
 
+def late(count: int, std: float, delay: float, low_pass: float | None) -> np.ndarray:
+    """Of a strip with a payload of 0.3 ± 0.1 kg that swings from a ball, beside gyroscopes and two cameras at 200 Hz:
+    errors of the payload over standard deviations at TIMES, whether the turn is within 95 % at the last of these, and
+    the error of the tip there (m), (count, times + 2)."""
+    rng, h, v0 = np.random.default_rng(3), STEP, np.array([1.0, 2.0, -1.0, 0.0, 0.0])
+    strip = fa.Beam(0.5, fa.Rectangle(0.005, 0.02), STEEL, {"bending_y": 2}, "legendre", damping_ratio=0.01)
+    hub = fa.RigidBody(0.3, (0.1, 0, 0), np.diag([2e-3, 4e-3, 4e-3]), (0.2, 0, 0))
+
+    def arm(payload: float) -> fa.Arm:
+        tip = fa.RigidBody(0.1 + payload, inertia=1e-5 * np.eye(3))
+        return fa.Arm([fa.Link(fa.Spherical(damping=0.01), hub, strip, tip)])
+
+    t, base, out = np.arange(round(TIMES[-1] / h) + 1) * h, arm(0.0), []
+    for _ in range(count):
+        payload = 0.3 + 0.1 * rng.normal()
+        run = fa.simulate(arm(payload), t, None, v0, integrator="implicit", step=h / 8)
+        given = {"noise": 1e-3, "delay": delay, "filter": low_pass, "rate": 200}
+        sensors = [fa.sensors.Camera(0, x, **given, seed=int(rng.integers(2**31))) for x in (None, 0.1)]
+        sensors += [fa.sensors.Tachometer(0, k, noise=1e-2, seed=int(rng.integers(2**31))) for k in range(3)]
+        off = Rotation.from_quat(np.roll(run.q[0, :4], -1)) * Rotation.from_rotvec(std * rng.normal(size=3))
+        filter = fa.KalmanFilter(
+            base, sensors, h, force_noise=1e-4 * np.ones(5), q_std=[std] * 3 + [1e-3] * 2, v_std=[0.1] * 3 + [0.01] * 2,
+            q=np.r_[np.roll(off.as_quat(), 1), run.q[0, 4:]], v=v0 + np.r_[0.1 * rng.normal(size=3), 0, 0],
+            estimate={"payload": (0.3, 0.1)},
+        )  # fmt: skip
+        found = filter.run(t, None, [s.read(run) for s in sensors])
+        z = (found.parameters["payload"] - payload) / found.parameter_std["payload"]
+        between = Rotation.from_quat(np.roll(filter.q[:4], -1)).inv() * Rotation.from_quat(np.roll(run.q[-1, :4], -1))
+        error = between.as_rotvec()
+        inside = error @ np.linalg.solve(filter.covariance[:3, :3], error) < chi2.ppf(0.95, 3)
+        out.append([*z[[round(x / h) for x in TIMES]], inside, np.linalg.norm(found.tip[-1] - run.frame()[0][-1])])
+    return np.array(out)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--step", type=float, default=STEP)
+    parser.add_argument("--case", choices=("payload", "ball", "late"), action="append", help="these tables alone")
     parser.add_argument("--docs", action="store_true", help="write the tables into docs/online.md")
     given = parser.parse_args()
     warnings.simplefilter("ignore", fa.errors.FilterWarning)
@@ -99,18 +134,32 @@ def main() -> None:
                     "| rms after 0.05 s | 0.2 s | 0.5 s | 1 s |", "|-|-|-|-|-|-|-|-|-|"],
         "ball": ["| standard deviation of the start (rad, each axis) | after 0.05 s (%) | 0.2 s | 0.5 s | 1 s |",
                  "|-|-|-|-|-|"],
+        "late": ["| cameras | standard deviation of the start (rad, each axis) | payload within two deviations after "
+                 "0.05 s (%) | 0.2 s | 0.5 s | 1 s | turn within 95 % after 1 s (%) | error of the tip there (mm) |",
+                 "|-|-|-|-|-|-|-|-|"],
     }  # fmt: skip
-    for told, soft in (((0.3, 0.05), False), ((0.3, 0.3), False), ((0.1, 0.4), False), ((0.1, 0.4), True)):
+    tables = {name: table for name, table in tables.items() if given.case is None or name in given.case}
+    kinds = (((0.3, 0.05), False), ((0.3, 0.3), False), ((0.1, 0.4), False), ((0.1, 0.4), True))
+    for told, soft in kinds if "payload" in tables else ():
         z = errors(given.count, told, soft, given.step)
         inside, rms = 100 * (np.abs(z) < 2).mean(axis=0), np.sqrt((z**2).mean(axis=0))
         cells = [f"{x:.0f}" for x in inside] + [f"{x:.2f}" for x in rms]
         name = f"{told[0]} ± {told[1]}{', a soft motion' if soft else ''}"
         tables["payload"].append(f"| {name} | {' | '.join(cells)} |")
         print(tables["payload"][-1], flush=True)
-    for std in (0.02, 0.05, 0.1, 0.2, 0.4):
+    for std in (0.02, 0.05, 0.1, 0.2, 0.4) if "ball" in tables else ():
         inside = 100 * ball(given.count, std).mean(axis=0)
         tables["ball"].append(f"| {std} | {' | '.join(f'{x:.0f}' for x in inside)} |")
         print(tables["ball"][-1], flush=True)
+    seen = (
+        ("as of now", 0.02, 0.0, None), ("30 ms late", 0.02, 0.03, None), ("30 ms late, behind 20 Hz", 0.05, 0.03, 20.0),
+        ("30 ms late", 0.1, 0.03, None),
+    )  # fmt: skip
+    for name, std, delay, low_pass in seen if "late" in tables else ():
+        x = late(given.count, std, delay, low_pass)
+        cells = [f"{100 * y:.0f}" for y in (*(np.abs(x[:, : len(TIMES)]) < 2).mean(axis=0), x[:, -2].mean())]
+        tables["late"].append(f"| {name} | {std} | {' | '.join(cells)} | {1e3 * np.sqrt(np.mean(x[:, -1] ** 2)):.2f} |")
+        print(tables["late"][-1], flush=True)
     if given.docs:
         text = DOCS.read_text(encoding="utf-8")
         for name, lines in tables.items():
