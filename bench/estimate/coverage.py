@@ -152,8 +152,8 @@ def main() -> None:
         tables["ball"].append(f"| {std} | {' | '.join(f'{x:.0f}' for x in inside)} |")
         print(tables["ball"][-1], flush=True)
     seen = (
-        ("as of now", 0.02, 0.0, None), ("30 ms late", 0.02, 0.03, None), ("30 ms late, behind 20 Hz", 0.05, 0.03, 20.0),
-        ("30 ms late", 0.1, 0.03, None),
+        ("as of now", 0.02, 0.0, None), ("30 ms late", 0.02, 0.03, None),
+        ("30 ms late, behind 20 Hz", 0.05, 0.03, 20.0), ("30 ms late", 0.1, 0.03, None),
     )  # fmt: skip
     for name, std, delay, low_pass in seen if "late" in tables else ():
         x = late(given.count, std, delay, low_pass)
