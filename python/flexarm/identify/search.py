@@ -32,6 +32,7 @@ _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
+_FILTERED = 12  # usual iterations of a filter's likelihood
 _ABOUT = 16  # points about the end, of runs that leap
 _LEAST = 1e-9  # of a column's first weight: smaller noise counts as rounding
 
@@ -137,6 +138,7 @@ class Search:
         self.loss = loss
         self.best: Array | None = None
         self._show: Callable[[int, str], None] | None = None
+        self._stage = ""
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, 0, time.monotonic()
 
     def showing(self, show: Callable[[int, str], None]) -> None:
@@ -169,11 +171,22 @@ class Search:
             self.best, self._cost = inner.copy(), cost
         self._tell()
 
+    def filters(self) -> Callable[[], None]:
+        """Shows the iterations of a filter's likelihood from now on; returns what each of them is to call."""
+        self._cost, self._iterations, self._usual, self._began = np.inf, 0, _FILTERED, time.monotonic()
+        self._stage = "the filter's "
+
+        def done() -> None:
+            self._iterations += 1
+            self._tell()
+
+        return done
+
     def _tell(self) -> None:
         """Shows the progress of the search, and its approximate end for a usual number of iterations."""
         if self._show is None:
             return
-        text = f"{self.residuals.count} runs, iteration {self._iterations + 1}"
+        text = f"{self.residuals.count} runs, {self._stage}iteration {self._iterations + 1}"
         if np.isfinite(self._cost):
             text += f", rms {np.sqrt(self._cost):.4g}"
         if 0 < self._iterations < self._usual:
