@@ -73,7 +73,8 @@ class PredictiveStep {
     Eigen::MatrixXd by_q, by_v, by_p;  ///< of the residual
     Eigen::MatrixXd back, turn;        ///< of `displace`, where there are balls
     Eigen::MatrixXd S;                 ///< of the residual by a, without Coulomb friction
-    Eigen::VectorXd v, a, slopes;      ///< and of Coulomb friction by v, in the factor
+    Eigen::VectorXd v, a;              ///< at its end
+    Eigen::VectorXd slopes;            ///< of Coulomb friction by v, in the factor
     std::vector<char> cut;             ///< of each motor with a limit, whether it is beyond that
     Eigen::PartialPivLU<Eigen::MatrixXd> factor;
     double h = 0.0;  ///< of S; 0: there is none
