@@ -1,11 +1,12 @@
 """Payload, friction and tip estimated online: in simulation, and on a measured rig.
 
-    python bench/estimate/online.py [-o DIR] [--program build/examples/kalman]
+    python bench/estimate/online.py [-o DIR] [--docs] [--program build/examples/kalman]
 
 (a) Two links with payloads of 0.05 to 0.5 kg, from starts that are wrong by factors of 3, and dry friction in the
 joints that the filter's arm does not have. Encoders and strain gauges, with their noise and steps.
 (b) The rig of the scene "quanser", and its recordings: from motor currents and encoders alone, both links' deflections,
-against those measured by strain gauges, which the filter does not see.
+against those measured by strain gauges, which the filter does not see; with the scene's damping of the strips, and with
+that which makes the encoders' readings most likely.
 (c) 30 scenes at random: payload, start, its standard deviation, noises, gravity, how softly the motion begins; with
 strain gauges, or without.
 (d) With the program (cpp/examples, built), times of a cycle in C++.
@@ -27,11 +28,12 @@ from pathlib import Path
 import flexarm as fa
 import matplotlib
 import numpy as np
+from flexarm.identify.validate.rig import FOLDER, identified, with_values
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-ROOT = Path(__file__).parents[2]
+DOCS = Path(__file__).parents[2] / "docs"
 BLUE, ORANGE, GREY = "tab:blue", "tab:orange", "0.5"
 STEP = 1e-3
 STEEL = fa.Material(7850, 209e9, 0.3)
@@ -116,50 +118,53 @@ def at_random(count: int = 30) -> list[tuple[float, float, float]]:
 # -- measured ------------------------------------------------------------------------------------------------------
 
 TORQUE = (0.75 * 0.119 * 100, 0.75 * 0.0232 * 50)  # N m/A: assumed efficiency, motor constant, gear
-#: Of each recording, as `flexarm validate quanser` finds them: the zero of the second joint's encoder (rad), gains of
-#: both gauges, and the table's tilt (m/s^2 along y).
-EACH = {"lqr": (-0.711, (1.048, 1.032), -0.125), "fsf": (-0.0857, (0.8015, 0.9687), 0.3505)}
+#: Recordings, and whose set-up (zero of the second encoder, level, cable, gains of the gauges) they are taken with:
+#: `psf` is as old as `fsf`, and nothing was fitted to it.
+RECORDED = {"lqr": "lqr", "fsf": "fsf", "psf": "fsf"}
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the scene's damping of the strips
 
 
-def rig(name: str) -> tuple[fa.Arm, list[fa.sensors.StrainGauge]]:
-    """The scene's arm and gauges, as they were in a recording."""
-    scene = fa.load("quanser")
-    zero, gains, tilt = EACH[name]
-    first, second = scene.arm.links
-    joint = replace(second.joint, outboard=fa.Placement(rotation=(0, 0, zero)))
+def measured(name: str, share: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Times; deflections measured and estimated, (nt, 2) rad each, from where both gauges read (the rig tares them at
+    first); and the share of the scene's damping that the strips have. None: that which makes the encoders' readings
+    most likely."""
+    scene = with_values(fa.load("quanser"), identified(RECORDED[name])[0])
+    data, h = fa.Data.load(FOLDER / f"{name}.csv"), 0.002
     gauges = [s for s in scene.sensors if isinstance(s, fa.sensors.StrainGauge)]
-    gauges = [replace(s, gauge_factor=g * float(s.gauge_factor or 1)) for s, g in zip(gauges, gains, strict=True)]
-    return fa.Arm([first, replace(second, joint=joint)], gravity=(0, tilt, 0)), gauges
-
-
-def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, deflections measured and estimated, (nt, 2) rad each, from where both gauges read: the rig tares them at
-    first."""
-    data = fa.Data.load(ROOT / f"python/flexarm/identify/validate/quanser/{name}.csv")
-    (arm, gauges), h = rig(name), 0.002
     since = data.t - data.t[0]
     t = np.arange(round(float(since[-1]) / h) + 1) * h
     rows = np.round(since / h).astype(int)
-    joints = [arm.joint_rate(0), arm.joint_rate(1)]
+    joints = [scene.arm.joint_rate(k) for k in (0, 1)]
     angles = np.column_stack([data["joint1"], data["joint2"]])
     deflections = np.column_stack([data["link1_deflection"], data["link2_deflection"]])
-    read = int(np.argmax((deflections != 0).all(axis=1)))
-    late = since >= since[read] + 1.0
+    late = since >= since[int(np.argmax((deflections != 0).all(axis=1)))] + 1.0
     sensors = [fa.sensors.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
-    tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, 2), np.nan)
+    tau, y = np.zeros((t.size, scene.arm.nv)), np.full((t.size, 2), np.nan)
     y[rows] = angles
     for k, joint in enumerate(joints):
         tau[:, joint] = TORQUE[k] * np.interp(t + h / 2, since, data[f"motor{k + 1}_current"])
-    q = np.zeros(arm.nv)
+    q = np.zeros(scene.arm.nv)
     q[joints] = angles[0]
     unknown = {"damping.0": (0.0, 1.0), "damping.1": (0.0, 0.2), "coulomb.0": (0.0, 0.5), "coulomb.1": (0.0, 0.5)}
-    filter = fa.KalmanFilter(arm, sensors, h, force_noise=[1, 0, 0, 0.1, 0, 0], q=q, q_std=[1e-3, 0.05, 0.05] * 2,
-                             v_std=0.1, estimate=unknown)  # fmt: skip
-    estimate = filter.run(t, tau, y)
-    found = [replace(s, filter=None).measure(arm, t, estimate.q, estimate.v) for s in gauges]
+
+    def estimated(part: float, noise: float) -> fa.results.Estimate:
+        links = [replace(x, beam=replace(x.beam, kelvin_voigt=part * x.beam.kelvin_voigt)) for x in scene.arm.links]
+        filter = fa.KalmanFilter(
+            fa.Arm(links, gravity=scene.arm.gravity), sensors, h, force_noise=[noise, 0, 0, 0.1 * noise, 0, 0], q=q,
+            q_std=[1e-3, 0.05, 0.05] * 2, v_std=0.1, estimate=unknown, control=scene.control,
+        )  # fmt: skip
+        return filter.run(t, tau, y)
+
+    def unlikely(part: float) -> float:
+        e = estimated(part, 0.2)  # N m/sqrt(Hz): with it readings of fsf and psf are about as far off as expected
+        return float(np.nansum((e.innovations / e.innovation_std) ** 2 / 2 + np.log(e.innovation_std)))
+
+    share = min(SHARES, key=unlikely) if share is None else share
+    estimate = estimated(share, 1.0)
+    found = [s.gain * replace(s, filter=None).measure(scene.arm, t, estimate.q, estimate.v) for s in gauges]
     through = gauges[0].filter
     assert isinstance(through, fa.sensors.LowPass)
-    return since[late], deflections[late], through.apply(t, np.hstack(found))[rows][late]
+    return since[late], deflections[late], through.apply(t, np.hstack(found))[rows][late], share
 
 
 # -- C++ -----------------------------------------------------------------------------------------------------------
@@ -187,8 +192,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", type=Path, default=Path())
     parser.add_argument("--program", type=Path)
+    parser.add_argument("--docs", action="store_true", help="write the rig's table into docs/online.md")
     options = parser.parse_args()
     warnings.simplefilter("ignore", fa.errors.LoopWarning)
+    warnings.simplefilter("ignore", fa.errors.FilterWarning)  # the rig, where strips are damped too much or too little
     rows: list[list[object]] = []
     figure, axes = plt.subplots(1, 3, figsize=(10.4, 3.6), layout="constrained")
     for payload in (0.05, 0.15, 0.5):
@@ -217,22 +224,30 @@ def main() -> None:
     print(f"\nat random: {len(error)} scenes, {(error < 0.05).sum()} within 5 %, median error {np.median(error):.2%}, "
           f"largest {error.max():.1%}, {within.sum()} within two standard deviations")  # fmt: skip
     rows += [["at random", *row] for row in tried]
-    print("\n| recording | link | NRMSE (%) | correlation |\n|-|-|-|-|")
-    for name in EACH:
-        t, there, found = measured(name)
-        for k in (0, 1):
-            apart = found[:, k] - there[:, k]
-            nrmse = np.sqrt(np.mean((apart - apart.mean()) ** 2)) / there[:, k].std()
-            together = np.corrcoef(found[:, k], there[:, k])[0, 1]
-            print(f"| {name} | {k + 1} | {100 * nrmse:.0f} | {together:.3f} |")
-            rows.append([name, f"link {k + 1}", nrmse, together])
-            if name == "lqr":
-                axes[1 + k].plot(t, np.rad2deg(there[:, k]), color=GREY, lw=2.5, label="measured, by a strain gauge")
-                seen = np.rad2deg(found[:, k] - apart.mean())
-                axes[1 + k].plot(t, seen, color=BLUE, lw=1.3, label="estimated without it")
-                axes[1 + k].set(title=f"rig, link {k + 1}", xlabel="time (s)", ylabel="deflection (deg)")
-                axes[1 + k].set(xlim=(1, 11), ylim=(-2.4, 1.7))
-                axes[1 + k].legend(loc="lower right", fontsize=9)
+    lines = ["| recording | damping of the strips over the scene's | NRMSE link 1, 2 (%) | correlation |", "|-|-|-|-|"]
+    for name in RECORDED:
+        for asked in (1.0, None):
+            t, there, found, share = measured(name, asked)
+            apart = (found - there) - (found - there).mean(axis=0)
+            nrmse = apart.std(axis=0) / there.std(axis=0)
+            together = [np.corrcoef(found[:, k], there[:, k])[0, 1] for k in (0, 1)]
+            told = "1" if asked else f"{share:g}, the likeliest of {len(SHARES)}"
+            lines.append(f"| {name} | {told} | {100 * nrmse[0]:.0f}, {100 * nrmse[1]:.0f} | "
+                         f"{together[0]:.3f}, {together[1]:.3f} |")  # fmt: skip
+            print(lines[-1], flush=True)
+            rows.append([name, share, *nrmse, *together])
+        for k in (0, 1) if name == "psf" else ():
+            axes[1 + k].plot(t, np.rad2deg(there[:, k]), color=GREY, lw=2.5, label="measured, by a strain gauge")
+            seen = np.rad2deg(found[:, k] - (found - there)[:, k].mean())
+            axes[1 + k].plot(t, seen, color=BLUE, lw=1.3, label="estimated without it")
+            axes[1 + k].set(title=f"rig, psf, link {k + 1}", xlabel="time (s)", ylabel="deflection (deg)")
+            axes[1 + k].set(xlim=(t[0], t[0] + 10), ylim=(-3.2, 2.5))
+            axes[1 + k].legend(loc="lower right", fontsize=9)
+    if options.docs:
+        page, end = DOCS / "online.md", "<!-- end of rig -->"
+        text, begin = page.read_text(encoding="utf-8"), "<!-- rig: written by bench/estimate/online.py -->\n"
+        table = "\n".join([*lines, ""])
+        page.write_text(re.sub(f"{begin}.*?{end}", lambda _: begin + table + end, text, flags=re.DOTALL), "utf-8")
     if options.program:
         head = "arm | coordinates | readings | cycle, median (us) | plain implicit step | ratio | p99.9 | allocations"
         print(f"\n| {head} |\n|-|-|-|-|-|-|-|-|")

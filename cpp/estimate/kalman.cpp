@@ -14,6 +14,11 @@ namespace flexarm {
 using Eigen::Index;
 using Eigen::VectorXd;
 
+namespace {
+constexpr int kPasses = 10;      // most of an update
+constexpr double kMoved = 0.03;  // standard deviations by which the last of them moves the state
+}  // namespace
+
 KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<KalmanSensor>& sensors,
                            const std::vector<KalmanParameter>& parameters, const VectorXd& force_noise,
                            const KalmanOptions& options)
@@ -36,13 +41,16 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   positive("friction_speed", options.friction_speed);
   std::vector<KalmanParameter> told = parameters;
   for (int j = 0; j < arm.nv(); ++j) told.push_back({KalmanParameter::offset, j, 0.0, 0.0});
-  step_ = std::make_unique<PredictiveStep>(problem_, Eigen::MatrixXd(arm.nv(), 0), told, options.friction_speed, 1);
+  step_ = std::make_unique<PredictiveStep>(problem_, Eigen::MatrixXd(arm.nv(), 0), told, options.friction_speed, 1,
+                                           ImplicitStages::five());
 
   const Index n = arm.nv(), m = static_cast<Index>(parameters.size());
   Index filters = 0;
   for (const KalmanSensor& s : sensors_) {
     first_.push_back(filters);
     filters += s.F.rows();
+    const auto rest = Eigen::MatrixXd::Identity(s.F.rows(), s.F.rows()) - s.F;
+    settled_.push_back(s.F.rows() > 0 ? VectorXd(rest.lu().solve(s.before + s.after)) : VectorXd());
     by_q_.push_back(VectorXd::Zero(arm.nq()));
     for (int i = 0; i < arm.nv(); ++i)
       if (arm.coordinate_of(i) >= 0) by_q_.back()[arm.coordinate_of(i)] = s.by_q[i];
@@ -54,7 +62,9 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
   p_ = VectorXd::Zero(m);
   told_ = VectorXd::Zero(m + n);
   f_ = f0_ = VectorXd::Zero(filters);
-  row_ = phi_ = gain_ = VectorXd::Zero(states);
+  row_ = phi_ = gain_ = change_ = about_ = VectorXd::Zero(states);
+  before_ = after_ = Eigen::MatrixXd::Zero(2 * n, static_cast<Index>(sensors_.size()));
+  read_ = VectorXd::Zero(static_cast<Index>(sensors_.size()));
   essential_ = VectorXd::Zero(states + noises);
   innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
   lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
@@ -68,7 +78,7 @@ KalmanFilter::KalmanFilter(const Problem& problem, double h, const std::vector<K
     if (p.kind == KalmanParameter::damping) lowest_[k] = -own.damping;
     if (p.kind == KalmanParameter::coulomb) lowest_[k] = -own.coulomb;
   }
-  L_ = transition_ = Eigen::MatrixXd::Identity(states, states);
+  L_ = L0_ = transition_ = Eigen::MatrixXd::Identity(states, states);
   rows_ = Eigen::MatrixXd::Zero(states + noises, states);
   forces_ = Eigen::MatrixXd::Zero(n, n);
   pushes_ = Eigen::MatrixXd::Zero(states, n);
@@ -100,9 +110,12 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
   for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is its input
     const KalmanSensor& s = sensors_[k];
     if (s.F.rows() == 0) continue;
-    f_[first_[k]] = linear(k, q, v);
-    const Index row = 2 * n + m + first_[k];
-    for (Index j = 0; j < 2 * n; ++j) L_(row, j) = (j < n ? s.by_q[j] : s.by_v[j - n]) * L_(j, j);
+    const Index order = s.F.rows(), row = 2 * n + m + first_[k];
+    auto f = f_.segment(first_[k], order);
+    f = settled_[k];
+    const double y = look(k, q, v, row_);
+    for (Index j = 0; j < 2 * n; ++j) L_.col(j).segment(row, order) = row_[j] * L_(j, j) * f;
+    f *= y;
   }
 }
 
@@ -118,6 +131,12 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f_ = f0_;
     return status;
   };
+  for (std::size_t k = 0; k < sensors_.size(); ++k)
+    if (sensors_[k].F.rows() > 0) {
+      const auto at = static_cast<Index>(k);
+      read_[at] = look(k, q_, v_, row_);
+      before_.col(at) = row_.head(2 * n);
+    }
   double slack = 0.0;  // the uncertainty of v, in the norm of kinetic energy
   for (Index i = 0; i < n; ++i) slack += step_->inertia()[i] * L_.row(n + i).squaredNorm();
   if (const Status status = (*step_)(0, t_, h_, q_, v_, tau, told_, std::sqrt(slack)); status != Status::ok)
@@ -128,8 +147,10 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     if (order == 0) continue;
     auto f = f_.segment(first_[k], order);
     f.noalias() = s.F.lazyProduct(f0_.segment(first_[k], order));
-    f += s.before * linear(k, q0_, v0_);
-    f += s.after * linear(k, q_, v_);
+    const auto at = static_cast<Index>(k);
+    f += s.before * read_[at];
+    f += s.after * look(k, q_, v_, row_);
+    after_.col(at) = row_.head(2 * n);
   }
   linearise();
   for (Index j = 0; j < states; ++j) {
@@ -159,14 +180,14 @@ void KalmanFilter::linearise() {
     const KalmanSensor& s = sensors_[k];
     const Index order = s.F.rows(), at = 2 * n + m + first_[k];
     if (order == 0) continue;
+    const auto column = static_cast<Index>(k);
     const auto follow = [&](Eigen::MatrixXd& x) {
       for (Index j = 0; j < x.cols(); ++j)
-        x.col(j).segment(at, order) = s.after * (s.by_q.dot(x.col(j).head(n)) + s.by_v.dot(x.col(j).segment(n, n)));
+        x.col(j).segment(at, order) = s.after * after_.col(column).dot(x.col(j).head(2 * n));
     };
     follow(transition_);
     follow(pushes_);
-    transition_.block(at, 0, order, n) += s.before.lazyProduct(s.by_q.transpose());
-    transition_.block(at, n, order, n) += s.before.lazyProduct(s.by_v.transpose());
+    transition_.block(at, 0, order, 2 * n) += s.before.lazyProduct(before_.col(column).transpose());
     transition_.block(at, at, order, order) += s.F;
   }
 }
@@ -231,46 +252,50 @@ void KalmanFilter::triangularise() {
 
 /// The expected reading of a sensor, and its derivatives by the state, into row_.
 double KalmanFilter::expected(std::size_t sensor) {
-  const KalmanSensor& s = sensors_[sensor];
-  const Index n = v_.size(), m = p_.size();
   row_.setZero();
-  if (s.F.rows() > 0) {
-    row_[2 * n + m + first_[sensor]] = 1.0;
-    return f_[first_[sensor]];
-  }
-  row_.head(n) = s.by_q;
-  row_.segment(n, n) = s.by_v;
-  double y = linear(sensor, q_, v_);
+  if (sensors_[sensor].F.rows() == 0) return look(sensor, q_, v_, row_);
+  row_[2 * v_.size() + p_.size() + first_[sensor]] = 1.0;
+  return f_[first_[sensor]];
+}
+
+/// The reading of a sensor ahead of its filter, and its derivatives by [q; v] into the head of `row`.
+double KalmanFilter::look(std::size_t sensor, const VectorXd& q, const VectorXd& v, VectorXd& row) {
+  const KalmanSensor& s = sensors_[sensor];
+  const Index n = v_.size();
+  row.head(n) = s.by_q;
+  row.segment(n, n) = s.by_v;
+  double y = by_q_[sensor].dot(q) + s.by_v.dot(v) + s.offset;
   if (s.at) {
     Workspace& ws = step_->system().ws;
-    move_arm(*arm_, ws, q_, v_);
+    move_arm(*arm_, ws, q, v);
     slice_jacobian(*arm_, ws, *s.at, J_);
     y += s.along.dot(slice_pose(ws, *s.at).p);
-    row_.head(n).noalias() += J_.topRows<3>().transpose().lazyProduct(s.along);
+    row.head(n).noalias() += J_.topRows<3>().transpose().lazyProduct(s.along);
   }
   return y;
 }
 
-/// The reading of a sensor without places, ahead of its filter.
-double KalmanFilter::linear(std::size_t sensor, const VectorXd& q, const VectorXd& v) const {
-  return by_q_[sensor].dot(q) + sensors_[sensor].by_v.dot(v) + sensors_[sensor].offset;
+/// q changes by u_. A ball turns, and with it the axes in which its errors are: they change by turned_.
+void KalmanFilter::turn() {
+  if (q_.size() == u_.size()) {
+    q_ += u_;
+    return;
+  }
+  from_ = q_;
+  displace(*arm_, from_, u_, q_);
+  displace_slopes(*arm_, u_, back_, turned_);
 }
 
-/// The state changes by so many times gain_. A ball turns, and with it the axes in which its errors are.
+/// The state changes by so many times gain_.
 void KalmanFilter::add(double times) {
   const Index n = v_.size(), m = p_.size();
-  if (q_.size() == n) {
-    q_ += times * gain_.head(n);
-  } else {
-    u_ = times * gain_.head(n);
-    from_ = q_;
-    displace(*arm_, from_, u_, q_);
-    displace_slopes(*arm_, u_, back_, turned_);
+  u_ = times * gain_.head(n);
+  turn();
+  if (q_.size() != n)
     for (Index j = 0; j < L_.cols(); ++j) {
       u_.noalias() = turned_.lazyProduct(L_.col(j).head(n));
       L_.col(j).head(n) = u_;
     }
-  }
   v_ += times * gain_.segment(n, n);
   p_ += times * gain_.segment(2 * n, m);
   f_ += times * gain_.tail(f_.size());
@@ -289,29 +314,74 @@ void KalmanFilter::bound(Index parameter) {
   p_[parameter] = lowest_[parameter];
 }
 
+/// Readings of places are not linear: the update is repeated about where it leads to, until it leads there (the
+/// iterated filter: Jazwinski 1970, Sec. 8.3). change_ and about_ are changes of the state from that before.
 Status KalmanFilter::update(const VectorXd& y) {
-  const Index m = p_.size();
+  const Index n = v_.size(), m = p_.size();
+  bool curved = false;
+  for (std::size_t k = 0; k < sensors_.size(); ++k)
+    curved = curved || (sensors_[k].at && sensors_[k].F.rows() == 0 && std::isfinite(y[static_cast<Index>(k)]));
+  q0_ = q_;
+  v0_ = v_;
+  f0_ = f_;
+  about_.setZero();
+  if (curved) L0_ = L_;
+  for (int pass = 0; pass < (curved ? kPasses : 1); ++pass) {
+    if (pass > 0) {
+      about_ = change_;
+      L_ = L0_;
+      q_ = q0_;
+      u_ = about_.head(n);
+      turn();
+      v_ = v0_ + about_.segment(n, n);
+      f_ = f0_ + about_.tail(f_.size());
+    }
+    take(y, pass > 0);
+    double moved = 0.0;
+    for (Index i = 0; i < L_.rows(); ++i) {
+      const double step = std::abs(change_[i] - about_[i]);
+      if (step > 0.0) moved = std::max(moved, step / L_.row(i).norm());
+    }
+    if (moved < kMoved) break;
+  }
+  q_ = q0_;
+  v_ = v0_;
+  f_ = f0_;
+  gain_ = change_;
+  add(1.0);
+  for (Index k = 0; k < m; ++k) bound(k);
+  return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
+}
+
+/// Readings, one after the other, into change_ and L_, by what they are about_ the state and their slopes there.
+void KalmanFilter::take(const VectorXd& y, bool turned) {
+  const Index n = v_.size();
   nis_ = 0.0;
   used_ = 0;
+  change_.setZero();
   for (std::size_t k = 0; k < sensors_.size(); ++k) {
     const Index at = static_cast<Index>(k);
     innovations_[at] = std::numeric_limits<double>::quiet_NaN();
     innovation_deviations_[at] = innovations_[at];
     if (!std::isfinite(y[at])) continue;
-    const double innovation = y[at] - expected(k), noise = sensors_[k].noise * sensors_[k].noise;
+    double innovation = y[at] - expected(k);
+    const double noise = sensors_[k].noise * sensors_[k].noise;
+    if (turned && q_.size() != n) {
+      u_.noalias() = turned_.transpose().lazyProduct(row_.head(n));
+      row_.head(n) = u_;
+    }
+    innovation -= row_.dot(change_) - row_.dot(about_);
     phi_.noalias() = L_.transpose() * row_;
     const double variance = phi_.squaredNorm() + noise;
     gain_.noalias() = L_ * phi_;
     const double less = 1.0 / (variance + std::sqrt(variance * noise));  // Potter (1963)
     for (Index j = 0; j < L_.cols(); ++j) L_.col(j) -= less * phi_[j] * gain_;
-    add(innovation / variance);
+    change_ += innovation / variance * gain_;
     innovations_[at] = innovation;
     innovation_deviations_[at] = std::sqrt(variance);
     nis_ += innovation * innovation / variance;
     ++used_;
   }
-  for (Index k = 0; k < m; ++k) bound(k);
-  return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
 }
 
 void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance) {

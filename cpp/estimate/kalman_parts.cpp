@@ -35,7 +35,6 @@ void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
   if (s.F.cols() != order || s.before.size() != order || s.after.size() != order || !s.F.allFinite() ||
       !s.before.allFinite() || !s.after.allFinite())
     bad_value(entry("sensors", k, "F"), order, "F, before and after must be of one size, and finite");
-  if (order > 0 && s.at) bad_value(entry("sensors", k, "F"), order, "a place goes through no filter here");
 }
 
 void check(const Arm& arm, const std::vector<KalmanParameter>& parameters) {

@@ -14,13 +14,12 @@ using Eigen::VectorXd;
 
 namespace {
 
-const double kShare = 1.0 - std::sqrt(0.5);  // of a step, in each stage
-constexpr double kError = 1e-10;             // of velocities, as a part of those of the motion
-constexpr double kFloor = 1e-7;              // the same of an iteration that stalls at the end of its digits
-constexpr double kBest = 1e-3;               // contraction that is believed without having been measured
-constexpr double kStill = 1e-10;             // twice a kinetic energy that does not matter (J)
-constexpr double kSame = 1e-3;               // of the length of a step, by which a matrix still serves
-constexpr double kTurned = 1e-3;             // of a matrix, by which slopes of friction may be off
+constexpr double kError = 1e-10;  // of velocities, as a part of those of the motion
+constexpr double kFloor = 1e-7;   // the same of an iteration that stalls at the end of its digits
+constexpr double kBest = 1e-3;    // contraction that is believed without having been measured
+constexpr double kStill = 1e-10;  // twice a kinetic energy that does not matter (J)
+constexpr double kSame = 1e-3;    // of the length of a step, by which a matrix still serves
+constexpr double kTurned = 1e-3;  // of a matrix, by which slopes of friction may be off
 constexpr int kChords = 4, kIterations = 25;
 constexpr Index kColumns = 32, kLarge = 128;  // of a product at once; rows, from which on it is one
 
@@ -61,6 +60,21 @@ Problem with_a_kilogram(Problem problem) {
 
 }  // namespace
 
+ImplicitStages ImplicitStages::two() {
+  const double g = 1.0 - std::sqrt(0.5);
+  return {(MatrixXd(2, 2) << g, 0.0, 1.0 - g, g).finished()};
+}
+
+ImplicitStages ImplicitStages::five() {
+  MatrixXd w = MatrixXd::Zero(5, 5);
+  w.diagonal().setConstant(0.25);
+  w(1, 0) = 1.0 / 2;
+  w.row(2).head(2) << 17.0 / 50, -1.0 / 25;
+  w.row(3).head(3) << 371.0 / 1360, -137.0 / 2720, 15.0 / 544;
+  w.row(4).head(4) << 25.0 / 24, -49.0 / 48, 125.0 / 16, -85.0 / 12;
+  return {w};
+}
+
 PredictiveStep::Moving::Moving(const Problem& of)
     : control(of.feedback, {}, of.arm->nv()), s(of, control), inverse(*of.arm, places(of.loads)) {
   composite_mass_matrix(*of.arm, s.ws, of.arm->zero());
@@ -75,11 +89,12 @@ void PredictiveStep::Moving::differentiate(const VectorXd& q, const VectorXd& v,
 }
 
 PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const std::vector<KalmanParameter>& parameters,
-                               double friction_speed, std::size_t count)
+                               double friction_speed, std::size_t count, ImplicitStages by)
     : arm_(*problem.arm),
       columns_(std::move(columns)),
       parameters_(parameters),
       speed_(friction_speed),
+      weights_(std::move(by.weights)),
       moving_(problem),
       s_(moving_.s),
       balls_(arm_.nq() != arm_.nv()) {
@@ -95,15 +110,18 @@ PredictiveStep::PredictiveStep(const Problem& problem, MatrixXd columns, const s
     E_ = MatrixXd::Zero(arm_.nq(), n);
     E_by_q_ = MatrixXd::Zero(arm_.nq(), arm_.nq());
   }
-  stage.a = stage.slopes = VectorXd::Zero(n);
+  stage.v = stage.a = stage.slopes = VectorXd::Zero(n);
   stage.cut.assign(s_.ws.limits.size(), 0);
   stage.factor = Eigen::PartialPivLU<MatrixXd>(n);
-  stages_.assign(2 * count, stage);
+  stages_.assign(static_cast<std::size_t>(weights_.rows()) * count, stage);
   own_ = coulomb_ = damping_ = rub_ = rubbing_ = slope_ = from_u_ = from_v_ = given_v_ = tau_ = u_ = r_ = d_ = forces_ =
       commanded_ = VectorXd::Zero(n);
   from_q_ = given_q_ = arm_.zero();
   p_ = VectorXd::Zero(np);
-  by_ = first_ = du_ = dv_ = dq_ = MatrixXd::Zero(n, m);
+  S_ = MatrixXd::Zero(n, n);
+  by_ = du_ = dq_ = MatrixXd::Zero(n, m);
+  dv_of_.assign(static_cast<std::size_t>(weights_.rows()), by_);
+  da_of_ = dv_of_;
   if (more_) {
     bend_ = by_;
     kilogram_ = kilogram_by_q_ = kilogram_by_v_ = stage.by_q;
@@ -251,10 +269,9 @@ Status PredictiveStep::differentiate(Stage& stage, double h) {
 /// @param slopes  of Coulomb friction by v
 void PredictiveStep::factor(Stage& stage, double h, const VectorXd& slopes) {
   stage.slopes = slopes;
-  auto S = first_.leftCols(slopes.size());
-  S = stage.S;
-  S.diagonal() += h * slopes;
-  stage.factor.compute(S);
+  S_ = stage.S;
+  S_.diagonal() += h * slopes;
+  stage.factor.compute(S_);
 }
 
 /// From from_q_, from_u_ and from_v_ to the system's q and v, at time t.
@@ -304,28 +321,31 @@ Status PredictiveStep::solve(Stage& stage, double t, double h, double slack) {
 
 Status PredictiveStep::operator()(std::size_t which, double t, double h, VectorXd& q, VectorXd& v,
                                   const VectorXd& forces, const VectorXd& p, double slack) {
-  Stage &one = stages_[2 * which], &two = stages_[2 * which + 1];
+  const Index count = weights_.rows();
+  Stage* const stages = &stages_[static_cast<std::size_t>(count) * which];
   last_ = which;
   h_ = h;
-  const double g = kShare * h, rest = (1.0 - kShare) * h;
   take(p);
   forces_ = forces;
   from_q_ = q;
-  from_u_.setZero();
-  from_v_ = v;
   for (Index i = 0; i < v.size(); ++i) rub_[i] = coulomb_[i] * sliding(v[i]);
-  Status status = solve(one, t + g, g, slack);
-  if (status == Status::ok) {
-    from_u_ = rest * s_.v;
-    from_v_ = v + rest * one.a;
-    status = solve(two, t + h, g, slack);
+  Status status = Status::ok;
+  for (Index i = 0; i < count && status == Status::ok; ++i) {
+    from_u_.setZero();
+    from_v_ = v;
+    for (Index j = 0; j < i; ++j) {
+      from_u_ += h * weights_(i, j) * stages[j].v;
+      from_v_ += h * weights_(i, j) * stages[j].a;
+    }
+    status = solve(stages[i], t + weights_.row(i).sum() * h, weights_(0, 0) * h, slack);
+    stages[i].v = s_.v;
   }
   if (status == Status::ok && !arm_.within_reach(s_.q, s_.v)) status = Status::not_finite;
   if (status == Status::ok) {
     q = s_.q;
     v = s_.v;
   } else {
-    one.h = two.h = 0.0;
+    for (Index i = 0; i < count; ++i) stages[i].h = 0.0;
   }
   return status;
 }
@@ -334,57 +354,53 @@ Status PredictiveStep::operator()(std::size_t which, double t, double h, VectorX
 /// and of v are du~ + g h dv and dv~ + g h da, that of q is back dq + turn du, and with K and C its slopes by q and v,
 /// S da = columns dcommands - by_p dp - K (back dq + turn (du~ + g h dv~)) - C dv~.
 void PredictiveStep::derivatives(MatrixXd& A, MatrixXd& B) {
-  const Index n = arm_.nv(), nu = columns_.cols(), np = p_.size();
-  const Stage &one = stages_[2 * last_], &two = stages_[2 * last_ + 1];
-  const double g = kShare * h_, rest = (1.0 - kShare) * h_;
-  const auto accelerate = [&](const Stage& stage) {
+  const Index n = arm_.nv(), nu = columns_.cols(), np = p_.size(), count = weights_.rows();
+  const Stage* const stages = &stages_[static_cast<std::size_t>(count) * last_];
+  const double g = weights_(0, 0) * h_;
+  const auto turned = [&](const Stage& stage) {  // du_ to dq_
+    if (!balls_) {
+      dq_ = du_;
+      dq_.leftCols(n).diagonal().array() += 1.0;
+    } else {
+      multiply(1.0, stage.turn, du_, dq_);
+      dq_.leftCols(n) += stage.back;
+    }
+    keep_given(dq_);
+  };
+  for (Index i = 0; i < count; ++i) {
+    const Stage& stage = stages[i];
+    MatrixXd &da = da_of_[static_cast<std::size_t>(i)], &dv = dv_of_[static_cast<std::size_t>(i)];
+    dv.setZero();
+    dv.middleCols(n, n).setIdentity();
+    du_.setZero();
+    for (Index j = 0; j < i; ++j) {
+      dv += h_ * weights_(i, j) * da_of_[static_cast<std::size_t>(j)];
+      du_ += h_ * weights_(i, j) * dv_of_[static_cast<std::size_t>(j)];
+    }
+    du_ += g * dv;
+    turned(stage);
+    multiply(-1.0, stage.by_q, dq_, by_);
+    add(-1.0, stage.by_v, dv, by_);
     by_.middleCols(2 * n, nu) += columns_;
     for (std::size_t k = 0; k < stage.cut.size(); ++k)  // a motor at its limit gives no more
       if (stage.cut[k]) by_.row(s_.ws.limits[k].rate).segment(2 * n, nu) -= columns_.row(s_.ws.limits[k].rate);
     by_.rightCols(np) -= stage.by_p;
     keep_given(by_);
-    by_columns(by_, first_, [&](const auto& some, auto&& x) { x.noalias() = stage.factor.solve(some); });
-  };
-  const auto turned = [&] {  // du_ to dq_, of the second stage
-    if (!balls_) {
-      dq_ = du_;
-      dq_.leftCols(n).diagonal().array() += 1.0;
-    } else {
-      multiply(1.0, two.turn, du_, dq_);
-      dq_.leftCols(n) += two.back;
-    }
-    keep_given(dq_);
-  };
-  by_.rightCols(nu + np).setZero();
-  if (balls_) {
-    multiply(-1.0, one.by_q, one.back, by_.leftCols(n));
-    multiply(-g, one.by_q, one.turn, by_.middleCols(n, n));
-  } else {
-    by_.leftCols(n) = -one.by_q;
-    by_.middleCols(n, n) = -g * one.by_q;
+    by_columns(by_, da, [&](const auto& some, auto&& x) { x.noalias() = stage.factor.solve(some); });
+    dv += g * da;
+    du_ += g * g * da;
   }
-  by_.middleCols(n, n) -= one.by_v;
-  accelerate(one);
-  dv_ = rest * first_;  // to the second stage's beginning
-  dv_.middleCols(n, n).diagonal().array() += 1.0;
-  du_ = (rest * g) * first_ + g * dv_;
-  du_.middleCols(n, n).diagonal().array() += rest;
-  turned();
-  multiply(-1.0, two.by_q, dq_, by_);
-  add(-1.0, two.by_v, dv_, by_);
-  accelerate(two);
-  dv_ += g * first_;
-  du_ += g * g * first_;
-  turned();
-  keep_given(dv_);
+  const MatrixXd &dv = dv_of_.back(), &da = da_of_.back();
+  turned(stages[count - 1]);
+  keep_given(dv_of_.back());
   A.topRows(n) = dq_.leftCols(2 * n);
-  A.bottomRows(n) = dv_.leftCols(2 * n);
+  A.bottomRows(n) = dv.leftCols(2 * n);
   B.topRows(n) = dq_.rightCols(nu + np);
-  B.bottomRows(n) = dv_.rightCols(nu + np);
+  B.bottomRows(n) = dv.rightCols(nu + np);
   if (!more_) return;
   multiply(1.0, kilogram_by_q_, dq_, bend_);
-  add(1.0, kilogram_by_v_, dv_, bend_);
-  add(1.0, kilogram_, first_, bend_);
+  add(1.0, kilogram_by_v_, dv, bend_);
+  add(1.0, kilogram_, da, bend_);
 }
 
 VectorXd PredictiveStep::memory() const {

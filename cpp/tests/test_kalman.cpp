@@ -98,20 +98,20 @@ TEST_CASE("the model is the arm that has these parameters") {
   CHECK((filter.v() - other.v()).norm() < 1e-8 * other.v().norm());
 }
 
-TEST_CASE("predictions are of second order") {
+TEST_CASE("predictions are of fourth order") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
   Workspace ws(arm);
   VectorXd q = at.q, v = at.v;
-  OneStep fine("implicit", arm, 1e-6);
+  OneStep fine("rk4", arm, 1e-6);
   for (int k = 0; k < 2000; ++k) REQUIRE(fine(ws, q, v, at.tau) == Status::ok);
   double before = 0.0;
-  for (const int steps : {20, 40, 80}) {
+  for (const int steps : {5, 10, 20}) {
     KalmanFilter filter(Problem(arm), 2e-3 / steps, sensors(arm), {}, VectorXd::Zero(arm.nv()));
     filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
     for (int k = 0; k < steps; ++k) REQUIRE(filter.predict(at.tau) == Status::ok);
     const double error = (filter.q() - q).norm();
-    if (steps > 20) CHECK(before / error == doctest::Approx(4.0).epsilon(0.2));
+    if (steps > 5) CHECK(before / error == doctest::Approx(16.0).epsilon(0.2));
     before = error;
   }
 }
@@ -144,7 +144,7 @@ TEST_CASE("derivatives by states, parameters and filters are those of difference
     down[j] -= h;
     const VectorXd slope = (run(up, nullptr) - run(down, nullptr)) / (2 * h);
     const VectorXd exact = A.col(j).head(x.size());
-    CHECK((exact - slope).norm() < 1e-6 * slope.norm());
+    CHECK((exact - slope).norm() < 1e-5 * slope.norm());
   }
 }
 

@@ -1,4 +1,4 @@
-"""An extended Kalman filter on the implicit step: states, payload and joint friction from sensors, online."""
+"""An extended, iterated Kalman filter on an implicit step: states, payload and joint friction from sensors, online."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class FilterWarning(UserWarning):
 
 
 class KalmanFilter:
-    """An extended Kalman filter whose model is the arm: one implicit step, with its exact derivatives.
+    """An extended Kalman filter whose model is the arm: one implicit step of order 4, with its exact derivatives. Where
+    places are read, its update is repeated about the place to which it leads (the iterated filter).
 
     It estimates coordinates q and rates v from applied forces and sensors' readings, and with them the unknown
     constants that `estimate` names:
@@ -61,8 +62,8 @@ class KalmanFilter:
         arm: the arm; its contacts without friction.
         sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). The variance of each is noise^2 + step^2 /
             12, with its `noise` and the step of its resolution or pulses. Its `gain` and `offset` are used; a `filter`
-            adds one or two states to the model; readings at its `range` or beyond are ignored; a `delay` raises
-            ValueError.
+            adds one or two states to the model, a `delay` one for each step that it lasts (100 at most): readings are
+            given as they come. Readings at its `range` or beyond are ignored.
         step: time from one prediction to the next (s).
         force_noise: two-sided density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model lacks: one number, for
             joints only, or one for each rate, (nv,). The mean of such a force over a time T has the

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from .._check import array, not_negative
+from .._check import Array, array, not_negative
 from ..arm.arm import Arm
 from ..run.sensing.lowpass import LowPass
 from ..run.sensing.sensor import Sensor
 from ..run.sensing.sensors import Camera, Encoder, StrainGauge, Tachometer
 
+_MOST = 100  # steps of a delay: each is a state
 #: parameters by name, in the order of the core
 KINDS = ("payload", "damping", "coulomb", "offset", "gain")
 
@@ -21,19 +22,14 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
     """Rows of a sensor's components for the core's filter."""
     if not isinstance(sensor, (Encoder, Tachometer, StrainGauge, Camera)):
         raise ValueError(f"{type(sensor).__name__}: must be an Encoder, Tachometer, StrainGauge or Camera")
-    if sensor.delay:
-        raise ValueError(f"delay = {sensor.delay}: the filter takes readings as of now; shift them in time")
     sensor.check(arm)
     n, count = arm.nv, len(sensor.components(arm))
     std = np.sqrt(sensor._each("noise", count, 0.0) ** 2 + sensor.steps(arm) ** 2 / 12)
     if not (std > 0).all():
         raise ValueError("noise = None: a filter must know how far to believe a sensor; give its standard deviation")
-    F, before, after = np.empty((0, 0)), np.empty(0), np.empty(0)
-    if isinstance(sensor.filter, LowPass):
-        if isinstance(sensor, Camera):
-            raise ValueError("filter: a camera's is not in the model")
-        F, given = np.split(sensor.filter.step(step), [sensor.filter.order], axis=1)
-        before, after = given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # linear between
+    if sensor.delay / step > _MOST:
+        raise ValueError(f"delay = {sensor.delay}: is more than {_MOST} of the filter's steps of {step:g} s, too many")
+    F, before, after = _late(_passed(sensor.filter, step), sensor.delay / step)
     gain, shift = sensor._each("gain", count, 1.0), sensor._each("offset", count, 0.0)
     if isinstance(sensor, Camera):
         if sensor.axes != "world":
@@ -54,6 +50,39 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
         raise ValueError(f"{type(sensor).__name__}: must be linear in q and v, and the same at all times")
     row = gain[0] * by_q, gain[0] * by_v, float(gain[0] * y0 + shift[0])  # gain acts after the filter, noise before
     return [(*row, std[0], None, np.zeros(3), F, before, after)]
+
+
+#: F, before, after: x goes to F x + before y0 + after y1 over a step in which y goes from y0 to y1; x[0] is read
+Chain = tuple[Array, Array, Array]
+
+
+def _passed(filter: Any, step: float) -> Chain:
+    """A sensor's filter over a step; no states without one."""
+    if not isinstance(filter, LowPass):
+        return np.empty((0, 0)), np.empty(0), np.empty(0)
+    F, given = np.split(filter.step(step), [filter.order], axis=1)
+    return F, given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # linear between
+
+
+def _late(chain: Chain, steps: float) -> Chain:
+    """A chain that is read so many steps later, on straight lines between steps."""
+    if not steps:
+        return chain
+    F, before, after = chain
+    n, line = len(F), int(np.ceil(steps - 1e-9))
+    old = line - steps  # the part of the newer of both readings that it lies between
+    # the line's last place takes, of the readings of a step's beginning and end, the part that it lies between
+    out = np.zeros((line + n, line + n)), np.zeros(line + n), np.zeros(line + n)
+    out[0][: line - 1, 1:line] = np.eye(line - 1)
+    if n:
+        out[0][line - 1, line:] = old * F[0]
+        out[0][line - 1, line] += 1 - old
+        out[0][line:, line:], out[1][line:], out[2][line:] = F, before, after
+        before, after = old * before[:1], old * after[:1]
+    else:
+        before, after = np.array([1 - old]), np.array([old])
+    out[1][line - 1], out[2][line - 1] = before[0], after[0]
+    return out
 
 
 def unknowns(

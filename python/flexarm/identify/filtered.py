@@ -3,7 +3,7 @@ that drive the arm (Ljung, System Identification, 1999, ch. 7; Fisher scoring)."
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -118,8 +118,9 @@ class Likelihood:
         J = [by[0] / s[:, None], np.sqrt(2.0) * by[1], np.pad(by_p, ((0, 0), (0, len(point) - by_p.shape[1])))]
         return np.concatenate([e / s, (1 - (e / s) ** 2) / np.sqrt(2.0), p]), np.vstack(J)
 
-    def search(self, most: int) -> tuple[bool, str]:
-        """Moves the point to the largest likelihood. Whether it is there, and why the search ended."""
+    def search(self, most: int, done: Callable[[], None]) -> tuple[bool, str]:
+        """Moves the point to the largest likelihood. Whether it is there, and why the search ended. `done` is called
+        after each iteration."""
         from scipy.optimize import lsq_linear  # slow to import
 
         n = len(self.residuals.sought)
@@ -142,6 +143,7 @@ class Likelihood:
             else:
                 return True, "no step makes the likelihood larger"
             self.point, value = there, found
+            done()
         return False, f"it took {most} iterations"
 
     def compared(self, k: int) -> Comparison:

@@ -153,7 +153,7 @@ def identify(
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began, leaps)
             try:
-                fit = task.filtered(fit, found, max_iterations, began) if method == "filter" else fit
+                fit = task.filtered(fit, found, search, began) if method == "filter" else fit
             except KeyboardInterrupt:
                 raise FitInterrupted("interrupted in the filter; .fit is that by simulation", fit) from None
         hints = task.sign_hints(points[0])
@@ -319,12 +319,12 @@ class Task:
             _comparison_with=partial(again._validated, inner),
         )  # fmt: skip
 
-    def filtered(self, fit: Fit, found: Found, most: int, began: float) -> Fit:
+    def filtered(self, fit: Fit, found: Found, search: Search, began: float) -> Fit:
         """The fit continued by the likelihood of a filter."""
         p, n = self.residuals, len(found.inner)
         of = Likelihood(p, found.inner, found.sigma, self.noise)
         try:
-            converged, message = of.search(most)
+            converged, message = of.search(search.most, search.filters())
             J = of.rows(of.point)[1]
         except RunStopped as e:
             raise FitError(f"the filter fails: {e}", fit.values) from None

@@ -15,7 +15,7 @@ from ..run.sensitivity import RunStopped
 from .loss import Loss, deviation
 from .residuals import Residuals
 from .runs import scales
-from .statistics import pseudo_inverse, upper, whiteness
+from .statistics import independent, pseudo_inverse, upper, whiteness
 
 _ROUNDS = 12  # most updates of the weights
 _SETTLED = 0.01  # relative change of noise in the last update
@@ -24,6 +24,7 @@ _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the 
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
 _SETTLED_STEP = 0.003  # standard deviations: smaller steps of a least squares do not matter
 _ROUGH_STEP = 0.03  # the same, where steps bring less than half of what derivatives promise: stick and slip has leaps
+_REFUSED_STEP, _REFUSED = 0.1, 5  # the same, where a step brings nothing; and how often, with shorter and shorter steps
 _ALIKE = 0.1  # standard deviations: so near derivatives are used again, but at the end
 _COARSE_STEP, _COARSE_MOST = 0.3, 10  # the same, and most iterations, where of several starts one is continued
 _NEAR = 0.1  # of the sum of squares: where steps take less off it, curvature that J^T J leaves out matters
@@ -31,6 +32,7 @@ _LEAST_BEND = 0.3  # of the curvature of J^T J: a step is longer by no more
 _LEFT = 0.1  # of a column's deviation: with larger residuals, one start is not enough
 _USUAL = 7  # usual iterations of one least squares
 _WEIGHTED = 2  # usual number of least squares for the weights
+_FILTERED = 12  # usual iterations of a filter's likelihood
 _ABOUT = 16  # points about the end, of runs that leap
 _LEAST = 1e-9  # of a column's first weight: smaller noise counts as rounding
 
@@ -71,6 +73,7 @@ class _Point:
     """
 
     u: Array
+    count: float = 1.0
     r: Array = field(default_factory=lambda: np.empty(0))
     J: Array = field(default_factory=lambda: np.empty((0, 0)))
     of: Array = field(default_factory=lambda: np.empty(0))
@@ -82,29 +85,30 @@ class _Point:
     due: bool = True
 
     def gain(self, u: Array) -> float:
-        """The part of the sum of squares that is expected to go on the way to u: e^2 / m of it for a step of e standard
-        deviations to its least."""
+        """The part of the sum of squares that is expected to go on the way to u, times the count of independent
+        residuals: e^2 for a step of e standard deviations to its least."""
         size = np.linalg.norm(self.r)
         left = np.append(size, np.zeros(len(self.told) - 1)) + self.told @ (u - self.u)
-        return float(1 - left @ left / size**2)
+        return float(1 - left @ left / size**2) * self.count
 
     def near(self, u: Array) -> bool:
         """Whether u is so near to the point of the derivatives that they serve there, too."""
-        size = float(np.sum((self.J @ (u - self.of)) ** 2) / np.sum(self.r**2))
-        return not self.due and size < _ALIKE**2 / len(self.r)
+        size = float(np.sum((self.J @ (u - self.of)) ** 2) / np.sum(self.r**2)) * self.count
+        return not self.due and size < _ALIKE**2
 
     def moved(self, u: Array, r: Array) -> _Point:
         """The point u with residuals r and these derivatives."""
         told = _slopes_of_size(r, self.J, self.bend if self.bent else 0 * self.bend)
         return replace(self, u=u.copy(), r=r, told=told, old=True)
 
-    def next(self, u: Array, r: Array, J: Array, bent: bool) -> _Point:
-        """The point u with residuals r and derivatives J. bent: whether to use the further curvature."""
+    def next(self, u: Array, count: float, r: Array, J: Array, bent: bool) -> _Point:
+        """The point u with residuals r, of which `count` are independent, and derivatives J. bent: whether to use the
+        further curvature."""
         bend = self.bend if self.bend.size else np.zeros((len(u), len(u)))
         if self.of.size and (u != self.of).any():
             bend = _bent(bend, u - self.of, J.T @ r - self.J.T @ self.r_of, (J - self.J).T @ r)
         told = _slopes_of_size(r, J, bend if bent else 0 * bend)
-        return _Point(u.copy(), r, J, u.copy(), r, bend, bent, told, old=False, due=False)
+        return _Point(u.copy(), count, r, J, u.copy(), r, bend, bent, told, old=False, due=False)
 
 
 class _Solved(NamedTuple):
@@ -134,6 +138,7 @@ class Search:
         self.loss = loss
         self.best: Array | None = None
         self._show: Callable[[int, str], None] | None = None
+        self._stage = ""
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, 0, time.monotonic()
 
     def showing(self, show: Callable[[int, str], None]) -> None:
@@ -166,11 +171,22 @@ class Search:
             self.best, self._cost = inner.copy(), cost
         self._tell()
 
+    def filters(self) -> Callable[[], None]:
+        """Shows the iterations of a filter's likelihood from now on; returns what each of them is to call."""
+        self._cost, self._iterations, self._usual, self._began = np.inf, 0, _FILTERED, time.monotonic()
+        self._stage = "the filter's "
+
+        def done() -> None:
+            self._iterations += 1
+            self._tell()
+
+        return done
+
     def _tell(self) -> None:
         """Shows the progress of the search, and its approximate end for a usual number of iterations."""
         if self._show is None:
             return
-        text = f"{self.residuals.count} runs, iteration {self._iterations + 1}"
+        text = f"{self.residuals.count} runs, {self._stage}iteration {self._iterations + 1}"
         if np.isfinite(self._cost):
             text += f", rms {np.sqrt(self._cost):.4g}"
         if 0 < self._iterations < self._usual:
@@ -226,21 +242,32 @@ class Search:
         low, high = np.array([x.bounds for x in residuals.sought]).T
         n = len(inner)
         hold = np.zeros((n, n))
-        at = _Point(inner)
+        at, refused = _Point(inner), 0
+        less = "steps bring less than derivatives promise, as dry friction makes it"
 
         def rows(u: Array) -> Array:
             return np.append(residuals.weighted(u, sigma), hold @ (u - inner))
 
+        def count(u: Array) -> float:
+            found = residuals.residuals(u) or []
+            return 1.0 + sum(independent(y) for run in found for y in run)
+
         def size(u: Array) -> Array:
-            if at.told.size and at.gain(u) < least**2 / len(at.r):
+            nonlocal refused
+            if at.told.size and at.gain(u) < least**2:
                 raise _Ended(f"the next step would move no value by {least} of its standard deviation")
             r = rows(u)
             if np.isfinite(r).all():  # otherwise the step is shortened
                 self._seen(u, float(np.mean(r[:-n] ** 2)))
+                if at.told.size and np.linalg.norm(r) >= np.linalg.norm(at.r):
+                    refused += 1
+                    if at.gain(u) < _REFUSED_STEP**2 or refused == _REFUSED:
+                        raise _Ended(less)
             return np.append(np.linalg.norm(r), np.zeros(n))
 
         def slopes(u: Array) -> Array:
-            nonlocal at
+            nonlocal at, refused
+            refused = 0
             r, last = rows(u), at
             fell = 1 - float(r @ r) / float(last.r @ last.r) if last.r.size else 1.0
             if last.r.size and fell > 0 and last.near(u):
@@ -249,9 +276,9 @@ class Search:
                 raise _Ended(f"it took {most} iterations", False)
             else:
                 self._iterations += 1
-                at = last.next(u, r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
-            if 0 < fell < _ROUGH_STEP**2 / len(r) and fell < 0.5 * last.gain(u):
-                raise _Ended("steps bring less than derivatives promise, as dry friction makes it")
+                at = last.next(u, count(u), r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
+            if 0 < fell * at.count < _ROUGH_STEP**2 and fell * last.count < 0.5 * last.gain(u):
+                raise _Ended(less)
             return at.told
 
         if not np.isfinite(rows(inner)).all():
@@ -271,7 +298,7 @@ class Search:
             except _Ended as e:
                 message, converged = str(e), e.converged and not at.old
         if at.old:
-            at = at.next(at.u, at.r, np.vstack([residuals.jacobian(at.u, sigma), hold]), True)
+            at = at.next(at.u, at.count, at.r, np.vstack([residuals.jacobian(at.u, sigma), hold]), True)
         end, J = at.u, at.J
         std = np.sqrt(np.diag(pseudo_inverse(J)))
         pulled = std * np.diag(hold) ** 2 * np.abs(end - inner)

@@ -19,6 +19,7 @@ _TRACE = 0.02  # of the largest change in a combination: smaller ones are left o
 _APART = 1e3  # largest condition number for distinct directions
 _MIXES = 5000  # most combinations that are tried
 _BLOCK = 256  # rows
+_LONGEST = 60  # lags over which correlation is counted
 _RANK = 1e-6  # of the largest singular value: below it derivatives count as dependent
 
 
@@ -46,6 +47,13 @@ def autocorrelation(r: Array, lags: int) -> Array:
     power = np.abs(np.fft.rfft(x, n)) ** 2
     c = np.fft.irfft(power, n)[: lags + 1]
     return np.asarray(c[1:] / c[0]) if c[0] > 0 else np.zeros(lags)
+
+
+def independent(r: Array) -> float:
+    """How many independent residuals are worth as much as r (n,): fewer where r is correlated, whose correlations are
+    summed up to the first that is negative."""
+    rho = autocorrelation(r, int(max(1, min(_LONGEST, len(r) // 10))))
+    return float(len(r) / (1 + 2 * np.sum(rho[np.cumprod(rho > 0) > 0])))
 
 
 def whiteness(r: Array) -> Whiteness:

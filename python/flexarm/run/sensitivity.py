@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -387,14 +388,19 @@ def repeated(
             if not alike and smaller != _SMALLER[-1]:
                 continue
             offsets, ends = zip(*(alike or [(d, ends[k]) for d, ends, _ in found]), strict=True)
-            # slope at 0 of the polynomial through 0 and these, in units of the largest
-            size = max(map(abs, offsets))
-            powers = np.vander(np.array(offsets) / size, len(offsets) + 1, increasing=True)[:, 1:]
-            out[k] = np.linalg.solve(powers, np.array(ends) - here[k])[0] / size
+            out[k] = _slope_at_zero(offsets) @ (np.array(ends) - here[k])
             left.remove(k)
         if not left:
             break
     return out
+
+
+@lru_cache(maxsize=256)  # those of a parameter are the same at all switches
+def _slope_at_zero(offsets: tuple[float, ...]) -> Array:
+    """Weights of values at these offsets in the slope at 0 of the polynomial through 0 and them."""
+    size = max(map(abs, offsets))
+    powers = np.vander(np.array(offsets) / size, len(offsets) + 1, increasing=True)[:, 1:]
+    return np.asarray(np.linalg.inv(powers)[0] / size)
 
 
 def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:

@@ -34,7 +34,7 @@ struct KalmanSensor {
   std::optional<PlacedSlice> at = {};               ///< the slice of `place`
   Eigen::Vector3d along = Eigen::Vector3d::Zero();  ///< world axes
   /// A linear filter ahead of sampling, settled at the start: its state f goes to F f + before y0 + after y1 over a
-  /// step in which y goes from y0 to y1, and f[0] is read. Empty: none. Not of a place.
+  /// step in which y goes from y0 to y1, and f[0] is read. A delay is such a filter, too. Empty: none.
   Eigen::MatrixXd F = {};
   Eigen::VectorXd before = {}, after = {};
 };
@@ -61,8 +61,8 @@ struct KalmanOptions {
   double friction_speed = 1e-2;
 };
 
-/// The extended Kalman filter (Jazwinski 1970) whose model is an implicit step with its exact derivatives: two stages,
-/// of order 2, L-stable (Alexander 1977), as those of Mpc's predictions.
+/// The extended Kalman filter (Jazwinski 1970) whose model is an implicit step with its exact derivatives: five stages,
+/// of order 4, L-stable (Hairer & Wanner 1996). Readings of places are taken by the iterated filter.
 /// The covariance is kept as a square root, P = L L^T: readings, one number after the other, by Potter's update (1963),
 /// steps by an orthogonal triangularisation (Schmidt 1970), so that P is positive semidefinite whatever the rounding.
 ///
@@ -125,8 +125,10 @@ class KalmanFilter {
   void linearise();
   void disturb();
   void triangularise();
+  void take(const Eigen::VectorXd& y, bool turned);
+  void turn();
   void add(double times);
-  double linear(std::size_t sensor, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const;
+  double look(std::size_t sensor, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& row);
   void bound(Eigen::Index parameter);
 
   const Problem problem_;
@@ -134,14 +136,18 @@ class KalmanFilter {
   std::vector<KalmanSensor> sensors_;
   std::vector<Eigen::VectorXd> by_q_;  ///< of each sensor, by coordinates
   std::vector<KalmanParameter> parameters_;
-  std::vector<Eigen::Index> first_;  ///< of each sensor's filter in its states
+  std::vector<Eigen::Index> first_;       ///< of each sensor's filter in its states
+  std::vector<Eigen::VectorXd> settled_;  ///< those states, of a reading that is 1
   Eigen::VectorXd force_noise_;
   double h_, t_ = 0.0;
   std::unique_ptr<PredictiveStep> step_;  ///< its parameters are those here, and a force for each rate
   Eigen::Index payload_ = -1;             ///< which state; -1: none
   Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, from_, told_, row_, phi_, gain_, innovations_, innovation_deviations_;
   Eigen::VectorXd u_, essential_, lowest_, bend_, mean_;
-  Eigen::MatrixXd L_, rows_, forces_, back_, turned_, A_, B_;
+  Eigen::VectorXd change_, about_;  ///< of an update: of the state, and where readings are linear
+  Eigen::VectorXd read_;            ///< by sensor, ahead of its filter, before a step
+  Eigen::MatrixXd before_, after_;  ///< by sensor, its derivatives by [q; v] there and behind the step
+  Eigen::MatrixXd L_, L0_, rows_, forces_, back_, turned_, A_, B_;
   Eigen::MatrixXd transition_, pushes_;  ///< derivatives of the last predicted state by that before, and by forces
   Mat6X<double> J_;
   double nis_ = 0.0;
