@@ -55,6 +55,15 @@ def tied(m: float, rich: bool) -> fa.Arm:
     return fa.Arm(arm(m, rich).links, struts=[spring, rope])
 
 
+def closed(m: float, rich: bool) -> fa.Arm:
+    """The same, whose tip is hinged to a rigid rocker on the world."""
+    (stem,) = arm(m, rich).links
+    far = np.array([0.4, 0.3, 0.0])
+    rocker = fa.Link(fa.Revolute("z", inboard=fa.Placement(far, (0, 0, -np.pi / 2)), damping=0.01),
+                     fa.RigidBody(0.2, (0.15, 0, 0), 0.001 * np.eye(3), (0.3, 0, 0)))  # fmt: skip
+    return fa.Arm([rocker, replace(stem, parent="world")], loops=[fa.Loop(0, 1, fa.Revolute("z"))])
+
+
 def touching(m: float, rich: bool, **more: float) -> fa.Arm:
     """The same, whose tip meets a surface when it has turned by 0.2 rad, and slides along it."""
     c, s = np.cos(0.2), np.sin(0.2)
@@ -229,6 +238,8 @@ def features() -> list[Feature]:
         Feature("contact", lambda m, r, x: {"arm": touching(m, x), **SPUN}, "event", pose={0: 0.21}),
         Feature("contact with friction", lambda m, r, x: {"arm": touching(m, x, coulomb=0.5), **SPUN}, "contact",
                 pose={0: 0.21}),
+        Feature("loop", lambda m, r, x: {"arm": closed(m, x), "drive": {1: fa.Torque(S, push(S))}}, "",
+                path="link.1.tip.mass"),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),

@@ -1,4 +1,4 @@
-"""Simulates flexible robot arms: chains and trees of rigid bodies and elastic beams. SI units, radians.
+"""Simulates flexible robot arms: chains, trees and loops of rigid bodies and elastic beams. SI units, radians.
 
 An arm is a chain or a tree of links; a link is a joint, a rigid hub, an elastic beam and a rigid tip. `help(fa.Beam)`
 and so on, with `import flexarm as fa`, tell arguments and units. Bad arguments raise ValueError with the field and
@@ -31,6 +31,7 @@ from .model.parts.split import split as split
 from .model.parts.look import Look as Look
 from .model.parts.strut import Point as Point, Strut as Strut, Tendon as Tendon
 from .model.parts.contact import Contact as Contact, Plane as Plane, Sphere as Sphere, Box as Box
+from .model.parts.loop import Loop as Loop
 from .robots.chain import Flexible as Flexible
 from .model.acting.drive import Motion as Motion, Torque as Torque
 from .model.acting.drive import Voltage as Voltage

@@ -9,7 +9,7 @@ from .analysis.damping import Decay as Decay
 from .analysis.placement import PatchPlacement as PatchPlacement
 from .view.view import View as View
 from .analysis.findings import Finding as Finding
-from .run.outputs import StrutMotion as StrutMotion, ContactMotion as ContactMotion
+from .run.outputs import StrutMotion as StrutMotion, ContactMotion as ContactMotion, LoopMotion as LoopMotion
 from .run.sensitivity import Sensitivities as Sensitivities
 from .run.sensing.reading import Reading as Reading, PowerSpectrum as PowerSpectrum
 from .command.inversion.inversion import Inversion as Inversion

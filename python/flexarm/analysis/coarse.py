@@ -49,7 +49,7 @@ _MOVES = {
 
 
 def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int]:
-    """The rates of joints that something drives or holds, struts and contacts too. Others pass no force on."""
+    """The rates of joints that something drives or holds, struts, contacts and loops too. Others pass no force on."""
     if control:
         return frozenset(range(arm.nv))
     held = set(arm.by_rate("drive", split_drives(arm, drive)[0]))
@@ -61,6 +61,8 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
         held |= set(np.flatnonzero(arm.strut_jacobian(arm.zero).any(axis=0)).tolist())
     if arm.contacts:
         held |= set(np.flatnonzero(arm.contact_jacobian(arm.zero).any(axis=0)).tolist())
+    if arm.loops:
+        held |= set(np.flatnonzero(arm.loop_jacobian(arm.zero).any(axis=0)).tolist())
     return frozenset(held)
 
 
@@ -76,7 +78,7 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     for j, n in list(at.items())[1:]:
         link, parent = arm.links[j], at[arm.parents[j]]
         links.append(link if link.parent is None and parent == n - 1 else replace(link, parent=parent))
-    rest = arm._alike(links, struts=(), contacts=())
+    rest = arm._alike(links, struts=(), contacts=(), loops=())
     M = rest._core.mass_matrix(rest.zero)
     A = np.asarray(M[:6, :6]) - np.diag(own)
     free = [

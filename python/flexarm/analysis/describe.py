@@ -9,16 +9,18 @@ from .._console import aligned
 from ..model.parts.beam import Beam
 from ..model.parts.chain import Chain
 from ..model.parts.contact import Box, Plane, Sphere
-from ..model.parts.joints import Fixed
+from ..model.parts.joints import Fixed, Joint
 from ..model.parts.sections import Box as BoxSection
 from ..model.parts.sections import Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
 from ..model.parts.shapes import curvature_at
 from ..model.parts.strut import WORLD, Tendon
 from ..model.parts.taper import Taper
+from .assembly import assemble, mobility
 from .modes import locked_modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
 _STRUT_HEADS = ("strut", "kind", "between", "at zero (m)", "unstressed (m)", "N/m", "N s/m", "force (N)")
+_LOOP_HEADS = ("loop", "joint", "from", "to", "N/m", "N s/m", "N m/rad", "N m s/rad")
 _CONTACT_HEADS = (
     "contact", "point", "radius (m)", "against", "gap at zero (m)", "stiffness", "damping (s/m)", "coulomb",
 )  # fmt: skip
@@ -68,15 +70,14 @@ def _row(k: int, arm: Chain) -> list[str]:
     link = arm.links[k]
     called = link.name or link.joint.name
     name = f"{k} {called or ''}".rstrip()
-    axis = getattr(link.joint, "axis", "")
-    along = axis if isinstance(axis, str) else "(" + ", ".join(f"{a:.3g}" for a in axis) + ")"
-    joint = ("" if link.joint.name in (None, called) else f"{link.joint.name}: ") + f"{link.joint.type} {along}"
+    joint = "" if link.joint.name in (None, called) else f"{link.joint.name}: "
+    joint += f"{link.joint.type} {_along(link.joint)}"
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
     if link.beam is None:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     try:  # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)], struts=(), contacts=())
+        alone = arm._alike([type(link)(Fixed(), link.hub, link.beam)], struts=(), contacts=(), loops=())
         clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
     except ValueError:  # it has no inertia of its own
         clamped = "-"
@@ -105,6 +106,31 @@ def _contact_rows(arm: Chain) -> list[Sequence[str]]:
              f"{gaps[k]:.4g}", f"{c.stiffness:.4g} {unit}", f"{c.damping:.4g}", f"{c.coulomb:.4g}"]
         )  # fmt: skip
     return rows
+
+
+def _loop_rows(arm: Chain) -> list[Sequence[str]]:
+    rows: list[Sequence[str]] = [_LOOP_HEADS]
+    for k, x in enumerate(arm.loops):
+        joint = f"{x.joint.type} {_along(x.joint)}".strip()
+        springs = (x.stiffness, x.damping), (x.angular_stiffness, x.angular_damping)
+        numbers = [s for k, c in springs for s in (("rigid", "-") if k is None else (f"{k:.4g}", f"{c:.4g}"))]
+        rows.append([f"{k} {x.name or ''}".rstrip(), joint, _point(x.a, arm), _point(x.b, arm), *numbers])
+    return rows
+
+
+def _closed(arm: Chain) -> str:
+    """What rigid loops leave, where they are closed near zero."""
+    try:
+        found = mobility(arm, assemble(arm, None, None, ()))
+    except ValueError as e:
+        return f"{str(e).partition('; begin')[0]} (from zero)"
+    redundant = f", {found.redundant} of them redundant" if found.redundant else ""
+    return f"{found.rows} rigid conditions{redundant}; free motions: {found.freedoms}"
+
+
+def _along(joint: Joint) -> str:
+    axis = getattr(joint, "axis", "")
+    return axis if isinstance(axis, str) else _triple(axis)
 
 
 def _surface(surface: Plane | Sphere | Box, arm: Chain) -> str:
@@ -148,12 +174,14 @@ def describe(arm: Chain) -> str:
         "",
         *([*aligned(_strut_rows(arm)), ""] if arm.struts else []),
         *([*aligned(_contact_rows(arm)), ""] if arm.contacts else []),
+        *([*aligned(_loop_rows(arm)), ""] if arm.loops else []),
         f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
         + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),
+        *([f"loops           {_closed(arm)}"] if arm.constrained else []),
         f"mass            {mass:.6g} kg",
         *(f"end at zero     {x:.4g} m from the base{of}" for x, of in zip(reaches, whose, strict=True)),
         f"gravity         ({gravity}) m/s^2",
-        f"frequencies     {frequencies} (rad/s; joints locked, no gravity)",
+        f"frequencies     {frequencies} (rad/s; joints locked, {'loops open, ' if arm.loops else ''}no gravity)",
         *([f"damping ratios  {damping}"] if damping else []),
     ]
     return "\n".join(lines)

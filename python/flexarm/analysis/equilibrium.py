@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite
-from ..model.parts.beam import STRAIN_NAMES
 from ..model.parts.chain import Chain
+from .assembly import Closure, assemble, closed_start
+from .closed import carried, tangent
+from .rates import coordinate_sizes, displaced, elastic_rates, locked_rates
 from .validity import turned_inside_out
 
 _AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
@@ -21,6 +23,7 @@ _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
 _OFF_SADDLE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_ROUNDING = 1e-8  # of the stiffness: what makes it asymmetric, of an arm with loops, without a follower force
 _MOST_SADDLES = 8  # that are left so, at most
 
 
@@ -38,9 +41,10 @@ class Trim(NamedTuple):
 
 def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
     """See Arm.trim; `volts` are the forces (nv,) of the patches' voltages."""
+    arm.refuse_loops("trim", rigid=True)
     joints = ~elastic_rates(arm)
     q0 = arm._single(q=arm.zero if q is None else q)[0]
-    b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv) if volts is None else volts, ~joints, loads)
+    b = _balance_of(arm, np.zeros(arm.nv), np.zeros(arm.nv) if volts is None else volts, ~joints, loads)
     found, wrong = balance(b, q0, descend=True)
     if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, False)
@@ -76,30 +80,8 @@ def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array,
     )
 
 
-def displaced(arm: Chain, q: Array, E: Array, step: Array) -> Array:
-    """q moved by a step of its rates (nv,): q + E step, quaternions brought back to unit length."""
-    out: Array = q + E @ step
-    for _, at in arm.quaternions():
-        out[at] /= np.linalg.norm(out[at])
-    return out
-
-
-def _sizes(arm: Chain) -> Array:
-    """How far one unit of each rate's coordinate moves the arm, (nv,): the turn of a section (rad), or a shift in parts
-    of the arm's length. So coordinates compare, although strains of short beams are large numbers (1/m)."""
-    length = arm.longest([float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links))])
-    length = max(length, arm.beam_reach) or 1.0
-    sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
-    for n, link in enumerate(arm.links):
-        elastic = slice(first[n] + link.joint.nv, first[n + 1])
-        sizes[first[n] : elastic.start] = [1.0 / length if unit == "m" else 1.0 for unit in link.joint.units]
-        if link.beam is None or elastic.start == elastic.stop:
-            continue
-        L, shapes = link.beam.length, np.eye(arm.nq)[[arm.coordinate_of(i) for i in range(*elastic.indices(arm.nv))]]
-        strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 6)
-        turns = [L if name.startswith("K") else 1.0 for name in STRAIN_NAMES]
-        sizes[elastic] = np.abs(strains * turns).max(axis=(0, 2))
-    return np.where(sizes > 0.0, sizes, 1.0)
+def _balance_of(arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> _Balance:
+    return (_OnLoops if arm.constrained else _Balance)(arm, v, tau, free, loads)
 
 
 class _Balance:
@@ -108,7 +90,7 @@ class _Balance:
     def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
         self.zero, self.at = np.zeros(arm.nv), np.ix_(free, free)
-        self.sizes = _sizes(arm)[free]
+        self.sizes = coordinate_sizes(arm)[free]
         self.tries = 0  # Newton steps of the last iteration
         self.perhaps_unstable = False  # whether the potential of the last step was not plainly convex there
         balls = [i for _, rates in arm.ball_rates() for i in range(arm.nv)[rates]]
@@ -119,7 +101,34 @@ class _Balance:
         elastic forces act wholly."""
         arm = self.arm._alike(self.arm.links, [share * g for g in self.arm.gravity])
         loads = (self.loads[0], share * self.loads[1]) if self.loads else ()
-        return _Balance(arm, np.sqrt(share) * self.v, share * self.tau, self.free, loads)
+        return _balance_of(arm, np.sqrt(share) * self.v, share * self.tau, self.free, loads)
+
+    def masses(self, q: Array) -> Array:
+        M: Array = self.arm._core.mass_matrix(q)[self.at]
+        return M
+
+    def acting(self, q: Array) -> Array:
+        """What tau does on the free coordinates."""
+        return self.tau[self.free]
+
+    def turns(self, step: Array) -> Array:
+        """The turns (rad) and moves (parts of the arm's length) of a step of the free coordinates."""
+        return self.sizes * step
+
+    def places(self, E: Array, q: Array) -> Array:
+        """Those of coordinates q, or of their difference."""
+        return self.sizes * (E.T @ q)[self.free]
+
+    def moved(self, q: Array, E: Array, step: Array) -> Array:
+        """q behind a step of the free coordinates."""
+        whole = np.zeros(self.arm.nv)
+        whole[self.free] = step
+        return displaced(self.arm, q, E, whole)
+
+    def worst(self, q: Array, r: Array) -> tuple[float, str]:
+        """The force that is largest, by the masses, of the residual r, and its coordinate."""
+        k = int(np.abs(r / np.sqrt(np.diag(self.masses(q)))).argmax())
+        return float(r[k]), np.array(self.arm.coordinates)[self.free][k]
 
     def residual(self, q: Array) -> Array:
         r: Array = (self.arm._core.inverse_dynamics(q, self.v, self.zero, *self.loads) - self.tau)[self.free]
@@ -138,6 +147,59 @@ class _Balance:
         d = np.sqrt(np.abs(np.diag(K)))
         least = 1e-6 * float(np.abs(K).max(initial=0.0))
         return bool((np.abs(off) <= 1e-9 * np.maximum(np.outer(d, d), least)).all())
+
+
+class _OnLoops(_Balance):
+    """The same in coordinates z of the motions that rigid loops leave, of unit mass: dq = T z and what closes the
+    loops behind it. At a q where they are closed."""
+
+    def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
+        super().__init__(arm, v, tau, free, loads)
+        self.closure = Closure(arm)
+        self.M, self.T = np.zeros((0, 0)), np.zeros((arm.nv, 0))
+
+    def masses(self, q: Array) -> Array:
+        self.M = self.arm._core.mass_matrix(q)
+        self.T = tangent(self.closure, q, self.free, self.M)
+        return np.eye(self.T.shape[1])
+
+    def acting(self, q: Array) -> Array:
+        return self.T.T @ self.tau
+
+    def turns(self, step: Array) -> Array:
+        return self.closure.sizes * (self.T @ step)
+
+    def places(self, E: Array, q: Array) -> Array:
+        return self.closure.sizes * (E.T @ q)
+
+    def moved(self, q: Array, E: Array, step: Array) -> Array:
+        return self.closure.near(displaced(self.arm, q, E, self.T @ step), self.free)
+
+    def worst(self, q: Array, r: Array) -> tuple[float, str]:
+        forces = self.M @ self.T @ r
+        k = int(np.abs(forces / np.sqrt(np.diag(self.M))).argmax())
+        return float(forces[k]), self.arm.coordinates[k]
+
+    def residual(self, q: Array) -> Array:
+        """Along the motions T of the last `masses`, as far as they are motions at q."""
+        if not self.T.shape[1]:
+            self.masses(q)
+        M = self.arm._core.mass_matrix(q)
+        T = tangent(self.closure, q, self.free, M)
+        along: Array = T @ (T.T @ M @ self.T)
+        return along.T @ (self.arm._core.inverse_dynamics(q, self.v, self.zero, *self.loads) - self.tau)
+
+    def has_potential(self, K: Array) -> bool:
+        off = np.abs(K - K.T).max(initial=0.0)
+        return bool(self.arm.ball_rates()) or bool(off <= _ROUNDING * np.abs(K).max(initial=0.0))
+
+    def jacobian(self, q: Array, E: Array) -> Array:
+        """Of T' (h - tau - J' f) at constant forces f of the loops."""
+        places, wrenches = self.loads or ([], np.zeros((0, 6)))
+        rows = carried(self.arm, self.closure, q, self.v, self.tau, self.free, self.loads).rows
+        by_q = self.arm._core.inverse_derivatives(q, self.v, self.zero, places, wrenches, False, rows)[0]
+        K: Array = self.T.T @ (by_q @ E) @ self.T
+        return K
 
 
 class _Solver:
@@ -215,18 +277,20 @@ def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, b
 
 def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, str]:
     """Newton's iteration from q; see `balance`."""
-    arm, free = b.arm, b.free
-    moved = np.zeros(arm.nv)
-    r, forces = b.residual(q), 0.0
+    arm = b.arm
+    M, forces = b.masses(q), 0.0
+    r = b.residual(q)
     for steps in range(1, tries + 1):
         b.tries = steps
-        M: Array = arm._core.mass_matrix(q)[b.at]
+        if steps > 1:
+            M = b.masses(q)
+            r = b.residual(q)
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
         if not (np.isfinite(K).all() and np.isfinite(r).all() and np.isfinite(M).all() and (np.diag(M) > 0.0).all()):
             return q, "from the q given the steps lead to where the forces are not finite or the masses not positive"
         scale = 1.0 / np.sqrt(np.diag(M))
-        forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.tau[free])), _weight(arm))
+        forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.acting(q))), _weight(arm))
         downhill = descend and b.has_potential(K)
         if downhill:
             step, convex = _descent_step(M, K, r, forces)
@@ -236,17 +300,15 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
             step = -solve(r)
         if not np.isfinite(step).all():
             break
-        turn = b.sizes * step
+        turn = b.turns(step)
         share = min(1.0, _LARGEST / max(float(np.abs(turn).max()), 1e-300))
         step *= share
         slope, size = float(step @ r), float(np.linalg.norm(scale * r))
-        last = bool(np.abs(turn).max() <= 1e-8 * (1e-3 + np.abs(b.sizes * (E.T @ q)[free]).max()))
+        last = bool(np.abs(turn).max() <= 1e-8 * (1e-3 + np.abs(b.places(E, q)).max()))
         if last and not downhill and np.linalg.norm(scale * r) > 1e-9 * forces and solve.leaves(-r, step) > 1e-3:
             break  # K is singular, and nothing balances r
         for halving in range(40):
-            part = step / 2.0**halving
-            moved[free] = part
-            q_new = displaced(arm, q, E, moved)
+            q_new = b.moved(q, E, step / 2.0**halving)
             r_new = b.residual(q_new)
             if not np.isfinite(r_new).all():
                 continue
@@ -256,16 +318,15 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
                 break
             # stiff coordinates make r grow in a step that is right (Deuflhard's test: does the next step shrink?)
             shorter = 1.0 - 0.25 * share / 2.0**halving
-            if not downhill and np.abs(b.sizes * solve(r_new)).max() <= shorter * np.abs(turn).max():
+            if not downhill and np.abs(b.turns(solve(r_new))).max() <= shorter * np.abs(turn).max():
                 break
         else:
             break
         q, r = q_new, r_new
         if last:
             return q, turned_inside_out(arm, q)
-    worst = int(np.abs(r / np.sqrt(np.diag(M))).argmax())
-    label = np.array(arm.coordinates)[free][worst]
-    return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} (N, N m) is left on '{label}'"
+    left, label = b.worst(q, r)
+    return q, f"after {steps} damped Newton steps from the q given {left:.3g} (N, N m) is left on '{label}'"
 
 
 def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
@@ -277,7 +338,7 @@ def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
     last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and an
     error in words, or "".
     """
-    if not b.free.any():
+    if not b.free.any() or not len(b.masses(q)):
         return q.copy(), ""
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
@@ -303,7 +364,7 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     nothing has a potential."""
     import scipy.linalg as la  # slow to import
 
-    M, E = b.arm._core.mass_matrix(q)[b.at], b.arm._core.rates(q, b.zero)[2]
+    M, E = b.masses(q), b.arm._core.rates(q, b.zero)[2]
     K = b.jacobian(q, E)
     if not b.has_potential(K):
         return None
@@ -314,11 +375,9 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     softest: Array = d * la.eigh(d[:, None] * K * d, subset_by_index=[0, 0])[1][:, 0]
     softest /= np.sqrt(softest @ M @ softest)
     softest *= np.sign(softest[np.abs(softest).argmax()])
-    aside = np.zeros(b.arm.nv)
-    aside[b.free] = _OFF_SADDLE * softest / np.abs(b.sizes * softest).max()
-    beside = displaced(b.arm, q, E, aside)
+    beside = b.moved(q, E, _OFF_SADDLE * softest / np.abs(b.turns(softest)).max())
     d = 1.0 / np.sqrt(np.diag(M))
-    forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
+    forces = [d * b.acting(q), d * b.residual(q if b.arm.constrained else b.arm.zero)]
     noise = 1e-10 * (_weight(b.arm) + sum(float(np.linalg.norm(f)) for f in forces))
     return beside if float(softest @ b.residual(beside)) < -noise else None
 
@@ -328,17 +387,10 @@ def _weight(arm: Chain) -> float:
     return float(np.sqrt(sum(link.mass for link in arm.links)) * np.linalg.norm(arm.gravity))
 
 
-def elastic_rates(arm: Chain) -> NDArray[np.bool_]:
-    """Which rates are elastic coordinates', (nv,)."""
-    elastic = np.zeros(arm.nv, dtype=bool)
-    for *_, at in arm.beams():
-        elastic[at] = True
-    return elastic
-
-
 def steady_state(arm: Chain, q: Array, v: Array, loads: Any = (), volts: Array | None = None) -> Array:
     """Elastic coordinates in balance at joint positions q and constant rates v; `volts` as of `trim`."""
-    b = _Balance(arm, v, np.zeros(arm.nv) if volts is None else volts, elastic_rates(arm), loads)
+    q = closed_start(arm, q, v, (True, True), names=("q", "speed"))[0]
+    b = _balance_of(arm, v, np.zeros(arm.nv) if volts is None else volts, elastic_rates(arm), loads)
     q, wrong = balance(b, q, descend=False)
     if wrong:
         raise ValueError(
@@ -347,21 +399,11 @@ def steady_state(arm: Chain, q: Array, v: Array, loads: Any = (), volts: Array |
     return q
 
 
-def locked_rates(arm: Chain, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
-    """Which rates belong to the locked joints, (nv,)."""
-    locked = np.zeros(arm.nv, dtype=bool)
-    if lock is not None and (isinstance(lock, str) or not isinstance(lock, Iterable)):
-        raise ValueError(f"lock = {lock!r}: must be a list of link numbers or names, such as [0, 1]")
-    for link in () if lock is None else lock:
-        locked[arm.joint_rates(link, "lock: link")] = True
-    return locked
-
-
 def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     """Leaves an unstable balance q and lets Newton's iteration find a stable one. Warns (StateWarning) where it finds
     none, unless the start was `given` and is that balance itself."""
     E = b.arm._core.rates(q, b.zero)[2]
-    stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
+    stayed = np.abs(b.places(E, q - start)).max() < 1e-8
     beside = _way_down(b, q)
     for _ in range(0 if stayed else _MOST_SADDLES):
         if beside is None:
@@ -371,9 +413,10 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
             break
         q, beside = lower, _way_down(b, lower)
     if beside is not None and not (stayed and given):
-        worst = int(np.abs(b.sizes * (E.T @ (beside - q))[b.free]).argmax())
+        worst = int(np.abs(b.places(E, beside - q)).argmax())
+        names = np.array(b.arm.coordinates)[... if b.arm.constrained else b.free]
         warnings.warn(
-            f"equilibrium: is unstable: the arm leaves it along '{np.array(b.arm.coordinates)[b.free][worst]}'; start "
+            f"equilibrium: is unstable: the arm leaves it along '{names[worst]}'; start "
             "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
             StateWarning,
             stacklevel=4,
@@ -389,7 +432,9 @@ def equilibrium(
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     forces = np.where(free, forces, 0.0)
-    b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
+    if arm.constrained:
+        q0 = assemble(arm, q0, None, lock or ())
+    b = _balance_of(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
     if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, q is not None)

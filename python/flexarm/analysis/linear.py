@@ -7,13 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, finite, number, tilde
+from .._check import Array, array, choice, finite, number
 from .._console import aligned
 from ..model.parts.beam import STRAIN_NAMES
 from ..model.parts.chain import Chain
-from .equilibrium import locked_rates, warn_unless_at_rest
+from .assembly import Closure, closed_start
+from .closed import Reduced, Slopes, reduced, slopes, turning
+from .equilibrium import warn_unless_at_rest
+from .rates import elastic_rates, locked_rates
 
 _SHOWN = 16  # labels of a kind, and eigenvalues, that are printed
+_BEFORE = 100.0  # times their mass's root, by which elastic coordinates come before joints as states
 INPUTS = ("force", "acceleration", "load", "patch", "strut")
 OUTPUTS = (
     *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),
@@ -27,15 +31,6 @@ class Derivatives(NamedTuple):
     dq: Array
     dv: Array
     dtau: Array
-
-
-def turning(arm: Chain, v: Array) -> Array:
-    """W (nv, nv) of d(theta)/dt = dv - W theta for small turns theta of balls in their links' axes, which the link
-    carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
-    W = np.zeros((arm.nv, arm.nv))
-    for _, rates in arm.ball_rates():
-        W[rates, rates] = tilde(v[rates])
-    return W
 
 
 def solve_mass(M: Array, right: Array) -> Array:
@@ -61,7 +56,8 @@ class LinearModel:
     """Small deviations from a state: dx/dt = A x + B u, y = C x + D u.
 
     The state x stacks the deviations of the coordinates, then those of the rates v; locked joints are left out of both.
-    The deviation of a ball is a small turn in its link's axes (rad), so that both halves have one entry a rate.
+    The deviation of a ball is a small turn in its link's axes (rad), so that both halves have one entry a rate. Of an
+    arm with rigid loops, the states are coordinates that the others follow, as many as it has freedoms.
 
     Attributes:
         A, B, C, D: (nx, nx), (nx, nu), (ny, nx), (ny, nu).
@@ -319,14 +315,18 @@ def _check_balls(arm: Chain, fixed: NDArray[np.bool_], field: str) -> None:
 
 
 def _about(
-    arm: Chain, q: Array, v: Array, a: Array, columns: list[_Input], free: NDArray[np.bool_], loads: Any
-) -> _Point:
-    """X from M_ff a_f + M_fg a_g + h_f = tau_f, f the free and g the given accelerations."""
+    arm: Chain, q: Array, v: Array, a: Array, columns: list[_Input], free: NDArray[np.bool_], loads: Any,
+    by: Slopes | None = None,
+) -> _Point:  # fmt: skip
+    """X from M_ff a_f + M_fg a_g + h_f = tau_f, f the free and g the given accelerations; of an arm with loops `by`."""
     nv = arm.nv
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
     E = arm._core.rates(q, v)[2]
     M = arm.mass_matrix(q)
     K = by_q @ E
+    if by is not None:
+        pushes = [by.tau[:, i.rate] if i.rate >= 0 else by.tau[:, free] @ i.force[free] for i in columns]
+        return _Point(arm, q, v, a, E, np.hstack([by.q, by.v, *(x[:, None] for x in pushes)]), M, K)
     right = np.hstack([-K, -by_v, *(i.force[:, None] for i in columns)])
     X = np.zeros((nv, 2 * nv + len(columns)))
     for k, column in enumerate(columns):
@@ -387,23 +387,54 @@ def linearize(
     given[[i.rate for i in columns if i.rate >= 0]] = True
     _check_balls(arm, given, "inputs")
     forces = zero if tau is None else array("tau", tau, (nv,))
-    still = {int(i): 0.0 for i in np.flatnonzero(given)}
-    a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *loads)
+    by: Slopes | None = None
+    if arm.constrained:
+        closed_start(arm, q0, v0, (True, True), names=("q", "v"))
+        by = slopes(arm, q0, v0, forces, given, loads)
+        a0 = by.a
+    else:
+        still = {int(i): 0.0 for i in np.flatnonzero(given)}
+        a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *loads)
 
-    point = _about(arm, q0, v0, a0, columns, ~given, loads)
+    point = _about(arm, q0, v0, a0, columns, ~given, loads, by)
     read = _read_outputs(point, _joints(arm) if outputs is None else outputs)
     if not v0.any():
         left = np.where(given, 0.0, point.M @ a0)
         warn_unless_at_rest(arm, (point.M, point.K, point.E.T @ q0), left, forces)
     turns = np.hstack([-turning(arm, v0), np.eye(nv), np.zeros((nv, len(columns)))])
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
-    keep = np.flatnonzero(np.tile(~locked, 2))
-    F, u = np.vstack([turns, point.X])[keep], slice(2 * nv, None)
-    reaction = arm._core.inverse_dynamics(q0, v0, a0, *loads)
-    rates = np.array([*arm.coordinates, *(f"rate {c}" for c in arm.coordinates)])[keep]
+    F, u, names = np.vstack([turns, point.X]), slice(2 * nv, None), np.array(arm.coordinates)
+    if by is not None:
+        own, S, back = _independent(arm, reduced(arm, Closure(arm), q0, v0, by.forces, ~locked, loads))
+        A, B, C = back @ F[:, : 2 * nv] @ S, back @ F[:, u], Y[:, : 2 * nv] @ S
+    else:
+        own = np.flatnonzero(~locked)
+        keep = np.concatenate([own, own + nv])
+        A, B, C = F[np.ix_(keep, keep)], F[keep, u], Y[:, keep]
+        reaction = arm._core.inverse_dynamics(q0, v0, a0, *loads)
     return LinearModel(
-        *(F[:, keep], F[:, u], Y[:, keep], Y[:, u]),
-        *(tuple(map(str, rates)), tuple(i.label for i in columns), tuple(label for o in read for label in o.labels)),
-        *(q0, v0, a0, np.where(given, reaction, forces)),
+        *(A, B, C, Y[:, u], (*map(str, names[own]), *(f"rate {c}" for c in names[own]))),
+        *(tuple(i.label for i in columns), tuple(label for o in read for label in o.labels)),
+        *(q0, v0, a0, np.where(given, reaction, forces) if by is None else by.forces),
         y=np.concatenate([np.zeros(0), *(o.y for o in read)]),
     )
+
+
+def _independent(arm: Chain, r: Reduced) -> tuple[NDArray[np.int_], Array, Array]:
+    """Coordinates that the others of an arm with loops follow, elastic ones before joints: their rates; [theta; v] by
+    them and their rates, (2 nv, 2 n), and back, for motions that loops let be."""
+    import scipy.linalg as la  # slow to import
+
+    n, size = r.T.shape[1], np.sqrt(r.M.diagonal())
+    if not n:
+        raise ValueError("lock: no motion is left")
+    size[elastic_rates(arm)] *= _BEFORE
+    own = np.sort(la.qr(r.T.T * size, pivoting=True, mode="r")[1][:n])
+    inverse = np.linalg.inv(r.T[own])
+    z = np.hstack([inverse, np.zeros((n, n))])
+    w = np.hstack([-inverse @ r.N[own] @ inverse, inverse])
+    S = np.vstack([r.T @ z, r.T @ w + r.N @ z])
+    to_z = r.of(np.eye(arm.nv))
+    zero = np.zeros_like(to_z)
+    back = np.vstack([r.T[own] @ np.hstack([to_z, zero]), np.hstack([r.N[own] @ to_z, r.T[own] @ to_z])])
+    return own, S, back

@@ -16,8 +16,10 @@ from ..data.draw.style import Figure
 from ..model.parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
-from .equilibrium import locked_rates, steady_state
-from .linear import turning
+from .assembly import Closure
+from .closed import holding, reduced, turning
+from .equilibrium import steady_state
+from .rates import locked_rates
 
 
 @dataclass(frozen=True)
@@ -206,9 +208,10 @@ class SmallMotions:
     arm: Chain
     q: Array  #: the state, (nq,)
     free: NDArray[np.bool_]  #: which rates are not locked, (nv,)
-    M: Array  #: it, G and K are of the free coordinates
+    M: Array  #: it, G and K are of the free coordinates; of an arm with rigid loops, of the motions T
     G: Array
     K: Array
+    T: Array | None = None  #: (nv, n), that loops and locked joints leave; None: each free coordinate is one
 
     def solve(self, C: Array | float = 0.0) -> Modes:
         """The modes, with further damping C."""
@@ -223,8 +226,7 @@ class SmallMotions:
         conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
         s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
 
-        shapes = np.zeros((self.arm.nv, s.size), dtype=vectors.dtype)
-        shapes[self.free] = d[:, None] * vectors
+        shapes = self.shapes(d[:, None] * vectors)
         largest = np.abs(shapes).argmax(axis=0)
         shapes = shapes / shapes[largest, np.arange(s.size)]
         radius = np.abs(s)
@@ -234,14 +236,27 @@ class SmallMotions:
             damping = np.where(radius > 0, -s.real / radius, 0.0)
         damping[np.abs(damping) < 1e-12] = 0.0
         share = np.zeros(shapes.shape)
-        share[self.free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
+        if self.T is not None:
+            share = np.abs(np.real(np.conj(shapes) * (self.mass @ shapes)))
+        else:
+            share[self.free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
         share /= share.sum(axis=0)
         up = np.lexsort((radius, frequencies))
         return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], self.q, self.arm)
 
+    def shapes(self, found: NDArray[Any]) -> NDArray[Any]:
+        """Motions of all rates, (nv, ...), of those of M, G and K, (n, ...)."""
+        if self.T is not None:
+            return np.asarray(self.T @ found)
+        out = np.zeros((self.arm.nv, *found.shape[1:]), dtype=found.dtype)
+        out[self.free] = found
+        return out
+
     @property
     def mass(self) -> Array:
-        """The mass matrix of all coordinates, (nv, nv); zero where they are locked."""
+        """The mass matrix of all coordinates, (nv, nv); zero where they are locked, but for an arm with loops."""
+        if self.T is not None:
+            return np.asarray(self.arm._core.mass_matrix(self.q))
         whole = np.zeros((self.arm.nv, self.arm.nv))
         whole[np.ix_(self.free, self.free)] = self.M
         return whole
@@ -268,23 +283,34 @@ def small_motions(
         raise ValueError("lock: no coordinate is left to move")
     if not np.isfinite(arm._core.inverse_dynamics(q0, v0, np.zeros(arm.nv), *loads)).all():
         raise ValueError("speed, q: are too large, the forces there are not finite")
-    about = motions_about(arm, steady_state(arm, q0, v0, loads), v0, loads)
-    M, G, K = (X[np.ix_(free, free)] for X in (about.M, about.G, about.K))
-    return replace(about, free=free, M=M, G=G, K=K)
+    return motions_about(arm, steady_state(arm, q0, v0, loads), v0, loads, free)
 
 
-def motions_about(arm: Chain, q: Array, v: Array, loads: Any = ()) -> SmallMotions:
-    """Of all rates, about q (nq,) and v (nv,), whose accelerations are left out."""
+def motions_about(
+    arm: Chain, q: Array, v: Array, loads: Any = (), free: NDArray[np.bool_] | None = None
+) -> SmallMotions:  # fmt: skip
+    """Of the free rates, all if None, about q (nq,) and v (nv,), whose accelerations are left out; of an arm with rigid
+    loops, the forces that keep these are those of the joints that are not free, and of others where they must be."""
+    free = np.ones(arm.nv, bool) if free is None else free
+    if arm.constrained:
+        closure = Closure(arm)
+        tau = holding(arm, closure, q, v, loads, ~free)
+        r = reduced(arm, closure, q, v, tau, free, loads)
+        if not r.K.size:
+            raise ValueError("lock: no motion is left")
+        K = r.K - r.C @ r.W
+        return SmallMotions(arm, q, free, np.eye(len(K)), r.C + r.W, K, r.T)
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, 0.0 * v, *loads))
     _, _, E = arm._core.rates(q, v)  # dq = E v: small turns of a ball move its quaternion so
     M, W = arm._core.mass_matrix(q), turning(arm, v)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
-    return SmallMotions(arm, q, np.ones(arm.nv, bool), M, by_v + M @ W, by_q @ E + by_v @ W)
+    G, K, at = by_v + M @ W, by_q @ E + by_v @ W, np.ix_(free, free)
+    return SmallMotions(arm, q, free, M[at], G[at], K[at])
 
 
 def locked_modes(arm: Chain) -> Modes:
-    """About zero, with all joints locked, without gravity."""
-    return modes(arm._alike(arm.links), lock=arm.movable)
+    """About zero, with all joints locked, without gravity; loops are open."""
+    return modes(arm._alike(arm.links, loops=()), lock=arm.movable)
 
 
 def modes(

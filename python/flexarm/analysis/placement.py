@@ -169,6 +169,7 @@ def _modes(arm: Chain, n: int, count: int, lock: Iterable[Any] | None) -> tuple[
     """Undamped frequencies at zero, without gravity, of the lowest modes that bend the beam of link n, and their shapes
     in its elastic coordinates, to such a scale that the modal force over omega^2 is the largest displacement."""
     at_least("modes", count, 1)
+    arm.refuse_loops("place_patch: arm")
     beam, at = next(((beam, at) for k, beam, _, at in arm.beams() if k == n), (None, slice(0)))
     omega, shapes = [], []
     found = small_motions(arm._alike(arm.links), lock=arm.movable if lock is None else lock)

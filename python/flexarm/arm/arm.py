@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, finite
-from ..analysis import damping, linear
+from ..analysis import assembly, damping, linear
 from ..analysis import equilibrium as balance
 from ..analysis import modes as modal
 from ..analysis.describe import describe
@@ -44,6 +44,7 @@ class Arm(Chain):
         struts: struts and tendons between points of the links and of the world. `arm.struts` has the struts ahead of
             the tendons, numbered from 0.
         contacts: spheres and points of links that touch surfaces of the world or of other links, numbered from 0.
+        loops: joints that close loops, between places of two links, or of a link and the world, numbered from 0.
 
     `fa.check(arm)` lists numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
     g mm², a short thick beam without shear; and beams with too few shape functions for their payload.
@@ -52,12 +53,12 @@ class Arm(Chain):
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
         """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}, and "strut",
-        "tendon" and "contact" likewise."""
+        "tendon", "contact" and "loop" likewise."""
         return Arm._read(read_file(ArmFile, d))
 
     @classmethod
     def _read(cls, file: ArmFile) -> Arm:
-        return cls(file.link, file.gravity, [*file.strut, *file.tendon], file.contact)
+        return cls(file.link, file.gravity, [*file.strut, *file.tendon], file.contact, file.loop)
 
     def __str__(self) -> str:
         return self.describe()
@@ -67,7 +68,8 @@ class Arm(Chain):
         frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
         ratios with all joints locked at zero, without gravity; of each strut and tendon its points, length, spring,
         damper and constant force; of each contact its point, its surface, its gap at zero and the numbers of its
-        forces."""
+        forces; of each loop its joint, its places and what it gives way with, and how many freedoms the loops leave,
+        near zero."""
         return describe(self)
 
     def show(
@@ -100,6 +102,39 @@ class Arm(Chain):
             made.open()
         return made
 
+    # -- loops ---------------------------------------------------------------------------------------------------------
+
+    def assemble(self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, hold: Iterable[Any] = ()) -> Any:
+        """Positions near q at which all rigid loops are closed to rounding; with v, also the rates nearest to v (in
+        kinetic energy) that keep them closed.
+
+        By damped Gauss-Newton steps from q, each the shortest. Joints move; beams bend only where joints alone do not
+        close the loops. Which of several closed positions is found depends on q.
+
+        Args:
+            q: start, (nq,), or as `pose` takes it: {"crank": 0.3}; `zero` if None.
+            v: rates, (nv,); None: none are sought.
+            hold: links, or (link, freedom), whose joints keep their positions, and rates.
+
+        Returns:
+            q (nq,); with v, q and v (nv,).
+
+        Raises:
+            ValueError: no such positions were found, naming the loop that is farthest from closed, and its gap.
+        """
+        return assembly.assemble(self, q, v, hold)
+
+    def mobility(self, q: ArrayLike | None = None) -> assembly.Mobility:
+        """How many independent motions rigid loops leave at q, and how many of their conditions are redundant.
+
+        Args:
+            q: positions at which the loops are closed, (nq,); `zero` if None.
+
+        Returns:
+            Mobility: `.freedoms`, `.rows`, `.redundant`.
+        """
+        return assembly.mobility(self, q)
+
     # -- dynamics ------------------------------------------------------------------------------------------------------
 
     def operation_count(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> int:
@@ -124,7 +159,8 @@ class Arm(Chain):
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> Array:
-        """Accelerations (..., nv) for generalised forces tau (N, N m; zero if None).
+        """Accelerations (..., nv) for generalised forces tau (N, N m; zero if None); with rigid loops closed, those
+        that keep them so.
 
         Args:
             q, v, tau: (..., nv).
@@ -146,7 +182,10 @@ class Arm(Chain):
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> Array:
-        """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
+        """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N).
+
+        An arm with rigid loops is refused: which forces make a motion there depends on which joints are driven."""
+        self.refuse_loops("inverse_dynamics", rigid=True)
         q, v, a = self._batch(q=q, v=v, a=a)
         return finite("inverse dynamics", self._core.inverse_dynamics(q, v, a, *at_time(self, loads, t)))
 
@@ -168,13 +207,16 @@ class Arm(Chain):
         time t (s).
         """
         choice("side", side, ("outboard", "inboard"))
+        self.refuse_loops("joint_reaction", rigid=True)
         q, v, a = self._batch(q=q, v=v, a=a)
         F = self._core.joint_reaction(q, v, a, self._link(link), side == "inboard", *at_time(self, loads, t))
         return finite("joint reaction", F)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """h(q, v) of M a + h = tau, shape (..., nv): inertial, gravity, elastic and damping forces."""
-        return self.inverse_dynamics(q, v, np.zeros(self.nv))
+        """h(q, v) of M a + h = tau, shape (..., nv): inertial, gravity, elastic and damping forces; without those of
+        rigid loops."""
+        q, v = self._batch(q=q, v=v)
+        return finite("bias", self._core.inverse_dynamics(q, v, np.zeros_like(v)))
 
     # -- to other programs ---------------------------------------------------------------------------------------------
 
@@ -185,7 +227,7 @@ class Arm(Chain):
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
         There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
         or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. Contacts
-        are left out: MuJoCo's have other laws. A tree
+        are left out: MuJoCo's have other laws; an arm with loops is refused. A tree
         of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
         links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
         link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
@@ -198,8 +240,8 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: a ball whose damping or reflected inertia differs from axis to axis, a beam that is curved at
-                rest, or bad arguments.
+            ValueError: loops; a ball whose damping or reflected inertia differs from axis to axis; a beam that is
+                curved at rest; bad arguments.
 
         Warns:
             RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
@@ -221,8 +263,8 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: a ball; a free joint with more than one number of damping for all its freedoms; a beam that is
-                curved at rest; bad arguments.
+            ValueError: loops; a ball; a free joint with more than one number of damping for all its freedoms; a beam
+                that is curved at rest; bad arguments.
 
         Warns:
             RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
@@ -243,7 +285,9 @@ class Arm(Chain):
         """Natural frequencies and modes about a steady state.
 
         The joints rest at q (zero if None) or move at constant `speed`, under the required forces; the elastic
-        coordinates are in equilibrium (found from q by Newton's iteration).
+        coordinates are in equilibrium (found from q by Newton's iteration). Rigid loops must be closed at q, and stay
+        closed in each mode; take q from `equilibrium` or `assemble`. The forces are those of the locked joints then,
+        and of others only where those are not enough.
 
         Args:
             q: (nq,), or as `pose` takes it: {"elbow": 0.3}.
@@ -297,14 +341,15 @@ class Arm(Chain):
                 damping.
         """
         q = None if q is None else self._single(q=q)[0]
+        self.refuse_loops("modal_damping", rigid=True)
         links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
-        return Arm(links, self.gravity, self.struts, self.contacts)
+        return self._alike(links, self.gravity)
 
     def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
         """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
         of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
         frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
-        return Arm(damping.rayleigh_damping(self, mass, stiffness), self.gravity, self.struts, self.contacts)
+        return self._alike(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
 
@@ -321,7 +366,7 @@ class Arm(Chain):
         """Coordinates (nq,) at rest in equilibrium with gravity, springs, loads and constant generalised forces.
 
         Damped Newton iteration from q with exact Jacobians, decreasing the potential energy if there is one: the
-            equilibrium is then stable, unless q is one already.
+            equilibrium is then stable, unless q is one already. Rigid loops are closed first, near q.
 
         Args:
             q: start, and positions of locked joints, (nq,); `zero` if None.
@@ -382,6 +427,7 @@ class Arm(Chain):
     ) -> tuple[Array, Array, Array]:
         """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
         v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
+        self.refuse_loops("inverse_derivatives", rigid=True)
         q, v, a = self._single(q=q, v=v, a=a)
         by_q, by_v = self._core.inverse_derivatives(q, v, a, *at_time(self, loads, t))
         return finite("inverse derivatives", by_q), finite("inverse derivatives", by_v), self.mass_matrix(q)
@@ -441,7 +487,8 @@ class Arm(Chain):
                 ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21);
                 ("charge", link, patch), ("patch_voltage", link, patch): of a piezo patch (C, V).
             tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
-            lock: links, or (link, freedom), whose joints keep their rates exactly; they are not states.
+            lock: links, or (link, freedom), whose joints keep their rates exactly; they are not states. With rigid
+                loops, which must be closed at q, states are coordinates that the others follow.
             loads, t: external forces and moments, with their values at time t (s).
 
         Returns:

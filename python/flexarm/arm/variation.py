@@ -48,7 +48,7 @@ class Setup:
     def known(self) -> list[str]:
         """Paths of everything that can vary."""
         out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link"), *_leaves(self.arm.struts, "strut")]
-        out += _leaves(self.arm.contacts, "contact")
+        out += [*_leaves(self.arm.contacts, "contact"), *_leaves(self.arm.loops, "loop")]
         for key, law in self.drive.items():
             out += _leaves(law, f"drive.{drive_name(key)}")
         for parts, name in ((self.loads, "load"), (self.control, "control"), (self.sensors, "sensor")):
@@ -111,10 +111,10 @@ def drive_name(key: Any) -> str:
 
 
 def numbered(setup: Setup, path: str) -> str:
-    """A path with the number of a link, a strut or a contact where it has its name: "link.elbow.tip.mass", and that of
-    a drive likewise."""
+    """A path with the number of a link, a strut, a contact or a loop where it has its name: "link.elbow.tip.mass", and
+    that of a drive likewise."""
     arm, (root, *words) = setup.arm, str(path).split(".")
-    known: Mapping[str, Any] = {"strut": arm.strut_names, "contact": arm.contact_names}
+    known: Mapping[str, Any] = {"strut": arm.strut_names, "contact": arm.contact_names, "loop": arm.loop_names}
     if not words or words[0] not in known.get(root, arm._numbers):
         return str(path)
     if root in known:
@@ -136,7 +136,8 @@ def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> 
     like: Any = None
     tree: dict[str, Any] = {
         "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity, "strut": setup.arm.struts, "contact": setup.arm.contacts, **(more or {}),
+        "gravity": setup.arm.gravity, "strut": setup.arm.struts, "contact": setup.arm.contacts,
+        "loop": setup.arm.loops, **(more or {}),
     }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
@@ -155,7 +156,7 @@ def can_vary(at: str, known: Sequence[str]) -> bool:
     return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
 
 
-OF_ARM = ("link", "gravity", "strut", "contact")
+OF_ARM = ("link", "gravity", "strut", "contact", "loop")
 _ROOTS = (*OF_ARM, "drive", "load", "control", "sensor")
 
 
@@ -266,10 +267,12 @@ class Variation:
         gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
         struts = self._rebuilt("strut", base.struts, self._trees["strut"], i)
         contacts = self._rebuilt("contact", base.contacts, self._trees["contact"], i)
+        loops = self._rebuilt("loop", base.loops, self._trees["loop"], i)
+        parts = links, gravity, struts, contacts, loops
+        were = base.links, base.gravity, base.struts, base.contacts, base.loops
         try:
-            same = links is base.links and gravity is base.gravity and struts is base.struts
-            same = same and contacts is base.contacts
-            return base if same else Arm._varied(base, links, gravity, struts, contacts)
+            same = all(x is y for x, y in zip(parts, were, strict=True))
+            return base if same else Arm._varied(base, *parts)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 

@@ -294,6 +294,7 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
     scene = read_scene(scene)
+    scene.arm.refuse_loops("chart: scene.arm")
     budget = positive("budget", budget, "s")
     with progress_bar(progress, "charting", budget) as bar:
 

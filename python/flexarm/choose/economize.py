@@ -381,6 +381,7 @@ def economize(
         limit = between("tolerance", tolerance, 0, 1, ", as a share of the quantity's span; absolute: atol=")
     scene = read_scene(scene)
     scene.arm.refuse_rubbing("economize: scene.arm")
+    scene.arm.refuse_loops("economize: scene.arm")
     measure = Measure(scene, quantity, atol)
     allowed = Budget(math.inf if budget is None else budget)
     with progress_bar(progress, "deciding", None) as bar:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..analysis.linear import turning
+from ..analysis.closed import turning
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
 from ..model.acting.drive import Motion, split_drives, voltage_forces

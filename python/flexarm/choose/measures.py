@@ -37,7 +37,7 @@ def thinned(result: Result, t: Array) -> Result:
     rows = np.searchsorted(result.t, t - 1e-12 * max(1.0, float(abs(t[-1]))))
     if len(rows) == len(result.t):
         return result
-    names = ("t", "q", "v", "a", "tau", "friction", "driven", "contacts")
+    names = ("t", "q", "v", "a", "tau", "friction", "driven", "contacts", "loops")
     return replace(result, **{name: x[rows] for name in names if (x := getattr(result, name)) is not None})
 
 
@@ -68,7 +68,8 @@ def between(result: Result, t: Array) -> Result:
         q[:, ball] /= np.linalg.norm(q[:, ball], axis=1, keepdims=True)
     given = {"a": result.a, "tau": result.tau, "driven": result.driven}
     line: dict[str, Any] = {name: x[k] + u * (x[k + 1] - x[k]) for name, x in given.items() if x is not None}
-    return replace(result, t=t, q=q, v=through(result.v, result.a, None), friction=None, contacts=None, **line)
+    v = through(result.v, result.a, None)
+    return replace(result, t=t, q=q, v=v, friction=None, contacts=None, loops=None, **line)
 
 
 def probes(scene: Scene) -> Array:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._check import Array
-from ..analysis.equilibrium import elastic_rates
+from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
 from ..model.acting.drive import Motion
 from ..model.acting.load import pushes

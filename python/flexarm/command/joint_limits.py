@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array, choice, instance
-from ..analysis.equilibrium import elastic_rates
+from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
 
 Indices = NDArray[np.intp]

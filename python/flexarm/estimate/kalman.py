@@ -14,7 +14,7 @@ import flexarm._core as _core
 
 from .._check import Array, array, instance, number, outside, positive
 from .._console import progress_bar
-from ..analysis.equilibrium import elastic_rates
+from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
 from ..model.acting.acts import acts_from, at_rest
 from ..model.acting.control import padded
@@ -106,6 +106,7 @@ class KalmanFilter:
         friction_speed: float = 0.01,
     ) -> None:
         instance("arm", arm, Arm).refuse_rubbing("KalmanFilter: arm")
+        arm.refuse_loops("KalmanFilter: arm")
         if not isinstance(sensors, (list, tuple)):
             raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
         self.arm, self.sensors, self.step = arm, tuple(sensors), positive("step", step, "s")

@@ -54,6 +54,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
     """
     import scipy.linalg as la  # slow to import
 
+    arm.refuse_loops("lqr, lqg: arm", rigid=True)
     joints, nv = all_joints(arm), arm.nv
     at = equilibrium(arm, q, None, arm.movable, ())
     zero = np.zeros(nv)

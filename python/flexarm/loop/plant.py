@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, finite
-from ..analysis.linear import turning
+from ..analysis.assembly import Closure
+from ..analysis.closed import holding, reduced, turning
 from ..analysis.modes import shift
 from ..model.parts.chain import Chain
 
@@ -22,7 +23,7 @@ class Plant:
 
     Attributes:
         arm, q, v: the arm and the state. free: the rates that are not prescribed.
-        A: (2 n, 2 n), n the number of free rates. T: (2 nv, 2 n).
+        A: (2 n, 2 n), n the number of free rates, or of the motions that rigid loops leave them. T: (2 nv, 2 n).
 
     Raises:
         ValueError: no rate is free, or masses or forces there are not finite. LinAlgError: the masses are singular.
@@ -35,10 +36,12 @@ class Plant:
         self.free = np.setdiff1d(np.arange(arm.nv), prescribed)
         if not self.free.size:
             raise ValueError("lock: no coordinate is left to move")
-        at = np.ix_(self.free, self.free)
+        at, T = np.ix_(self.free, self.free), np.eye(arm.nv)[:, self.free]
         by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, 0.0 * v, *loads))
         self.E = arm._core.rates(q, v)[2]
         K, C, M, W = (by_q @ self.E)[at], by_v[at], arm.mass_matrix(q)[at], turning(arm, v)[at]
+        if arm.constrained:
+            T, M, K, C, W = self._on_loops(loads)
         d = finite("the root of the masses", 1.0 / np.sqrt(np.diag(M)))
         M1, K1 = d[:, None] * M * d, d[:, None] * (0.5 * (K + K.T)) * d
         sigma = shift(M1, K1, 1.0)
@@ -54,15 +57,25 @@ class Plant:
             [-w[:, None] * (inverse @ W @ V) / w, np.diag(w)],
             [-(V.T @ K @ V) / w, -(V.T @ C @ V)],
         ]))  # fmt: skip
-        n, nv = self.free.size, arm.nv
-        self._V = np.zeros((nv, n))
-        self._V[self.free] = V
+        n, nv = V.shape[1], arm.nv
+        self._V = T @ V
         self.T = np.zeros((2 * nv, 2 * n))
         self.T[:nv, :n], self.T[nv:, n:] = self._V / w, self._V
 
+    def _on_loops(self, loads: Any) -> tuple[Array, ...]:
+        """The motions T that rigid loops leave, and their M, K, C and W."""
+        arm, q, v = self.arm, self.q, self.v
+        if v.any():
+            raise ValueError("v: must be zero: rates of an arm with rigid loops have no linear loop of control here")
+        free, closure = np.isin(np.arange(arm.nv), self.free), Closure(arm)
+        r = reduced(arm, closure, q, v, holding(arm, closure, q, v, loads, ~free), free, loads)
+        if not r.K.size:
+            raise ValueError("lock: no motion is left")
+        return r.T, np.eye(len(r.K)), r.K, r.C, r.W
+
     def forces(self, columns: Array) -> Array:
         """x' by generalised forces, columns (nv, m): (2 n, m)."""
-        return np.vstack([np.zeros((self.free.size, columns.shape[1])), self._V.T @ columns])
+        return np.vstack([np.zeros((self._V.shape[1], columns.shape[1])), self._V.T @ columns])
 
     def reads(self, by_q: Array, by_v: Array) -> Array:
         """Rows by x, (m, 2 n), of outputs with the derivatives by_q (m, nq) and by_v (m, nv)."""
@@ -70,4 +83,4 @@ class Plant:
 
     def feels(self, by_a: Array) -> Array:
         """Rows by x' of outputs with the derivatives by_a (m, nv) by the accelerations."""
-        return np.hstack([np.zeros((len(by_a), self.free.size)), by_a @ self._V])
+        return np.hstack([np.zeros((len(by_a), self._V.shape[1])), by_a @ self._V])

@@ -32,7 +32,7 @@ def _seen(
     mode: int | None, share: float,
 ) -> _Seen:  # fmt: skip
     """Raises ValueError where no gain is known to be stable, or the mode is not there."""
-    instance("arm", arm, Chain, "an Arm")
+    instance("arm", arm, Chain, "an Arm").refuse_loops("ppf, irc: arm", rigid=True)
     between("share", share, 0, 1, ", where the loop is unstable")
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:

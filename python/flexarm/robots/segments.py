@@ -57,7 +57,7 @@ class Segmented:
 
 def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces; without
-    struts, tendons and contacts.
+    struts, tendons, contacts and loops.
 
     A hinge's spring is the piece's rigidity over its length, and, with `fit`, times a factor that changes smoothly
     along the beam, as near to one as the arm's lowest three frequencies allow (joints locked, no gravity). This is the
@@ -69,7 +69,7 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """
     if not 2 <= whole("segments", segments) <= 200:
         raise ValueError(f"segments = {segments}: must be from 2 to 200")
-    arm, left_out = arm._alike(arm.links, arm.gravity, (), ()), list[str]()
+    arm, left_out = arm._alike(arm.links, arm.gravity, (), (), ()), list[str]()
     for name, link in zip(arm.names, arm.links, strict=True):
         if link.beam is not None:
             if link.beam.curvature is not None:

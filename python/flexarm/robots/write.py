@@ -363,6 +363,7 @@ _URDF = {**_BOTH, "stiffness": "springs, but for Gazebo", "reflected_inertia": "
 
 def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_mjcf."""
+    arm.refuse_loops("to_mjcf")
     cut = segmented(arm, segments)
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
     ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
@@ -373,6 +374,7 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
 
 def to_urdf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_urdf."""
+    arm.refuse_loops("to_urdf")
     cut = segmented(arm, segments)
     gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
     more = _note("struts and tendons", arm.strut_names) + _note("contacts", arm.contact_names)

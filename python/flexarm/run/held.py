@@ -13,7 +13,7 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array, array
-from ..analysis.equilibrium import displaced
+from ..analysis.rates import displaced
 from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..loop.laws import taps_of
@@ -60,6 +60,7 @@ def held(
         ValueError: a controller that samples or remembers and is no LinearController; controllers that do not hold the
             arm, or only beyond a limit.
     """
+    arm.refuse_loops("q0 = 'held'", rigid=True)
     controls = (control,) if isinstance(control, Controller) else tuple(control or ())
     setup = Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
     places = at_time(arm, setup.forces, t)

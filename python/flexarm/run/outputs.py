@@ -19,6 +19,7 @@ from ..data.units import unit
 from ..model.acting.drive import Torque
 from ..model.acting.load import Load, Push
 from ..model.parts.labels import deflections, ends, joint_coordinates, joint_rates
+from ..model.parts.loop import Loop
 
 Titles = dict[str, list[tuple[str, str]]]
 _OF_STRUT = (("length", "m"), ("rate", "m/s"), ("force", "N"))
@@ -70,6 +71,25 @@ class ContactMotion:
         return np.asarray(np.sqrt(np.maximum(np.sum(self.force**2, axis=1) - self.normal**2, 0.0)))
 
 
+@dataclass
+class LoopMotion:
+    """A loop over time.
+
+    Attributes:
+        force: with which the loop acts on its place b (N), world axes, (nt, 3); the opposite acts on a.
+        moment: likewise (N m), about the origin of the joint's frame on b.
+        gap: the largest way that a direction which the joint holds has opened (m), (nt,): zero but for rounding of a
+            rigid loop.
+        place: coordinates of the joint, (nt, n), as of a link's joint: angle (rad), displacement (m), or both; a
+            ball's quaternion; none of a fixed joint. Angles go on beyond half a turn.
+    """
+
+    force: Array
+    moment: Array
+    gap: Array
+    place: Array
+
+
 @dataclass(repr=False)
 class Rows:
     """The data of a Result, where its attributes are explained."""
@@ -89,13 +109,15 @@ class Rows:
     friction: Array | None = None
     driven: Array | None = None
     contacts: Array | None = None
+    loops: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
 
     @property
     def acting(self) -> tuple[Arm, tuple[Load, ...]]:
         """An arm and loads, linear between the rows, by which inverse dynamics has all that acted: the driven forces of
-        struts are loads, and so are the forces of contacts, in place of these, where they have friction."""
+        struts are loads, and so are the forces of contacts, in place of these, where they have friction, and those of
+        loops, in place of these."""
         out, arm = [*(self.loads or ())], self.arm
         if not len(self.t):
             return arm, tuple(out)
@@ -114,6 +136,15 @@ class Rows:
                 if surface[0] >= 0:
                     out.append(_pull(arm, t, self.q, surface, -self.contacts[:, k], at[:, k]))
             arm = arm._alike(arm.links, arm.gravity, contacts=())
+        if arm.loops:
+            if self.loops is None:
+                raise ValueError(f"loops: this result does not keep the forces of {', '.join(arm.loop_names)}")
+            for k, sides in enumerate(self.arm._closing):
+                at, pulled = self.arm._loop_frames(self.q, k)[1][0], self.loops[:, k]
+                for sign, side in zip((-1.0, 1.0), sides, strict=True):
+                    if side[0] >= 0:
+                        out.append(_pull(self.arm, t, self.q, side, sign * pulled[:, :3], at, sign * pulled[:, 3:]))
+            arm = arm._alike(arm.links, arm.gravity, loops=())
         return arm, tuple(out)
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
@@ -147,18 +178,32 @@ class Rows:
             force = normal[:, None] * self.arm.contact_places(self.q)[1][:, k]
         return ContactMotion(gap, rate, normal, force)
 
+    def loop(self, loop: int | str = -1) -> LoopMotion:
+        """Forces of a loop and where its joint is, by its name or its number in `arm.loops`: `.force` (N) and `.moment`
+        (N m), (nt, 3), world axes, nan where the result does not keep them; `.gap` (m), (nt,); `.place`, (nt, n)."""
+        k, q = self.arm._loop(loop), self.q
+        pulled = np.full((len(q), 6), np.nan) if self.loops is None else self.loops[:, k]
+        ways = [n == k and not turns for n, turns, _ in self.arm._core.loop_rows]
+        gap = np.abs(self.arm.loop_motion(q)[0][:, ways]).max(axis=1)
+        place = self.arm.loop_place(q, k)
+        if not self.arm.loops[k].joint.ball:
+            turns = [c for c, of in enumerate(self.arm.loops[k].joint.units) if of == "rad"]
+            place[:, turns] = np.unwrap(place[:, turns], axis=0)
+        return LoopMotion(pulled[:, :3], pulled[:, 3:], gap, place)
 
-def _pull(arm: Arm, t: Array, q: Array, on: Any, force: Array, at: Array) -> Load:
-    """A force (N) at places `at` in the world (m), on the body of a point of a contact, at the rows."""
+
+def _pull(arm: Arm, t: Array, q: Array, on: Any, force: Array, at: Array, moment: Array | None = None) -> Load:
+    """A force (N), and a moment (N m), at places `at` in the world (m), on the body of a point of a contact or a loop,
+    at the rows."""
     link, where, x, _ = on
     x = x if where == "slice" else 0.0 if where == "origin" and arm.links[link].beam is not None else None
-    moment = np.cross(at - arm.frame(q, link, x)[0], force)
+    moment = np.cross(at - arm.frame(q, link, x)[0], force) + (0.0 if moment is None else moment)
     shape = (len(t), 3)
     return Load(link, x, force=np.broadcast_to(force, shape), moment=np.broadcast_to(moment, shape), t=t)
 
 
 def titles(arm: Arm) -> Titles:
-    """Name and unit of each column of q, v, a, tau, friction and contacts."""
+    """Name and unit of each column of q, v, a, tau, friction, contacts and loops."""
     places = {i: of for i, _, of in joint_coordinates(arm)}
     rates = {i: of for i, _, of in joint_rates(arm)}
     forces = {"rad": "N m", "m": "N"}
@@ -166,6 +211,8 @@ def titles(arm: Arm) -> Titles:
     for kind, per in (("v", "/s"), ("a", "/s^2")):
         out[kind] = [(f"{kind} {n}", rates[i] + per if i in rates else "") for i, n in enumerate(arm.coordinates)]
     out["contacts"] = [(f"{name} force {x}", "N") for name in arm.contact_names for x in "xyz"]
+    of_loop = [(f"{what} {x}", of) for what, of in (("force", "N"), ("moment", "N m")) for x in "xyz"]
+    out["loops"] = [(f"{name} {what}", of) for name in arm.loop_names for what, of in of_loop]
     for kind in ("tau", "friction"):
         out[kind] = [(f"{kind} {n}", forces[rates[i]] if i in rates else "") for i, n in enumerate(arm.coordinates)]
     return out
@@ -174,7 +221,7 @@ def titles(arm: Arm) -> Titles:
 def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     """Titles and values, (nt, k), of quantities that follow from q: the tips' deflections, the places of the ends, and
     the lengths of struts and the gaps of contacts, with their forces, where v is known; those of contacts without
-    friction. None without q."""
+    friction; gaps and places of loops. None without q."""
     if not len(result.t) or not np.isfinite(result.q).all():
         return {}, {}
     bent = deflections(result.arm)
@@ -192,7 +239,22 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
         touched = [result.contact(k) for k in range(len(result.arm.contacts))]
         names["contact"] = [(f"{n} {what}", of) for n in result.arm.contact_names for what, of in _OF_CONTACT]
         values["contact"] = np.column_stack([x for c in touched for x in (c.gap, c.rate, c.normal)])
+    if result.arm.loops:
+        closed = [result.loop(k) for k in range(len(result.arm.loops))]
+        names["loop"] = [x for name, of in zip(result.arm.loop_names, result.arm.loops, strict=True)
+                         for x in ((f"{name} gap", "m"), *_places(name, of))]  # fmt: skip
+        values["loop"] = np.column_stack([x for c in closed for x in (c.gap, c.place)])
     return names, values
+
+
+def _places(name: str, loop: Loop) -> list[tuple[str, str]]:
+    """Name and unit of each coordinate of a loop's joint."""
+    joint = loop.joint
+    labels = [x.removeprefix(joint.type).strip() for x in joint.labels]
+    if joint.ball:
+        labels = [f"quaternion {c}" for c in "wxyz"]
+    words = [x or ("angle" if of == "rad" else "displacement") for x, of in zip(labels, joint.q_units, strict=True)]
+    return [(f"{name} {word}", "" if joint.ball else of) for word, of in zip(words, joint.q_units, strict=True)]
 
 
 def table(result: Rows) -> Data:
@@ -204,6 +266,8 @@ def table(result: Rows) -> Data:
     values = {**{k: getattr(result, k) for k in ("q", "v", "a", "tau", "friction")}, **values}
     if result.contacts is not None:
         values["contacts"] = result.contacts.reshape(len(result.t), -1)
+    if result.loops is not None:
+        values["loops"] = result.loops.reshape(len(result.t), -1)
     columns: dict[str, Array] = {}
     for kind, x in values.items():
         if x is not None and np.isfinite(x).any():

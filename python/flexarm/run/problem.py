@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number, whole
+from ..analysis.assembly import closed_start
 from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
 from ..loop import loops
@@ -50,22 +51,29 @@ class Problem(Acts):
             q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
         super().__init__(arm, times, drive, loads, acting, remembered)
-        self._start_motions({"q0": q, "v0": v0})
+        said = {"q0": [] if q is None else list(range(arm.nv)), "v0": [] if v0 is None else list(range(arm.nv))}
+        follow = arm.constrained and (q0 is None or isinstance(q0, Mapping))  # joints that are not named close loops
+        if follow:
+            said["q0"] = [i for key in q0 or () for i in arm.joint_rates(key)]
+        self._start_motions(said)
+        self.start["q0"], self.start["v0"] = closed_start(
+            arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
+        )
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
         found = read_events(events)
         self.asked_events = [f for f, *_ in found]
         self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in found]
 
-    def _start_motions(self, given: Mapping[str, Any]) -> None:
-        """Prescribed joints start where their motion does; a q0 or v0 that was `given` and says otherwise is an
-        error."""
+    def _start_motions(self, given: Mapping[str, Sequence[int]]) -> None:
+        """Prescribed joints start where their motion does; a q0 or v0 that was `given` for these rates and says
+        otherwise is an error."""
         begin = float(self.times[0])
         for i, motion in self.motions.items():
             where = f"drive of '{self.arm.coordinates[i]}'"
             at = array(f"{where} at t = {begin}", motion(begin), (3,))
             for name, k, value in (("q0", self.arm.coordinate_of(i), at[0]), ("v0", i, at[1])):
                 state = self.start[name]
-                if given[name] is not None and abs(state[k] - value) > 1e-9 * max(1.0, abs(value)):
+                if i in given[name] and abs(state[k] - value) > 1e-9 * max(1.0, abs(value)):
                     raise ValueError(f"{name}[{k}] = {state[k]}: {where} prescribes {value} at t = {begin}")
                 state[k] = value
 
@@ -120,6 +128,8 @@ class Problem(Acts):
         found.driven = driven_forces(arm, self.strut_drives, found.t)
         if arm.contacts:
             found.contacts = np.reshape(out["contacts"], (done, len(arm.contacts), 3))
+        if arm.loops:
+            found.loops = np.reshape(out["loops"], (done, len(arm.loops), 6))
         if self.events:
             found.t_events, q, v = out["events"]
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]

@@ -40,6 +40,8 @@ class Result(outputs.Rows):
             none is driven.
         contacts: the whole force of each contact on its link (N), friction included, world axes, (nt, n, 3); None where
             there is none, or it is not kept.
+        loops: force (N) and moment (N m) of each loop on its place b, about the origin of the joint's frame there,
+            world axes, (nt, n, 6); None where there is none, or it is not kept.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: the integrator, steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES),
             failed_steps (whose equations were not solved, or whose error was too large), switches (of joints between
@@ -84,7 +86,8 @@ class Result(outputs.Rows):
 
     def plot(self) -> Figure:
         """A figure of the joint coordinates, the tip deflections, the torques and forces of the joints that are driven,
-        the forces of struts and tendons, and the normal forces of contacts, over time."""
+        the forces of struts and tendons, the normal forces of contacts, and the sizes of the forces of loops, over
+        time."""
         arm, t = self.arm, self.t
         joints = joint_coordinates(arm)
         panels: list[tuple[str, list[tuple[str, Array]]]] = []
@@ -111,6 +114,9 @@ class Result(outputs.Rows):
         if arm.contacts:
             forces = [(name, self.contact(name).normal) for name in arm.contact_names]
             panels.append(("Normal force (N)", forces))
+        if arm.loops and self.loops is not None:
+            sizes = [(name, np.linalg.norm(self.loop(name).force, axis=1)) for name in arm.loop_names]
+            panels.append(("Force of the loop (N)", sizes))
         return plot_panels(t, panels)
 
     def animate(
@@ -144,8 +150,10 @@ class Result(outputs.Rows):
         `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
         of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
         and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N); of contacts "NAME gap" (m), "NAME
-        rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N). Units are those of joints; elastic coordinates
-        have "", since theirs depend on the beam's basis. Rows that a batch did not keep are left out.
+        rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N); of loops "NAME gap" (m), the coordinates of
+        its joint such as "NAME angle" (rad), "NAME force x" (N) and "NAME moment x" (N m) and so on. Units are those of
+        joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are
+        left out.
 
         Raises:
             ValueError: no rows.
@@ -264,8 +272,7 @@ class Result(outputs.Rows):
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         more |= {k: x for k in ("friction", "driven") if (x := getattr(self, k)) is not None}
-        if self.contacts is not None:
-            more["contacts"] = self.contacts.reshape(len(self.t), 3 * len(self.arm.contacts))
+        more |= {k: x.reshape(len(self.t), -1) for k in ("contacts", "loops") if (x := getattr(self, k)) is not None}
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
         return {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}, about
@@ -285,21 +292,23 @@ class Result(outputs.Rows):
             about, arrays = read_arrays(Path(path).read_bytes())
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq, "driven": len(arm.struts)}
-            wide["contacts"] = 3 * len(arm.contacts)
+            wide |= {"contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}
             if any(x.dtype != float for x in arrays.values()):
                 raise ValueError("an array has no numbers")
             found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
-            found |= {k: arrays.pop(k, None) for k in ("friction", "driven", "contacts")}
+            found |= {k: arrays.pop(k, None) for k in ("friction", "driven", "contacts", "loops")}
             if count is not None:
                 found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
             loads, status = None if about["loads"] else (), int(about.get("status", 0))
             result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
-            for name in ("q", "v", "a", "tau", "friction", "driven", "contacts"):
+            for name in ("q", "v", "a", "tau", "friction", "driven", "contacts", "loops"):
                 value = getattr(result, name)
                 if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
                     raise ValueError(f"{name} has shape {value.shape}")
-            if not set(arrays) <= {"deflection", "end", "strut", "contact"} or (np.diff(result.t) < 0).any():
+            if not set(arrays) <= {"deflection", "end", "strut", "contact", "loop"} or (np.diff(result.t) < 0).any():
                 raise ValueError("other arrays, or times that do not increase")
             if result.contacts is not None:
                 result.contacts = result.contacts.reshape(len(result.t), len(arm.contacts), 3)
+            if result.loops is not None:
+                result.loops = result.loops.reshape(len(result.t), len(arm.loops), 6)
             return result

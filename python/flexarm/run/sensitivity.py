@@ -154,6 +154,7 @@ class Source:
     def _problem(self) -> Problem:
         s = self.setup
         s.arm.refuse_rubbing("derivatives of a run")
+        s.arm.refuse_loops("derivatives of a run")
         run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._check import Array
 from ..analysis.findings import Finding, RunWarning, SlowWarning, StepWarning
@@ -47,19 +46,23 @@ def explicit_limit(
         return "", 1.0, np.inf
     q = np.array(q)
     try:
-        if step * _fastest(motions_about(arm, q, np.zeros(arm.nv) if v is None else v), free) <= _SURELY_STABLE:
+        bare = arm._alike(arm.links, arm.gravity, loops=[x for x in arm.loops if not x.rigid])  # no slower
+        if step * _fastest(motions_about(bare, q, np.zeros(arm.nv) if v is None else v, free=free)) <= _SURELY_STABLE:
             return "", 1.0, np.inf
-        if v is None:
+        if v is None and arm.constrained:
+            motions = motions_about(arm._alike(arm.links), q, np.zeros(arm.nv), free=free)
+        elif v is None:
             q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
             motions = small_motions(arm._alike(arm.links), q)
+            M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
+            motions = replace(motions, free=free, M=M, G=G, K=K)
         else:
-            motions = motions_about(arm._alike(arm.links), q, v)
-        M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
-        modes = replace(motions, free=free, M=M, G=G, K=K).solve()
+            motions = motions_about(arm._alike(arm.links), q, v, free=free)
+        modes = motions.solve()
     except ValueError:
         return "", 1.0, np.inf
     bound = modes.frequencies > 0.0  # all else is not pulled back
-    s, shapes = modes.eigenvalues[bound], modes.shapes[free][:, bound]
+    s, shapes = modes.eigenvalues[bound], modes.shapes[:, bound]
     if not s.size:
         return "", 1.0, np.inf
     s, w = np.minimum(s.real, 0.0) + 1j * s.imag, np.abs(s)
@@ -71,15 +74,19 @@ def explicit_limit(
     k = int((low / w).argmin())
     if step * w[k] <= low[k]:
         return "", 1.0, np.inf
-    pull = (np.abs(np.diag(K)) + w[k] * np.abs(np.diag(G))) * np.abs(shapes[:, k]) ** 2
-    most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
+    if motions.T is None:
+        G, K = motions.G, motions.K
+        pull = (np.abs(np.diag(K)) + w[k] * np.abs(np.diag(G))) * np.abs(shapes[free, k]) ** 2
+        most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
+    else:
+        most = arm.coordinates[int(modes.participation[:, bound][:, k].argmax())]
     limit = float(low[k] / w[k])
     return f", here {w[k]:.3g} rad/s of {most}: below {limit:.3g} s", float(_growth(step * s).max()), limit
 
 
-def _fastest(about: SmallMotions, free: NDArray[np.bool_]) -> float:
+def _fastest(about: SmallMotions) -> float:
     """A bound of the eigenvalues s (1/s) of M s^2 + G s + K: |s|^2 <= |M^-1 G| |s| + |M^-1 K| in any matrix norm."""
-    M, G, K = np.array([about.M, about.G, about.K])[:, free][:, :, free]
+    M, G, K = about.M, about.G, about.K
     size = np.sqrt(np.maximum(M.diagonal(), 0.0))
     with np.errstate(all="ignore"):
         damping, stiffness = np.linalg.solve(M / np.outer(size, size), np.array([G, K]) / np.outer(size, size))
@@ -161,18 +168,19 @@ class Struck:
                   if np.any(link.joint.coulomb) or np.any(link.joint.stiction) for i in arm.joint_rates(n)}  # fmt: skip
         free = np.setdiff1d(np.arange(arm.nv), held)
         try:
-            about = motions_about(arm, q, np.zeros(arm.nv))
-            M, G, K = (X[np.ix_(free, free)] for X in (about.M, about.G, about.K))
-            squares, shapes = eigh((K + K.T) / 2.0, M)
+            about = motions_about(arm, q, np.zeros(arm.nv), free=np.isin(np.arange(arm.nv), free))
+            M, G, K = about.M, about.G, about.K
+            squares, own = eigh((K + K.T) / 2.0, M)
+            shapes = about.shapes(own)
         except (ValueError, LinAlgError):
             return Struck()
         w = np.sqrt(np.maximum(squares, 0.0))
         fast = w * step > _DAMPED_BY_GAUSS
-        damping = np.einsum("ik,ij,jk->k", shapes, G, shapes)[fast] / (2.0 * w[fast])
+        damping = np.einsum("ik,ij,jk->k", own, G, own)[fast] / (2.0 * w[fast])
         found = [Struck()]
-        for k, i in enumerate(free.tolist()):
+        for i in free.tolist():
             if i in joints and fast.any():
-                answer = shapes[k] ** 2
+                answer = shapes[i] ** 2
                 rings = answer[fast] * np.exp(-_RINGS * np.maximum(damping, 0.0))
                 share = float(rings.sum() / (rings.sum() + answer[~fast].sum() or 1.0))
                 found.append(Struck(joints[i], share, float(w[fast][rings.argmax()])))

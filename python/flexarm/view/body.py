@@ -140,15 +140,17 @@ def _mass(body: Body, part: str, node: int, at: Array, of: RigidBody) -> None:
     body.solid(part, node, "box", centre, axes, sides.tolist())
 
 
-def _joint(body: Body, name: str, joint: Joint, below: tuple[int, Array], node: int, radius: float) -> None:
+def _joint(
+    body: Body, name: str, joint: Joint, below: tuple[int, Array], above: tuple[int, Array], radius: float
+) -> None:
     """A joint's symbol and name, its axes, its rail and the rigid pieces on either side of it."""
     inboard, outboard = (p or Placement() for p in (joint.inboard, joint.outboard))
     (p_in, R_in), (p_out, R_out) = inboard._core, outboard._core
-    lower, at = below
+    (lower, at), (node, end) = below, above
     start = at + p_in
-    moved = -R_out.T @ p_out  # the joint's moving side, seen from the link's frame
+    moved = end - R_out.T @ p_out  # the joint's moving side
     body.rod(lower, at, start, radius / 3)
-    body.rod(node, moved, np.zeros(3), radius / 3)
+    body.rod(node, moved, end, radius / 3)
     freedoms = [(rotates, np.array(axis) / np.linalg.norm(axis)) for _, rotates, axis in joint._freedoms()]
     seen = {0: (lower, start, R_in), len(freedoms) - 1: (node, moved, R_out.T)}
     for i in sorted(seen if freedoms else ()):  # freedoms between these turn with neither side
@@ -262,7 +264,7 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         axes, solids = len(body.axes), len(body.solids)
         parent, x = arm.seats[k]
         base = ends[parent] if x is None else (body.node(parent, x), zero)
-        _joint(body, arm.joint_names[k], link.joint, base, node, radius)
+        _joint(body, arm.joint_names[k], link.joint, base, (node, zero), radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)
@@ -296,6 +298,9 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         body.bars += [{"ends": list(pair), "part": part} for pair in pairwise(way)]
     for contact, sides in zip(arm.contacts, arm._touching, strict=True):
         _contact(body, contact, *map(placed, sides))
+    for k, loop in enumerate(arm.loops):
+        a, b = (placed(arm._fasten_point("", point)) for point in (loop.a, loop.b))  # type: ignore[arg-type]
+        _joint(body, arm.loop_names[k], loop.joint, a, b, 0.014 * body.size)
     for load in loads:
         n = arm._link(load.link)
         x = load.x if load.along is None else sum(load.along) / 2

@@ -159,6 +159,7 @@ def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -
         name = arm.joint_names[arm.quaternions()[0][0]]
         raise ValueError(f"arm: joint {name} is a ball; take three rotations in its place (Axes, Universal)")
     arm.refuse_rubbing("invert: arm")
+    arm.refuse_loops("invert: arm")
     free, locked, dry = _rates(arm, "passive", passive), _rates(arm, "lock", lock), by_freedom(arm, "coulomb")
     for i in free:
         if i in locked:

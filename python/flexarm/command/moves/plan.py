@@ -99,6 +99,7 @@ def plan_move(
     """
     driven = Driven.of(arm)
     arm.refuse_rubbing("plan_move: arm")
+    arm.refuse_loops("plan_move: arm")
     choice("method", method, METHODS)
     allowed = between("residual", residual, 0, 1, ", a part of the rigid move's vibration")
     within = Limits.of(arm, driven, limits)

@@ -16,14 +16,14 @@ from ...run.integrators import OPTIONS, Integrator, integrator_of
 from ...run.problem import read_events
 
 #: what a batch may keep
-OUTPUTS = ("q", "v", "a", "tau", "contacts")
+OUTPUTS = ("q", "v", "a", "tau", "contacts", "loops")
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
 
 
 def width(arm: Arm, output: str) -> int:
     """Numbers in a row of an output."""
-    return {"q": arm.nq, "contacts": 3 * len(arm.contacts)}.get(output, arm.nv)
+    return {"q": arm.nq, "contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}.get(output, arm.nv)
 
 
 def renamed(message: str, names: Any) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import flexarm._core as _core
 
 from ..._check import Array
+from ...analysis.assembly import closed_start
 from ...analysis.findings import LoopWarning, RunWarning
 from ...analysis.validity import worst_range
 from ...arm.arm import Arm
@@ -36,7 +37,7 @@ _LOOKS = 3  # scenarios of growing motion whose loops are tested
 _Apart = Mapping[int, str]
 #: arm, q0, loads and controllers by index
 _Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
-_FILLED = ("q", "v", "a", "tau", "contacts", "status", "reached", "events")
+_FILLED = ("q", "v", "a", "tau", "contacts", "loops", "status", "reached", "events")
 STEP_BYTES = 100  # of a step's times, here and in the core
 
 
@@ -93,8 +94,8 @@ def run_problems(
     q0: Array | None, v0: Array | None, tau: Array | None, integrator: Integrator, blocks: Mapping[str, Any],
     workers: int, alive: Any = None, lanes: bool = True, whole: int = 0, names: NDArray[np.int64] | None = None,
 ) -> tuple[list[Failure], dict[str, Any]]:  # fmt: skip
-    """Runs a batch in the core, into `blocks`: q, v, a, tau, contacts and events if they are there, status, reached;
-    and judges it, into "out_of_range" (if there is q) and "wrong", the warnings of each scenario.
+    """Runs a batch in the core, into `blocks`: q, v, a, tau, contacts, loops and events if they are there, status,
+    reached; and judges it, into "out_of_range" (if there is q) and "wrong", the warnings of each scenario.
 
     Args:
         setups: one, or one for each scenario. arms: the same, in place of the setups'.
@@ -105,6 +106,8 @@ def run_problems(
         The failures, and counts; counts["interrupted"] after Ctrl-C.
     """
     one, wrong = problems[0], blocks["wrong"]
+    if arms[0].constrained:
+        q0, v0 = _closed(problems, arms, q0, v0)
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         s, arm = setups[k % len(setups)], arms[k % len(arms)]
@@ -143,6 +146,25 @@ def run_problems(
     failures = _failures(blocks, scenario, one.prescribed, one.times, apart)
     _judge(blocks, scenario, problems, every, integrator, apart, counted)
     return failures, stats
+
+
+def _closed(
+    problems: Sequence[Problem], arms: Sequence[Arm], q0: Array | None, v0: Array | None
+) -> tuple[Array, Array]:  # fmt: skip
+    """The starts at which the loops of these arms are closed; arguments as of `run_problems`."""
+    found = []
+    for k in range(max(len(problems), len(arms), *(len(x) for x in (q0, v0) if x is not None), 1)):
+        p, arm = problems[k % len(problems)], arms[k % len(arms)]
+        q, v = (start if x is None else x[k % len(x)] for start, x in ((p.start["q0"], q0), (p.start["v0"], v0)))
+        q, v = np.array(q), np.array(v)
+        for i, motion in p.motions.items():
+            q[arm.coordinate_of(i)], v[i] = motion(float(p.times[0]))[:2]
+        try:
+            found.append(closed_start(arm, q, v, (q0 is not None, v0 is not None), p.prescribed))
+        except ValueError as e:
+            raise ValueError(f"scenario {k}: {e}") from None
+    q, v = (np.array(x) for x in zip(*found, strict=True))
+    return q, v
 
 
 def _failures(

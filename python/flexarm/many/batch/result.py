@@ -27,13 +27,15 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
     n = int((t <= held["reached"][i] + 1e-9 * (t[-1] - t[0])).sum())
     arm, loads = setup.arm, setup.loads if keeps_loads else None
     arrays: dict[str, Any] = {k: None if held.get(k) is None else np.array(held[k][i, :n]) for k in OUTPUTS}
-    if (forces := arrays.pop("contacts")) is not None:
-        forces = forces.reshape(n, len(arm.contacts), 3)
+    forces: dict[str, Any] = {}
+    for kind, size in (("contacts", 3), ("loops", 6)):
+        x = arrays.pop(kind)
+        forces[kind] = None if x is None else x.reshape(n, -1, size)
     arrays = {k: np.full((n, width(arm, k)), np.nan) if x is None else x for k, x in arrays.items()}
     driven = driven_forces(arm, setup.drive, t[:n])
     if arm.struts and not keeps_loads:
         driven = np.full((n, len(arm.struts)), np.nan)
-    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven, contacts=forces)
+    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven, **forces)
     result.status, events = int(held["status"][i] == ENDED), held.get("events")
     if events is not None and events[i] is not None:
         result.t_events, result.q_events, result.v_events = events[i]
@@ -50,6 +52,7 @@ class BatchResult:
         t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those that were not requested are None; rows after
             a failure or a terminal event are nan. With a file they are mapped from it, not read.
         contacts: likewise, forces of the contacts on their links (N), three numbers each, (B, nt, 3 n).
+        loops: likewise, force (N) and moment (N m) of the loops, six numbers each, as in Result, (B, nt, 6 n).
         status: (B,): 0 where the scenario was done; 1 where a terminal event ended it, as in Result; 4 where Ctrl-C
             came first; 5 where it failed.
         reached: (B,), time reached (s): the last of t, or that of the event, of Ctrl-C, of the failure.
@@ -77,6 +80,7 @@ class BatchResult:
     keeps_loads: bool = True  #: a file keeps none
     events: NDArray[Any] | None = None
     contacts: Array | None = None
+    loops: Array | None = None
     _job: Job | None = field(default=None, repr=False, compare=False)
     _wrong: NDArray[Any] | None = field(default=None, compare=False)
 

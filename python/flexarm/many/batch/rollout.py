@@ -19,6 +19,7 @@ from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
+from ...run.start import start
 from ...run.touch import of_contacts
 from .arguments import (
     check_balls,
@@ -188,6 +189,9 @@ def rolled(
     length = chosen.options["step"]
     if nstep is not None:
         at_least("nstep", nstep, 1)
+    if one.constrained and (q0 is None or isinstance(q0, Mapping)):
+        moves = checked_drives(drive)
+        q0 = [start(x, q0, moves[k % len(moves)], None, 0.0) for k, x in enumerate(arms)]
     q, v, force = rows("q0", q0, one.zero), rows("v0", v0, np.zeros(one.nv)), forces(tau, one.nv, nstep)
     if nstep is None and tau is None:
         raise ValueError("nstep = None: must be given, where tau does not tell it")
@@ -220,8 +224,8 @@ def rolled(
     started = time.perf_counter()
     with progress_bar(progress, "rolling out") as alive:
         failures, stats = run_problems(
-            problems, setups, arms, count, every, q, v, None if tau is None else force, chosen, {**blocks, **judged},
-            workers, alive, lanes,
+            problems, setups, arms, count, every, q, None if v0 is None and one.constrained else v,
+            None if tau is None else force, chosen, {**blocks, **judged}, workers, alive, lanes,
         )  # fmt: skip
         interrupted = stats.pop("interrupted")
         if alive and not interrupted:

@@ -34,7 +34,8 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
     parameters change the arm, some hundred arms at a time are held.
 
     Args:
-        arm: the arm. scenarios: B. rows: nt, output times. outputs: which of "q", "v", "a", "tau", "contacts" are kept.
+        arm: the arm. scenarios: B. rows: nt, output times.
+        outputs: which of "q", "v", "a", "tau", "contacts", "loops" are kept.
     """
     return 8 * scenarios * rows * sum(width(arm, k) for k in outputs)
 
@@ -58,12 +59,13 @@ def make_job(
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
-    if "contacts" in wanted and not setup.arm.contacts:
-        raise ValueError("outputs: 'contacts': the arm has none")
+    for output in ("contacts", "loops"):
+        if output in wanted and not getattr(setup.arm, output):
+            raise ValueError(f"outputs: '{output}': the arm has none")
     variation = Variation(setup, parameters)
     balance = q0 if isinstance(q0, str) else None
-    if balance is not None:
-        q0 = _balances(variation, balance, float(times[0]), tau)
+    if balance is not None or (setup.arm.constrained and (q0 is None or isinstance(q0, Mapping))):
+        q0 = _balances(variation, q0, float(times[0]), tau)
     q, v = rows("q0", arm._posed(q0), arm.zero), rows("v0", v0, np.zeros(arm.nv))
     held = forces(tau, arm.nv, times.size, "nt")
     starts = {}
@@ -77,8 +79,8 @@ def make_job(
     return job, count
 
 
-def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
-    """The balance of each scenario at time t (s), (B or 1, nq)."""
+def _balances(variation: Variation, word: Any, t: float, tau: Any) -> Array:
+    """The balance of each scenario at time t (s), or where its loops are closed, (B or 1, nq)."""
     check_one_start(word, variation.values)
     if tau is not None and word == "equilibrium":
         raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
@@ -146,7 +148,8 @@ def simulate_batch(
             friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
             what each costs. A Python function that several scenarios share is called for all of them in turn: it must
             not remember one of them.
-        outputs: which of "q", "v", "a", "tau" and "contacts", the forces of these, with friction.
+        outputs: which of "q", "v", "a", "tau", "contacts", the forces of these, with friction, and "loops",
+            likewise.
         every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share

@@ -44,6 +44,7 @@ class _OfInverse(Controller):
 
     def _model_arm(self, arm: Chain, rates: Sequence[int]) -> tuple[Chain, list[int]]:
         """The arm that the law uses as its model, and the rates of its joints' freedoms."""
+        (self.model or arm).refuse_loops(f"{type(self).__name__}: arm", rigid=True)
         if self.model is None:
             return arm, list(rates)
         own = all_joints(self.model)

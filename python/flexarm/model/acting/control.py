@@ -241,6 +241,7 @@ class StrainFeedback(PD):
         law = super()._offset(arm, i, times)
         if not isinstance(self.static, str):
             return law if self.static == 0.0 else plus(law, Torque(self.ks * self.static))
+        arm.refuse_loops('StrainFeedback: static = "equilibrium"', rigid=True)
         pose = np.zeros(arm.nq) if self.pose is None else array("pose", self.pose, (arm.nq,))
         followed = self.reference.law
         if isinstance(self.reference, Torque) and not isinstance(followed, _core.PiecewisePolynomial):

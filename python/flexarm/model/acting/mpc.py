@@ -221,6 +221,7 @@ class MPC(Controller):
         """The core's; `mine`: for `step`, where it holds no function of the user's: they may hold this object."""
         model = known.arm
         model.refuse_rubbing("MPC: model")
+        model.refuse_loops("MPC: model")
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
         rows = [row for k, entry in enumerate(self._tracked(model)) for row in rows_of(model, f"track[{k}]", entry)]

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import flexarm._core as _core
 
@@ -19,10 +19,12 @@ from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .contact import Contact
 from .link import Link
+from .loop import Loop
 from .part import as_table
 from .strut import WORLD, Point, Strut, Tendon
 
 _Kind = TypeVar("_Kind", bound="Chain")
+_Item = TypeVar("_Item")
 _LEAST = 1e-9  # m: a strut that is shorter has no direction
 _Fastened = tuple[int, str, float, Array]  # link, "origin", "end" or "slice", its place (m), offset (m)
 
@@ -54,6 +56,12 @@ def _lines(given: Sequence[Strut | Tendon]) -> tuple[Strut | Tendon, ...]:
     return tuple(sorted(given, key=lambda x: isinstance(x, Tendon)))
 
 
+def _listed(field: str, given: Sequence[_Item], kind: type[_Item]) -> tuple[_Item, ...]:
+    if not isinstance(given, Sequence):
+        raise ValueError(f"{field} = {given!r}: must be a list of {field}")
+    return tuple(instance(f"{field}[{k}]", x, kind) for k, x in enumerate(given))
+
+
 def _found(given: Any, field: str, names: Sequence[str], none: str) -> int:
     """The index of an item, given by its number or its name."""
     n = len(names)
@@ -82,8 +90,8 @@ def _quaternion(turn: Array) -> Array:
 
 
 class Chain:
-    """The data of an arm: its links, gravity, struts and contacts, the indices of its coordinates, its slices and their
-    motion. Links are a chain, or a tree: see `parents`.
+    """The data of an arm: its links, gravity, struts, contacts and loops, the indices of its coordinates, its slices
+    and their motion. Links are a chain, or a tree: see `parents`.
 
     Rooms below `arm` take a Chain instead of an `Arm`. Shapes and conventions are those of `flexarm.Arm`: links
     count from 0 at the base; -1 is the last, and the default.
@@ -97,18 +105,15 @@ class Chain:
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         struts: Sequence[Strut | Tendon] = (),
         contacts: Sequence[Contact] = (),
+        loops: Sequence[Loop] = (),
     ) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
         self.struts: tuple[Strut | Tendon, ...] = _lines(struts)  #: struts, then tendons, by number
-        if not isinstance(contacts, Sequence):
-            raise ValueError(f"contacts = {contacts!r}: must be a list of contacts")
-        #: by number
-        self.contacts: tuple[Contact, ...] = tuple(
-            instance(f"contacts[{k}]", x, Contact) for k, x in enumerate(contacts)
-        )
+        self.contacts: tuple[Contact, ...] = _listed("contacts", contacts, Contact)  #: by number
+        self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
         self._name()
         self._make()
 
@@ -118,6 +123,8 @@ class Chain:
         self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
         #: name of each contact: its own, or "contact 0" and so on
         self.contact_names: tuple[str, ...] = tuple(c.name or f"contact {k}" for k, c in enumerate(self.contacts))
+        #: name of each loop: its own, or "loop 0" and so on
+        self.loop_names: tuple[str, ...] = tuple(x.name or f"loop {k}" for k, x in enumerate(self.loops))
         #: number of the link on which each link sits; -1: the world
         self.parents: tuple[int, ...] = tuple(self._parent(k, link.parent) for k, link in enumerate(self.links))
         own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
@@ -139,6 +146,7 @@ class Chain:
         taken = dict.fromkeys((*self._numbers, *self.names, *self.joint_names), "a link or a joint")
         for group, names, one in (
             ("struts", self.strut_names, "a strut"), ("contacts", self.contact_names, "a contact"),
+            ("loops", self.loop_names, "a loop"),
         ):  # fmt: skip
             for k, name in enumerate(names):
                 if name in names[:k]:
@@ -151,6 +159,7 @@ class Chain:
     def _make(self) -> None:
         self._fastened = [self._fasten(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
         self._touching = [self._touch(f"contacts[{k}]", c) for k, c in enumerate(self.contacts)]
+        self._closing = [self._close(f"loops[{k}]", x) for k, x in enumerate(self.loops)]
         #: length at which the spring of each strut and tendon has no force (m)
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
@@ -179,8 +188,14 @@ class Chain:
                           c.coulomb, c.bristles)
             for c, (point, on) in zip(self.contacts, self._touching, strict=True)
         ]  # fmt: skip
+        loops = [
+            _core.Loop(a, b, x.joint.type, x._core[0][1], x._core[1][1],
+                       *(np.inf if x.stiffness is None else x.stiffness, x.damping),
+                       *(np.inf if x.angular_stiffness is None else x.angular_stiffness, x.angular_damping))
+            for x, (a, b) in zip(self.loops, self._closing, strict=True)
+        ]  # fmt: skip
         with self.naming():
-            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, contacts)
+            return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, contacts, loops)
 
     def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
         """The points of a strut as the core takes them. ValueError unless they can move against each other."""
@@ -203,6 +218,18 @@ class Chain:
         if self._body(*point[:3]) == self._body(*on[:3]):
             raise ValueError(f"{field}: its point and its surface sit on one rigid body, so that the gap cannot change")
         return point, on
+
+    def _close(self, field: str, loop: Loop) -> tuple[_Fastened, _Fastened]:
+        """The origins of a loop's frames as the core takes them. ValueError unless they can move against each other."""
+        sides: list[_Fastened] = []
+        given: Any = (loop.a, loop.b)
+        for name, point, (origin, _) in zip("ab", given, loop._core, strict=True):
+            link, on, x, offset = self._fasten_point(f"{field}: {name}", point)
+            sides.append((link, on, x, offset + origin))
+        a, b = sides
+        if self._body(*a[:3]) == self._body(*b[:3]):
+            raise ValueError(f"{field}: both its places sit on one rigid body, so that it closes nothing")
+        return a, b
 
     def _fasten_point(self, field: str, point: Point) -> _Fastened:
         offset = np.array(point.offset)
@@ -240,7 +267,7 @@ class Chain:
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
                 out[name] = found
-        return out | ({"contact": as_table(self.contacts)} if self.contacts else {})
+        return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", self.loops)) if x}
 
     def _alike(
         self: _Kind,
@@ -248,12 +275,13 @@ class Chain:
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         struts: Sequence[Strut | Tendon] | None = None,
         contacts: Sequence[Contact] | None = None,
+        loops: Sequence[Loop] | None = None,
     ) -> _Kind:
-        """An arm of the same class, with the same struts and contacts (if None); a subclass's own `__init__`, which may
-        take other arguments, is not called."""
+        """An arm of the same class, with the same struts, contacts and loops (if None); a subclass's own `__init__`,
+        which may take other arguments, is not called."""
         out = type(self).__new__(type(self))
-        struts, contacts = (self.struts if struts is None else struts), self.contacts if contacts is None else contacts
-        Chain.__init__(out, links, gravity, struts, contacts)
+        given = ((struts, self.struts), (contacts, self.contacts), (loops, self.loops))
+        Chain.__init__(out, links, gravity, *(own if x is None else x for x, own in given))  # type: ignore[arg-type]
         return out
 
     @classmethod
@@ -264,14 +292,16 @@ class Chain:
         gravity: Sequence[float],
         struts: Sequence[Strut | Tendon],
         contacts: Sequence[Contact],
+        loops: Sequence[Loop],
     ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
-            return cls(links, gravity, struts, contacts)
+            return cls(links, gravity, struts, contacts, loops)
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out.struts, out.strut_names = tuple(struts), of.strut_names
         out.contacts, out.contact_names = tuple(contacts), of.contact_names
+        out.loops, out.loop_names = tuple(loops), of.loop_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
         out.coordinates, out.parents = of.coordinates, of.parents
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
@@ -279,14 +309,14 @@ class Chain:
         return out
 
     def __reduce__(self) -> Any:
-        return __newobj__, (type(self),), (self.links, self.gravity, self.struts, self.contacts)
+        return __newobj__, (type(self),), (self.links, self.gravity, self.struts, self.contacts, self.loops)
 
     def __setstate__(self, state: Any) -> None:
         Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
         def parts(x: Chain) -> Any:
-            return x.links, x.gravity, x.struts, x.contacts
+            return x.links, x.gravity, x.struts, x.contacts, x.loops
 
         return isinstance(other, Chain) and parts(self) == parts(other)
 
@@ -295,6 +325,7 @@ class Chain:
     def __repr__(self) -> str:
         counted = f"{len(self.links)} links, " + (f"{len(self.struts)} struts, " if self.struts else "")
         counted += f"{len(self.contacts)} contacts, " if self.contacts else ""
+        counted += f"{len(self.loops)} loops, " if self.loops else ""
         return f"{type(self).__name__}({counted}{self.nv} coordinates: {', '.join(self.coordinates)})"
 
     def __getitem__(self, link: Any) -> Link:
@@ -348,7 +379,8 @@ class Chain:
             if found:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
-            for what, names in (("strut", self.strut_names), ("contact", self.contact_names)):
+            own = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
+            for what, names in own:
                 if link in names:
                     raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint")
             known = ", ".join(self._numbers)
@@ -366,6 +398,10 @@ class Chain:
     def _contact(self, contact: Any, field: str = "contact") -> int:
         """The index of a contact, given by its number or its name."""
         return _found(contact, field, self.contact_names, "no contact")
+
+    def _loop(self, loop: Any, field: str = "loop") -> int:
+        """The index of a loop, given by its number or its name."""
+        return _found(loop, field, self.loop_names, "no loop")
 
     def _parent(self, k: int, parent: str | int | None) -> int:
         """The number of the link that link k sits on; -1: the world."""
@@ -805,10 +841,59 @@ class Chain:
                     "and that is not known here; take contacts with coulomb = 0"
                 )
 
+    # -- loops ---------------------------------------------------------------------------------------------------------
+
+    def loop_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array]:
+        """What the loops hold at zero, g (..., n), and its rate dg/dt, loop by loop: components of the way from the
+        joint's frame on a to that on b, along axes of a's (m), then products of an axis of a's and one of b's, 0 where
+        they are square (such as 1e-3 for a turn of 1e-3 rad). v is zero if None. A compliant loop pulls g back to zero;
+        runs keep that of rigid ones there."""
+        q, v = self._batch(q=q, v=np.zeros(self.nv) if v is None else v)
+        found = finite("loop motion", self._core.loop_motion(q, v))
+        return found[..., 0], found[..., 1]
+
+    def loop_jacobian(self, q: ArrayLike) -> Array:
+        """Jacobian (..., n, nv) of what `loop_motion` gives: dg/dt = J v. Forces f along g have the generalised forces
+        J^T f."""
+        (q,) = self._batch(q=q)
+        rates = self.loop_motion(np.repeat(q[..., None, :], self.nv, axis=-2), np.eye(self.nv))[1]
+        return np.ascontiguousarray(np.swapaxes(rates, -1, -2))
+
+    def loop_place(self, q: ArrayLike, loop: int | str = -1) -> Array:
+        """Coordinates (..., nq) of a loop's joint, as of a link's joint: angle (rad), displacement (m), or both; a
+        ball's quaternion; none of a fixed joint. `loop` is its name or its number in `loops`."""
+        (q,) = self._batch(q=q)
+        k = self._loop(loop)
+        (p, A), (end, B) = self._loop_frames(q, k)
+        away = np.einsum("...ji,...j->...i", A, end - p)
+        return finite("loop place", self.loops[k].place(away, np.swapaxes(A, -1, -2) @ B))
+
+    def _loop_frames(self, q: Array, k: int) -> list[tuple[Array, Array]]:
+        """The frames of loop k's joint on a and on b: origin (..., 3) and axes (..., 3, 3) in the world."""
+        sides = zip(self._closing[k], self.loops[k]._core, strict=True)
+        return [(p, R @ axes) for (p, R), (_, axes) in ((self._point_frame(q, at), own) for at, own in sides)]
+
+    @property
+    def rigid_rows(self) -> NDArray[np.bool_]:
+        """Which entries of `loop_motion` rigid loops hold, (n,); compliant loops pull at the others."""
+        return np.array([rigid for _, _, rigid in self._core.loop_rows], dtype=bool)
+
+    @property
+    def constrained(self) -> bool:
+        """Whether loops hold it rigidly, so that not all of its coordinates are free."""
+        return any(x.rigid for x in self.loops)
+
+    def refuse_loops(self, what: str, rigid: bool = False) -> None:
+        """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
+        for name, loop in zip(self.loop_names, self.loops, strict=True):
+            if loop.rigid or not rigid:
+                kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
+                raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")
+
     # -- inertia and energy --------------------------------------------------------------------------------------------
 
     def mass_matrix(self, q: ArrayLike) -> Array:
-        """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
+        """Joint-space mass matrix of Eq. 90, shape (..., nv, nv); of an arm with loops that of its tree."""
         return finite("mass matrix", self._core.mass_matrix(*self._batch(q=q)))
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:

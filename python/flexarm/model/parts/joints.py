@@ -16,7 +16,7 @@ from .part import Part, Place, read_name
 
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
-_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia", "torque_limit")
+FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia", "torque_limit")
 PerFreedom = float | Sequence[float]
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
@@ -44,6 +44,17 @@ def _rotation(field_name: str, value: Any) -> Array:
     from scipy.spatial.transform import Rotation  # slow to import
 
     return np.asarray(Rotation.from_rotvec(a).as_matrix())
+
+
+def axes_about(axis: Array) -> Array:
+    """Axes (columns, (3, 3)) whose third is the axis, of any length: of x, y or z itself these in turn."""
+    n = axis / np.linalg.norm(axis)
+    k = int(np.abs(n).argmax())
+    if n[k] == 1.0:
+        return np.roll(np.eye(3), 2 - k, axis=1)
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(n, first), n])
 
 
 @dataclass(frozen=True)
@@ -148,8 +159,8 @@ class Joint(Part):
         labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
         labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
         forces = []
-        if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
-            columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
+        if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in FORCES):
+            columns = [self._per_freedom(f, len(labels)) for f in FORCES]
             forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
         sides = [(place or _ORIGIN)._core for place in (self.inboard, self.outboard)]
         motions = [(rotates, axis) for _, rotates, axis in freedoms]
@@ -160,7 +171,7 @@ class Joint(Part):
 
     def to_dict(self) -> dict[str, Any]:
         """The same structure as in a scene file, without the arguments that have their defaults."""
-        defaults = {name: type(self).__dataclass_fields__[name].default for name in (*_FORCES, "inboard", "outboard")}
+        defaults = {name: type(self).__dataclass_fields__[name].default for name in (*FORCES, "inboard", "outboard")}
         return {k: v for k, v in super().to_dict().items() if k not in defaults or v != defaults[k]}
 
     def __repr__(self) -> str:

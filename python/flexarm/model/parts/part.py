@@ -33,7 +33,7 @@ def read_name(value: Any) -> str | None:
         raise ValueError(f"name = {value!r}: must be text without blanks around it, such as 'elbow'")
     if "." in value:
         raise ValueError(f"name = {value!r}: must have no dot, which parts the words of a path ('link.elbow.tip.mass')")
-    if value in _TAKEN or re.fullmatch(r"((link|strut|contact) )?[-+]?\d+", value):
+    if value in _TAKEN or re.fullmatch(r"((link|strut|contact|loop) )?[-+]?\d+", value):
         raise ValueError(f"name = {value!r}: means something else already; take another")
     return value
 

@@ -13,6 +13,7 @@ from .arguments import Argument, arguments, kinds, members
 from .beam import Vector
 from .contact import Contact
 from .link import Link
+from .loop import Loop
 from .strut import Strut, Tendon
 
 #: (where, value) -> value, by the name of an argument: readers that replace the one of its type
@@ -32,6 +33,7 @@ class ArmFile:
         strut: cylinders, springs and struts between points of links and of the world.
         tendon: ropes and cables, likewise. In the arm's numbers of struts they come behind all of `strut`.
         contact: spheres and points of links that touch surfaces of the world, or of other links.
+        loop: joints that close loops, between places of two links, or of a link and the world.
     """
 
     link: Sequence[Link]
@@ -39,6 +41,7 @@ class ArmFile:
     strut: Sequence[Strut] = ()
     tendon: Sequence[Tendon] = ()
     contact: Sequence[Contact] = ()
+    loop: Sequence[Loop] = ()
 
 
 @contextmanager

@@ -153,7 +153,7 @@ class _Laws:
 def _tables(scene: Mapping[str, Any], laws: _Laws) -> Iterator[tuple[str, Sequence[Mapping[str, Any]]]]:
     """The file's lists of tables, by name."""
     arm = laws.arm.to_dict()
-    for name in ("link", "strut", "tendon", "contact"):
+    for name in ("link", "strut", "tendon", "contact", "loop"):
         yield name, arm.get(name, [])
     yield "drive", [laws.drive(f"drive[{k}]", *item) for k, item in enumerate(scene["drive"].items())]
     yield "load", [laws.load(f"load[{k}]", load) for k, load in enumerate(scene["loads"])]
