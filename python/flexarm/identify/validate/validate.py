@@ -139,28 +139,33 @@ RIGS = ("quanser",)
 _POOR = 0.5  # NRMSE: above it other starts are tried; the model's own errors are well below
 _RUNS = 60  # usual number of runs of a fit
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
+_GAUGES = ("sensor.0", "sensor.1")  # of the scene
 _NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about the model's own errors
-_PER_RUN, _DRIVES = "zeros, gains, cable, level", "drives"
+_PER_RUN, _DRIVES = "zeros, gains, cable", "drives"
 
 
 def validate(
-    rig: str = "quanser", data: Any = None, *, fit: str = "lqr", calibrate: float | None = None, progress: Any = False
+    rig: str = "quanser",
+    data: Any = None,
+    *,
+    predict: str = "psf",
+    calibrate: float | None = None,
+    progress: Any = False,
 ) -> Validation:
     """Compares the shipped model of a measured arm with recordings of it.
 
-    Without `data`, the unknown parameters of the arm are fitted to one of the shipped recordings, and the other is
-    predicted. With `data`, the shipped values of the arm are judged on other recordings. Always fitted to each
-    recording are: the zero of the second joint's encoder, the calibration of the strain gauges, the pull of the cable,
-    the level of the table.
+    Without `data`, the unknown parameters of the arm are fitted to the shipped recordings but one, and that one is
+    predicted. With `data`, the shipped values of the arm are judged on other recordings. What belongs to the set-up is
+    always fitted to the first part of the recording that is judged, and the rest is judged: the zero of the second
+    joint's encoder, the calibration of the strain gauges, the cable, and, driven by currents, the drives.
 
     Args:
         rig: "quanser", a two-link flexible arm (docs/validation.md).
         data: recordings: the path of a file, Data, or a list of these. Columns (of a CSV, by their headings)
             "joint1_deg", "link1_deflection_deg", "motor1_current_A", and the same of 2, over "t_s"; at least 2 s at
             46 Hz.
-        fit: which of the shipped recordings, "lqr" or "fsf", is fitted to; the other is predicted.
-        calibrate: with `data`: how much of each recording (s) its zeros and gains are fitted to; the rest is judged.
-            None: half of it.
+        predict: which of the shipped recordings, "lqr", "fsf" or "psf", is predicted; the arm is fitted to the others.
+        calibrate: how much of a judged recording (s) its set-up is fitted to; the rest is judged. None: half of it.
         progress: shows progress on stderr: a bar, or lines where that is no terminal.
 
     Returns:
@@ -170,19 +175,16 @@ def validate(
         ValueError: an unknown rig or recording; as of `Data.load`; columns that are missing. FitInterrupted: Ctrl-C.
     """
     choice("rig", rig, RIGS)
-    scene = load(rig)
-    if data is None:
-        choice("fit", fit, SHIPPED)
-        if calibrate is not None:
-            raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
-        with progress_bar(progress, "validating") as bar:
-            return _shipped(scene, fit, _shown(bar, 4))
-    sources = list(data) if isinstance(data, (list, tuple)) else [data]
+    choice("predict", predict, SHIPPED)
+    scene, validation = load(rig), Validation([])
+    sources = [predict] if data is None else list(data) if isinstance(data, (list, tuple)) else [data]
     if not sources:
         raise ValueError("data: an empty list; give at least one recording")
-    validation, recordings = Validation([]), [read(source) for source in sources]
+    recordings = [read(source) for source in sources]
     with progress_bar(progress, "validating") as bar:
-        shown = _shown(bar, 2 * len(recordings))
+        shown = _shown(bar, 2 * len(recordings) + (data is None))
+        if data is None:
+            scene = _shipped(scene, predict, validation, next(shown))
         for recording in recordings:
             _judge(scene, recording, calibrate, validation, shown)
     return validation
@@ -199,18 +201,27 @@ def _shown(bar: Callable[..., None] | None, fits: int) -> Iterator[Any]:
         yield partial(tell, k) if bar else False
 
 
-def _shipped(scene: Scene, fit: str, shown: Iterator[Any]) -> Validation:
-    """Fits to one of the shipped recordings and predicts the other."""
-    first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
-    done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, next(shown))
-    validation = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
-    other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, next(shown))
-    validation.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
-    validation.calibrations[other.name] = other_fit.values
-    validation.notes += [f"{other.name}: {x}." for x in other_fit.loose]
-    for recording, one in ((first, done), (other, other_fit)):
-        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, next(shown))
-    return validation
+def _shipped(scene: Scene, predict: str, validation: Validation, progress: Any) -> Scene:
+    """The scene with the arm fitted to the shipped recordings but one."""
+    recordings = [read(name) for name in SHIPPED if name != predict]
+    done = fitted(scene, recordings, {**ARM, **PER_RUN}, progress)
+    validation.fits["motion"] = done
+    for recording, comparison in zip(recordings, done.comparisons, strict=True):
+        validation.judged.append(Judged.of(recording, "motion", "all", comparison))
+    return with_values(scene, {path: done.values[path] for path in ARM})
+
+
+def fitted(scene: Scene, recordings: Sequence[Recording], unknown: Mapping[str, Unknown], progress: Any = False) -> Fit:
+    """One arm fitted to several shipped recordings, whose set-ups differ."""
+    scenes = [with_values(with_motion(scene, r), {k: x for k, x in identified(r.name)[0].items() if k in unknown})
+              for r in recordings]  # fmt: skip
+    sought = {k: replace(x, start=None, each_run=True) if k in PER_RUN else x for k, x in unknown.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        return identify(
+            scenes, [r.data for r in recordings], sought, outputs=dict(zip(DEFLECTIONS, _GAUGES, strict=True)),
+            step=_STEP, noise={name: _NOISE[name] for name in DEFLECTIONS}, starts=1, progress=progress,
+        )  # fmt: skip
 
 
 def _judge(
@@ -239,8 +250,7 @@ def _drive(scene: Scene, recording: Recording, until: float, validation: Validat
     driven, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
     try:
         best, begin = _nearest(driven, recording, "current", columns)
-        if recording.name not in SHIPPED:
-            validation.judged.append(best)
+        validation.judged.append(best)
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
         done = _fitted(with_values(driven, own), recording, DRIVES, columns, progress, until, begin)
         rest = done.validate(recording.data)
@@ -257,6 +267,8 @@ def _nearest(
     """The values of the shipped recording with the smallest errors here: their comparison, and the values by path."""
     candidates = []
     for name in SHIPPED:
+        if name == recording.name:  # its own are not known beforehand
+            continue
         values = identified(name)[driven_by == "current"]
         comparison = compared(with_values(scene, values), recording, columns)
         candidates.append((Judged.of(recording, driven_by, f"nothing; values of {name}", comparison), values))
