@@ -1,7 +1,7 @@
 """Other models of the measured arm, fitted and judged as flexarm's is: for the table in docs/validation.md.
 
-Each has its arm fitted to two recordings, its set-up (zeros, gains, cable) to the first half of the third, and is judged
-by the deflections of the second half, joints moved as measured.
+Each has its arm fitted to two recordings, its set-up (zeros, gains, cable) to the first half of the third, and is
+judged by the deflections of the second half, joints moved as measured.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def measured(recording: Recording) -> np.ndarray:
     return np.array([recording.data[name] for name in DEFLECTIONS]).T
 
 
-def solved(model: Model, names: Sequence[str], arm: dict[str, float], free: bool, half: bool, own: Sequence[str]) -> Values:
+def solved(
+    model: Model, names: Sequence[str], arm: dict[str, float], free: bool, half: bool, own: Sequence[str]
+) -> Values:
     """Numbers of the arm (if `free`) and set-ups of recordings, by least squares of the readings."""
     recordings = [read(n) for n in names]
     start = dict(arm) if free else {}
@@ -85,7 +87,9 @@ def solved(model: Model, names: Sequence[str], arm: dict[str, float], free: bool
     return {**arm, **{k: float(x) * size[k] for k, x in zip(start, z, strict=True)}}
 
 
-def judged(model: Model, arm: dict[str, float], own: Sequence[str] = tuple(SET_UP), fitted: bool = True) -> dict[str, list[float]]:
+def judged(
+    model: Model, arm: dict[str, float], own: Sequence[str] = tuple(SET_UP), fitted: bool = True
+) -> dict[str, list[float]]:
     """By the recording that is left out, NRMSE of both deflections in its second half (1)."""
     found = {}
     for name in SHIPPED:
@@ -107,23 +111,26 @@ def error(recording: Recording, y: np.ndarray) -> list[float]:
 
 # -- MuJoCo: a hinge with a spring in each strip -----------------------------------------------------------------------
 
+_L = 0.202  # m, of both strips
 _XML = """
 <mujoco><option timestep="{step}" gravity="0 0 0"/><worldbody><site name="world" pos="0.33 -1 0"/>
 <body><joint name="joint1" axis="0 0 1" armature="1e6"/><inertial pos="0 0 0" mass="0.01" diaginertia="1e-3 1e-3 1e-3"/>
 <body pos="{clamp} 0 0"><joint name="strip1" axis="0 0 1" stiffness="1"/>
 <inertial pos="{com} 0 0" mass="1.4" diaginertia="2e-3 2e-3 2e-3"/><site name="end" pos="{end} 0 0"/>
-<body pos="{end} 0 0"><joint name="joint2" axis="0 0 1" armature="1e6"/><inertial pos="0 0 0" mass="0.01" diaginertia="5e-4 5e-4 5e-4"/>
+<body pos="{end} 0 0"><joint name="joint2" axis="0 0 1" armature="1e6"/>
+<inertial pos="0 0 0" mass="0.01" diaginertia="5e-4 5e-4 5e-4"/>
 <body pos="{clamp} 0 0"><joint name="strip2" axis="0 0 1" stiffness="1"/>
 <inertial pos="{far} 0 0" mass="0.157" diaginertia="3.2e-5 3.2e-5 3.2e-5"/></body></body></body></body></worldbody>
-<tendon><spatial name="cable" springlength="0 1.13" stiffness="15"><site site="world"/><site site="end"/></spatial></tendon>
-<actuator><motor joint="joint1"/><motor joint="joint2"/></actuator></mujoco>
-""".format(step=STEP, clamp=0.079 + 0.202 / 3, com=0.202 * 2 / 3 + 0.05, end=0.202 * 2 / 3 + 0.079, far=0.202 * 2 / 3)  # fmt: skip
+<tendon><spatial name="cable" springlength="0 1.13" stiffness="15">
+<site site="world"/><site site="end"/></spatial></tendon><actuator><motor joint="joint1"/><motor joint="joint2"/></actuator></mujoco>
+""".format(step=STEP, clamp=0.079 + _L / 3, com=_L * 2 / 3 + 0.05, end=_L * 2 / 3 + 0.079, far=_L * 2 / 3)
 _ARM = {"stiffness1": 27.0, "stiffness2": 4.6, "damping1": 0.02, "damping2": 0.004, "mass": 1.3}
+_ARM_RIGID = {k: _ARM[k] for k in ("mass", "stiffness1", "stiffness2")}
 
 
 class Hinges:
-    """MuJoCo's arm: strips are rigid with a hinge a third of their length beyond the clamp, as a cantilever's end turns.
-    Joints follow the recording: the force on their armature makes MuJoCo's step repeat its positions."""
+    """MuJoCo's arm: strips are rigid with a hinge a third of their length beyond the clamp, about which a cantilever's
+    end moves. Joints follow the recording: the force on their armature makes MuJoCo's step repeat its positions."""
 
     def __init__(self) -> None:
         self.model = mujoco.MjModel.from_xml_string(_XML)
@@ -146,11 +153,11 @@ class Hinges:
         return np.vstack([np.zeros((len(q) - len(bent), 2)), bent])
 
 
-# -- a rigid arm: the bending is the moment at the strip's root, over its stiffness --------------------------------------
+# -- a rigid arm: the bending is the moment at the strip's root, over its stiffness ------------------------------------
 
 
 def rigid(recording: Recording, x: Values) -> np.ndarray:
-    t, q = moved(recording.name)
+    q = moved(recording.name)[1]
     v, a = np.gradient(q, STEP, axis=0), np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)
     turn1, turn2 = q[:, 0], q[:, 0] + q[:, 1] + x["zero"]
     E1, E2 = np.exp(1j * turn1), np.exp(1j * turn2)
@@ -167,7 +174,7 @@ def rigid(recording: Recording, x: Values) -> np.ndarray:
     return np.array([moment1 / x["stiffness1"], moment2 / x["stiffness2"]]).T
 
 
-# -- the manufacturer's own: two stages that do not know of each other, with the numbers of its configuration file ---------
+# -- the manufacturer's own: two stages that do not know of each other, with its numbers ------------------------------
 
 
 def quanser(recording: Recording, x: Values) -> np.ndarray:
@@ -193,26 +200,29 @@ def arx(order: int = 6, every: int = 2) -> dict[str, list[float]]:
 
     def series(name: str) -> tuple[Recording, np.ndarray, np.ndarray]:
         r = read(name)
-        t, q = moved(name)
+        q = moved(name)[1]
         a = np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)[::EVERY][: len(r.data)]
         return r, measured(r)[::every], a[::every]
 
     def rows(y: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        past = [np.concatenate([y[i - order : i].ravel(), u[i - order : i + 1].ravel(), [1.0]]) for i in range(order, len(y))]
-        return np.array(past), y[order:]
+        return np.array([before(y, u, i) for i in range(order, len(y))]), y[order:]
+
+    def before(y: np.ndarray, u: np.ndarray, i: int) -> np.ndarray:
+        return np.concatenate([y[i - order : i].ravel(), u[i - order : i + 1].ravel(), [1.0]])
 
     found = {}
     for name in SHIPPED:
-        X, Y = zip(*[rows(y[r.judged[::every]], u[r.judged[::every]]) for r, y, u in map(series, SHIPPED) if r.name != name], strict=True)
+        others = [series(n) for n in SHIPPED if n != name]
+        X, Y = zip(*[rows(y[r.judged[::every]], u[r.judged[::every]]) for r, y, u in others], strict=True)
         B = np.linalg.lstsq(np.vstack(X), np.vstack(Y), rcond=None)[0]
         r, y, u = series(name)
         ran = np.array(y)
         for i in range(order + int(np.argmax(r.judged[::every])), len(y)):
-            ran[i] = np.concatenate([ran[i - order : i].ravel(), u[i - order : i + 1].ravel(), [1.0]]) @ B
+            ran[i] = before(ran, u, i) @ B
         half, t = len(y) // 2, np.arange(len(r.data))
         for k in range(2):
-            A = np.stack([ran[:half, k], np.ones(half)], axis=1)
-            ran[:, k] = np.stack([ran[:, k], np.ones(len(ran))], axis=1) @ np.linalg.lstsq(A, y[:half, k], rcond=None)[0]
+            A = np.stack([ran[:, k], np.ones(len(ran))], axis=1)
+            ran[:, k] = A @ np.linalg.lstsq(A[:half], y[:half, k], rcond=None)[0]
         fine = np.array([np.interp(t, t[::every], ran[:, k]) for k in range(2)]).T
         found[name] = error(r, fine)
     return found
@@ -225,7 +235,7 @@ def rivals() -> dict[str, dict[str, list[float]]]:
     gauges = tuple(k for k in no_cable if k != "zero")
     return {
         "MuJoCo, a hinge with a spring and a damper in each strip, and the cable": judged(hinges, _ARM | {"rope": 0.3}),
-        "the rigid arm, its moments over the stiffness of the strips": judged(rigid, {"mass": 1.3, "stiffness1": 27.0, "stiffness2": 4.6}),
+        "the rigid arm, its moments over the stiffness of the strips": judged(rigid, _ARM_RIGID),
         "ARX of 12 states": arx(),
         "the manufacturer's model with its own numbers": judged(quanser, {}, gauges, fitted=False),
     }

@@ -135,7 +135,7 @@ def latest(judged: Sequence[Judged]) -> list[Curves]:
     return [j.curves() for j in {j.recording: j for j in judged}.values()]
 
 
-RIGS = ("quanser",)
+RIGS = {"quanser": "Quanser 2-DOF Serial Flexible Link, two harmonic drives and two steel strips"}
 _POOR = 0.5  # NRMSE: above it other starts are tried; the model's own errors are well below
 _RUNS = 60  # usual number of runs of a fit
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
@@ -182,7 +182,7 @@ def validate(
         raise ValueError("data: an empty list; give at least one recording")
     recordings = [read(source) for source in sources]
     with progress_bar(progress, "validating") as bar:
-        shown = _shown(bar, 2 * len(recordings) + (data is None))
+        shown = _shown(bar, (1 + len(SHIPPED)) * len(recordings) + (data is None))
         if data is None:
             scene = _shipped(scene, predict, validation, next(shown))
         for recording in recordings:
@@ -234,7 +234,7 @@ def _judge(
     if not least <= until <= most:
         raise ValueError(f"calibrate = {until:g}: must be from {least:.4g} to {most:.4g} s, for {recording.name}")
     moved = with_motion(scene, recording)
-    best, begin = _nearest(moved, recording, "motion", DEFLECTIONS)
+    best, begin = _nearest(moved, recording)
     validation.judged.append(best)
     own = PER_RUN if recording.from_rest else {**PER_RUN, **START}
     done = _fitted(moved, recording, own, DEFLECTIONS, next(shown), until, begin)
@@ -242,38 +242,39 @@ def _judge(
     validation.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
     validation.calibrations[recording.name] = done.values
     validation.notes += [f"{recording.name}: {x}." for x in done.loose]
-    _drive(done.scene, recording, until, validation, next(shown))
+    _drive(done.scene, recording, until, validation, shown)
 
 
-def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, progress: Any) -> None:
-    """The drives: with the best values of the shipped recordings, and fitted to the currents of the first part."""
+def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, shown: Iterator[Any]) -> None:
+    """The drives, fitted to the currents of the first part. Friction has many local minima: the search begins at the
+    values of each shipped recording, and the best of its ends in the first part is taken."""
     driven, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
-    try:
-        best, begin = _nearest(driven, recording, "current", columns)
-        if recording.name not in SHIPPED:
-            validation.judged.append(best)
+    fits, said = [], ""
+    for name in SHIPPED:
+        begin = identified(name)[1]
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
-        done = _fitted(with_values(driven, own), recording, DRIVES, columns, progress, until, begin)
-        rest = done.validate(recording.data)
-    except (FitError, SimulationError) as e:  # a drive that runs away
-        validation.notes.append(f"{recording.name}, driven by current: {e}")
+        try:
+            fits.append(_fitted(with_values(driven, own), recording, DRIVES, columns, next(shown), until, begin))
+        except (FitError, SimulationError) as e:  # a drive that runs away
+            said = str(e)
+    if not fits:
+        validation.notes.append(f"{recording.name}, driven by current: {said}")
         return
+    done = min(fits, key=lambda fit: sum(fit.nrmse.values()))
+    rest = done.validate(recording.data)
     validation.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
-    validation.fits.setdefault("current", done)
+    validation.fits["current"] = done
 
 
-def _nearest(
-    scene: Scene, recording: Recording, driven_by: str, columns: Sequence[str]
-) -> tuple[Judged, dict[str, float]]:
-    """The values of the shipped recording with the smallest errors here: their comparison, and the values by path. Of
-    drives its own are among them, as where a search begins: friction has many local minima."""
+def _nearest(scene: Scene, recording: Recording) -> tuple[Judged, dict[str, float]]:
+    """The set-up of the shipped recording with the smallest errors here, its own apart, which is not known beforehand:
+    the comparison, and the values by path."""
     candidates = []
     for name in SHIPPED:
-        if name == recording.name and driven_by == "motion":  # its own are not known beforehand
-            continue
-        values = identified(name)[driven_by == "current"]
-        comparison = compared(with_values(scene, values), recording, columns)
-        candidates.append((Judged.of(recording, driven_by, f"nothing; values of {name}", comparison), values))
+        if name != recording.name:
+            values = identified(name)[0]
+            comparison = compared(with_values(scene, values), recording, DEFLECTIONS)
+            candidates.append((Judged.of(recording, "motion", f"nothing; values of {name}", comparison), values))
     return min(candidates, key=lambda x: sum(x[0].nrmse.values()))
 
 
