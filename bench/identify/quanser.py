@@ -82,7 +82,7 @@ def beside(ours: Mapping[str, str]) -> str:
 
 def whole(made: Mapping[str, fa.results.Validation]) -> str:
     """What was fitted to which seconds, and the errors."""
-    heads = "predicted | driven by | fitted to the other two, whole | fitted to this one | judged | joints | deflections"
+    heads = "predicted | driven by | fitted to the others, whole | fitted to it | judged | joints | deflections"
     lines = [f"| {heads} |", "|-|-|-|-|-|-:|-:|"]
     for name, found in made.items():
         for j in found.judged:

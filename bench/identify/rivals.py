@@ -122,7 +122,8 @@ _XML = """
 <body pos="{clamp} 0 0"><joint name="strip2" axis="0 0 1" stiffness="1"/>
 <inertial pos="{far} 0 0" mass="0.157" diaginertia="3.2e-5 3.2e-5 3.2e-5"/></body></body></body></body></worldbody>
 <tendon><spatial name="cable" springlength="0 1.13" stiffness="15">
-<site site="world"/><site site="end"/></spatial></tendon><actuator><motor joint="joint1"/><motor joint="joint2"/></actuator></mujoco>
+<site site="world"/><site site="end"/></spatial></tendon>
+<actuator><motor joint="joint1"/><motor joint="joint2"/></actuator></mujoco>
 """.format(step=STEP, clamp=0.079 + _L / 3, com=_L * 2 / 3 + 0.05, end=_L * 2 / 3 + 0.079, far=_L * 2 / 3)
 _ARM = {"stiffness1": 27.0, "stiffness2": 4.6, "damping1": 0.02, "damping2": 0.004, "mass": 1.3}
 _ARM_RIGID = {k: _ARM[k] for k in ("mass", "stiffness1", "stiffness2")}
