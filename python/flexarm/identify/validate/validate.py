@@ -254,7 +254,8 @@ def _drive(scene: Scene, recording: Recording, until: float, validation: Validat
         begin = identified(name)[1]
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
         try:
-            fits.append(_fitted(with_values(driven, own), recording, DRIVES, columns, next(shown), until, begin))
+            of = with_values(driven, own)
+            fits.append(_fitted(of, recording, DRIVES, columns, next(shown), until, begin, others=False))
         except (FitError, SimulationError) as e:  # a drive that runs away
             said = str(e)
     if not fits:
@@ -280,9 +281,9 @@ def _nearest(scene: Scene, recording: Recording) -> tuple[Judged, dict[str, floa
 
 def _fitted(
     scene: Scene, recording: Recording, unknown: Mapping[str, Unknown], columns: Sequence[str], progress: Any,
-    until: float | None = None, begin: Mapping[str, float] | None = None,
+    until: float | None = None, begin: Mapping[str, float] | None = None, others: bool = True,
 ) -> Fit:  # fmt: skip
-    """The scene fitted to a recording, or to its part before `until` (s)."""
+    """The scene fitted to a recording, or to its part before `until` (s). others: tries other starts if it is poor."""
     sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
 
     def found(starts: int | None) -> Fit:
@@ -296,5 +297,7 @@ def _fitted(
         try:
             fit = found(1)
         except FitError:
-            return found(None)
-        return fit if max(fit.nrmse.values()) < _POOR else found(None)
+            if others:
+                return found(None)
+            raise
+        return found(None) if others and max(fit.nrmse.values()) > _POOR else fit
