@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
@@ -38,11 +37,9 @@ def cell(found: Mapping[str, float]) -> str:
     return ", ".join(f"{100 * found[name]:.1f}" for name in DEFLECTIONS)
 
 
-def left_out(free: set[str], filtered: bool) -> dict[str, str]:
+def left_out(free: set[str]) -> dict[str, str]:
     """By recording, the errors of its second half, with the arm from the other two."""
     scene = with_values(fa.load("quanser"), {k: x for k, x in NONE.items() if k not in free})
-    if not filtered:
-        scene = replace(scene, sensors=tuple(replace(s, filter=None) for s in scene.sensors))
     optional = {ZERO, DAMPER, *ROPE}
     arm = {k: x for k, x in ARM.items() if k not in optional or k in free}
     own = {k: x for k, x in PER_RUN.items() if k not in optional or k in free}
@@ -67,9 +64,9 @@ def table(first: str, rows: Mapping[str, Mapping[str, str]]) -> str:
 def models() -> str:
     """What each part of the model brings."""
     rows, free = {}, set[str]()
-    for k, (name, more) in enumerate((*MODELS, ("the last, without the low pass of the gauges", ()))):
+    for name, more in MODELS:
         free |= set(more)
-        rows[name] = left_out(free, k < len(MODELS))
+        rows[name] = left_out(free)
         print(name, rows[name], flush=True)
     return table("model", rows)
 

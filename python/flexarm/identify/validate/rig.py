@@ -164,16 +164,16 @@ DRIVES = {
     "control.1.limit": Unknown(low=1e-4),
 }
 _STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps resolve no less
-#: Values of PER_RUN and of DRIVES, in order, fitted to the shipped recordings with the scene's values of the
-#: arm. The drives are not alike: the second one of "fsf" has ten times the dry friction.
+#: Values of PER_RUN and of DRIVES, in order, fitted to the shipped recordings with the scene's values of the arm. The
+#: drives are not alike: the second one of "fsf" and "psf" needs six times the current of "lqr" to slide.
 IDENTIFIED = {
     "lqr": (
         (-0.737, 1.079, 0.943, 1e-4, -2.4e-4, 9.4, 1.127),
-        (11.2, 0.884, -0.0612, -0.00534, 1.50, 0.0696, 2.06, 0.0892, 0.166, 3.87, 1.75, 0.350, 0.0515),
+        (11.9, 0.881, -0.119, -0.0108, 1.58, 0.0692, 2.29, 0.0843, 0.212, 4.52, 1.72, 0.325, 0.0567),
     ),
     "fsf": (
         (0.080, 0.839, 0.901, 8.3e-4, 7.4e-4, 5.25, 1.057),
-        (10.1, 2.49, -0.0475, 0.0095, 0.784, 1.19, 1.50, 0.0594, 0.193, 2.09, 1.07, 0.0457, 0.107),
+        (6.83, 1.54, 0.125, 0.0124, 0.635, 0.809, 0.562, 5.94e-12, 0.0741, 1.52, 1.1, 4.57e-12, 0.103),
     ),
     "psf": (
         (0.034, 0.841, 0.897, 8.6e-4, 6.1e-4, 18.1, 1.123),
