@@ -18,7 +18,7 @@ TEXT = (
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
-    p.add_argument("rig", metavar="RIG", nargs="?", choices=RIGS, help=f"the arm: {', '.join(RIGS)}")
+    p.add_argument("rig", metavar="RIG", nargs="?", choices=tuple(RIGS), help=f"the arm: {', '.join(RIGS)}")
     options.output(p, "flexarm-validate")
     p.add_argument("--predict", choices=SHIPPED, default=SHIPPED[-1],
                    help="the recording that is predicted by those left (%(default)s)")  # fmt: skip
