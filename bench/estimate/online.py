@@ -150,8 +150,9 @@ def measured(name: str, share: float | None = None) -> tuple[np.ndarray, np.ndar
     def estimated(part: float, noise: float) -> fa.results.Estimate:
         links = [replace(x, beam=replace(x.beam, kelvin_voigt=part * x.beam.kelvin_voigt)) for x in scene.arm.links]
         filter = fa.KalmanFilter(
-            fa.Arm(links, gravity=scene.arm.gravity), sensors, h, force_noise=[noise, 0, 0, 0.1 * noise, 0, 0], q=q,
-            q_std=[1e-3, 0.05, 0.05] * 2, v_std=0.1, estimate=unknown, control=scene.control,
+            fa.Arm(links, gravity=scene.arm.gravity, struts=scene.arm.struts), sensors, h,
+            force_noise=[noise, 0, 0, 0.1 * noise, 0, 0], q=q, q_std=[1e-3, 0.05, 0.05] * 2, v_std=0.1,
+            estimate=unknown, control=scene.control,
         )  # fmt: skip
         return filter.run(t, tau, y)
 

@@ -1,141 +1,103 @@
-"""A measured two-link arm: which part of its model brings how much, and how good the whole is.
+"""A measured two-link arm, each of its three recordings predicted by an arm that was fitted to the other two.
 
     python bench/identify/quanser.py [--docs]
 
-Each model is fitted to one of the recordings that the package ships and predicts the other, both ways; of the other,
-only what differs from recording to recording is fitted. Takes about ten minutes; prints tables. With --docs it puts
-them between the marks of docs/validation.md, and writes docs/figures/validation-*.png.
+Prints tables: how good the model is, what each part of it brings, and other models beside it (`rivals.py`, which needs
+mujoco). With --docs it puts them between the marks of docs/validation.md, and writes docs/figures/validation-*.png.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import time
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 
 import flexarm as fa
 from flexarm.data.draw.style import DPI
-from flexarm.identify.validate.rig import (
-    ARM,
-    DEFLECTIONS,
-    PER_RUN,
-    SHIPPED,
-    Recording,
-    compared,
-    identified,
-    read,
-    with_motion,
-    with_values,
-)
-from flexarm.identify.validate.validate import Judged, _fitted
+from flexarm.data.draw.trajectory import plot_recordings
+from flexarm.identify.validate.rig import ARM, DEFLECTIONS, PER_RUN, SHIPPED, identified, read, with_motion, with_values
+from flexarm.identify.validate.validate import Judged, _fitted, fitted, latest
+from rivals import rivals
 
 DOCS = Path(__file__).parents[2] / "docs"
-ZERO, SPRING, LEVEL = "link.1.joint.outboard.rotation.2", "control.0.K.0.0", "gravity.1"
-DRAG = "control.1.limit"
-LEFT_OUT = {ZERO: 0.0, SPRING: 0.0, LEVEL: 0.0, DRAG: 1e-9}
-GAUGES = [path for path in PER_RUN if path.startswith("sensor")]
-BODIES = [path for path in ARM if path != DRAG]
-MODELS = (
-    ("stiffness, mass and damping of the strips; gains and zeros of the gauges", []),
-    ("zero of the second joint", [ZERO]),
-    ("cable: a spring", [SPRING]),
-    ("cable: dry friction", [DRAG]),
-    ("level of the table", [LEVEL]),
+ZERO, DAMPER = "link.1.joint.outboard.rotation.2", "strut.cable.damping"
+ROPE = ("strut.cable.stiffness", "strut.cable.length")
+NONE = {ZERO: 0.0, DAMPER: 0.0, ROPE[0]: 0.0}
+MODELS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("stiffness, mass and damping of the strips; gains and zeros of the gauges", ()),
+    ("+ zero of the second joint", (ZERO,)),
+    ("+ cable: a rope that goes slack", ROPE),
+    ("+ cable: its damper", (DAMPER,)),
 )
 
 
-def errors(recording: Recording, comparison: fa.results.Comparison) -> list[str]:
+def cell(found: Mapping[str, float]) -> str:
     """NRMSE (%) of both deflections."""
-    nrmse = Judged.of(recording, "motion", "", comparison).nrmse
-    return [f"{100 * nrmse[name]:.1f}" for name in DEFLECTIONS]
+    return ", ".join(f"{100 * found[name]:.1f}" for name in DEFLECTIONS)
 
 
-def both_ways(free: list[str], filtered: bool) -> list[str]:
-    """Errors of the fitted and of the predicted recording, for both of them fitted to."""
-    scene = with_values(fa.load("quanser"), {k: x for k, x in LEFT_OUT.items() if k not in free})
-    if not filtered:
-        scene = replace(scene, sensors=tuple(replace(s, filter=None) for s in scene.sensors))
-    arm = {k: x for k, x in ARM.items() if k in BODIES or k in free}
-    each = {k: x for k, x in PER_RUN.items() if k in GAUGES or k in free}
-    cells = []
-    for names in (("lqr", "fsf"), ("fsf", "lqr")):
-        first, other = map(read, names)
-        fit = _fitted(with_motion(scene, first), first, {**arm, **each}, DEFLECTIONS, False)
-        again = _fitted(with_motion(fit.scene, other), other, each, DEFLECTIONS, False)
-        cells += errors(first, fit.comparisons[0]) + errors(other, again.comparisons[0])
-    return cells
+def left_out(free: set[str]) -> dict[str, str]:
+    """By recording, the errors of its second half, with the arm from the other two."""
+    scene = with_values(fa.load("quanser"), {k: x for k, x in NONE.items() if k not in free})
+    optional = {ZERO, DAMPER, *ROPE}
+    arm = {k: x for k, x in ARM.items() if k not in optional or k in free}
+    own = {k: x for k, x in PER_RUN.items() if k not in optional or k in free}
+    found = {}
+    for name in SHIPPED:
+        fit = fitted(scene, [read(n) for n in SHIPPED if n != name], {**arm, **own})
+        recording = read(name)
+        one, half = with_values(scene, {k: fit.values[k] for k in arm}), float(recording.data.t[-1]) / 2
+        begin = identified(next(n for n in reversed(SHIPPED) if n != name))[0]
+        done = _fitted(with_motion(one, recording), recording, own, DEFLECTIONS, False, half, begin)
+        rest = done.validate(recording.data)
+        found[name] = cell(Judged.of(recording, "motion", "", rest, half).nrmse)
+    return found
+
+
+def table(first: str, rows: Mapping[str, Mapping[str, str]]) -> str:
+    """Lines of Markdown, with a column for each recording."""
+    lines = [f"| {first} | {' | '.join(SHIPPED)} |", "|-" + "|-:" * len(SHIPPED) + "|"]
+    return "\n".join([*lines, *(f"| {name} | {' | '.join(x[n] for n in SHIPPED)} |" for name, x in rows.items())])
 
 
 def models() -> str:
-    """The table of models, each with what the ones above have."""
-    lines = [
-        "| model, each with what those above have | fitted to lqr | predicted fsf | fitted to fsf | predicted lqr |",
-        "|-|-:|-:|-:|-:|",
-    ]
-    free: list[str] = []
-    for k, (name, more) in enumerate((*MODELS, ("the last, without the low pass of the gauges", []))):
-        free += more
-        cells = both_ways(free, k < len(MODELS))
-        pairs = [f"{a}, {b}" for a, b in zip(cells[::2], cells[1::2], strict=True)]
-        lines.append(f"| {'+ ' if 0 < k < len(MODELS) else ''}{name} | {' | '.join(pairs)} |")
-        print(lines[-1], flush=True)
+    """What each part of the model brings."""
+    rows, free = {}, set[str]()
+    for name, more in MODELS:
+        free |= set(more)
+        rows[name] = left_out(free)
+        print(name, rows[name], flush=True)
+    return table("model", rows)
+
+
+def beside(ours: Mapping[str, str]) -> str:
+    """Other models."""
+    others = {model: {n: f"{100 * a:.1f}, {100 * b:.1f}" for n, (a, b) in x.items()} for model, x in rivals().items()}
+    return table("model", {"flexarm": ours, **others})
+
+
+def whole(made: Mapping[str, fa.results.Validation]) -> str:
+    """What was fitted to which seconds, and the errors."""
+    heads = "predicted | driven by | fitted to the others, whole | fitted to it | judged | joints | deflections"
+    lines = [f"| {heads} |", "|-|-|-|-|-|-:|-:|"]
+    for name, found in made.items():
+        for j in found.judged:
+            if j.recording != name:
+                continue
+            joints = ", ".join(f"{100 * j.nrmse[k]:.1f}" for k in ("joint1", "joint2") if k in j.nrmse) or "as measured"
+            end = j.comparison.measured.t[-1]
+            row = (name, j.driven, "the arm", j.role, f"{j.since:.1f} to {end:.1f} s", joints, cell(j.nrmse))
+            lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
 
 
-def refits() -> str:
-    """The table of what is fitted to the recording that is predicted."""
-    steps = (
-        ("nothing", []),
-        ("zeros of the gauges", [path for path in GAUGES if "offset" in path]),
-        ("+ zero of the second joint", [ZERO]),
-        ("+ gains of the gauges", [path for path in GAUGES if "gain" in path]),
-        ("+ pull of the cable", [SPRING]),
-        ("+ level of the table", [LEVEL]),
-    )
-    cells: dict[str, list[str]] = {name: [] for name, _ in steps}
-    for names in (("lqr", "fsf"), ("fsf", "lqr")):
-        first, other = map(read, names)
-        fit = _fitted(with_motion(fa.load("quanser"), first), first, {**ARM, **PER_RUN}, DEFLECTIONS, False)
-        scene, free = with_motion(fit.scene, other), list[str]()
-        for name, more in steps:
-            free += more
-            each, begin = {path: PER_RUN[path] for path in free}, {path: fit.values[path] for path in free}
-            said = compared(scene, other, DEFLECTIONS)
-            if free:
-                said = _fitted(scene, other, each, DEFLECTIONS, False, None, begin).comparisons[0]
-            cells[name].append(", ".join(errors(other, said)))
-    lines = ["| fitted to what is predicted | fsf, the arm from lqr | lqr, the arm from fsf |", "|-|-:|-:|"]
-    return "\n".join([*lines, *(f"| {name} | {' | '.join(x)} |" for name, x in cells.items())])
-
-
-def levels() -> str:
-    """The table of the level, as each recording tells it, with the shipped values of the arm."""
-    lines = ["| recording | tilt of the table, degrees | 95 % interval | numbers that stand in for it |", "|-|-:|-:|-|"]
-    for name in SHIPPED:
-        recording = read(name)
-        begin = identified(name)[0]
-        scene = with_motion(fa.load("quanser"), recording)
-        fit = _fitted(scene, recording, PER_RUN, DEFLECTIONS, False, None, begin)
-        angle, low, high = (math.degrees(math.asin(g / 9.81)) for g in (fit.values[LEVEL], *fit.intervals[LEVEL]))
-        others = [path for x in fit.loose if LEVEL in x.names for path in x.names if path != LEVEL]
-        row = dict(zip(fit.values, fit.correlation[list(fit.values).index(LEVEL)], strict=True))
-        told = ", ".join(f"`{path}` (correlation {row[path]:+.3f})" for path in others) or "none above 0.95"
-        lines.append(f"| {name} | {angle:.1f} | {low:.1f} to {high:.1f} | {told} |")
-    return "\n".join(lines)
-
-
-def whole(made: fa.results.Validation) -> str:
-    """The table of a validation."""
-    lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |"]
-    lines.append("|-|-|-|-|-:|-:|")
-    for j in made.judged:
-        x = {name: f"{100 * e:.1f}" for name, e in j.nrmse.items()}
-        joints = f"{x['joint1']}, {x['joint2']}" if "joint1" in x else "as measured"
-        both = ", ".join(x[name] for name in DEFLECTIONS)
-        lines.append(f"| {j.driven} | {j.recording} | {j.role} | {j.since:.1f} s | {joints} | {both} |")
-    return "\n".join(lines)
+def numbers(made: Mapping[str, fa.results.Validation]) -> str:
+    """The arm, as each two recordings tell it."""
+    fits = {name: found.fits["motion"] for name, found in made.items()}
+    rows = {path: {n: f"{f.values[path]:.3g} ({f.intervals[path][0]:.3g} to {f.intervals[path][1]:.3g})"
+                   for n, f in fits.items()} for path in ARM}  # fmt: skip
+    return table("number, without", {f"`{path}`": x for path, x in rows.items()})
 
 
 def put(text: str, name: str, table: str) -> str:
@@ -148,23 +110,34 @@ def put(text: str, name: str, table: str) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--docs", action="store_true")
+    parser.add_argument("--errors", action="store_true", help="the first two tables and the figures alone")
     args = parser.parse_args()
-    began = time.perf_counter()
-    made = fa.validate("quanser")
-    tables = {"errors": whole(made), "level": levels()}
-    print(tables["errors"], "\n", tables["level"], f"\n{time.perf_counter() - began:.0f} s\n", flush=True)
+    began, made = time.perf_counter(), {}
+    for name in SHIPPED:
+        made[name] = fa.validate("quanser", predict=name)
+        print(made[name], f"\n{time.perf_counter() - began:.0f} s\n", flush=True)
+    tables = {"errors": whole(made), "numbers": numbers(made)}
+    print(tables["errors"], "\n", tables["numbers"], "\n", flush=True)
     if args.docs:
         for driven in ("motion", "current"):
-            made.plot(driven).savefig(DOCS / "figures" / f"validation-{driven}.png", dpi=DPI * 0.8)
-    tables["refits"] = refits()
-    print(tables["refits"], "\n", flush=True)
-    tables["models"] = models()
+            own = [j for name, x in made.items() for j in x.judged if (j.driven, j.recording) == (driven, name)]
+            plot_recordings(latest(own)).savefig(DOCS / "figures" / f"validation-{driven}.png", dpi=DPI * 0.8)
+    if not args.errors:
+        tables |= more(made)
     if args.docs:
         page = DOCS / "validation.md"
         text = page.read_text(encoding="utf-8")
-        for name, table in tables.items():
-            text = put(text, name, table)
+        for name, made_table in tables.items():
+            text = put(text, name, made_table)
         page.write_text(text, encoding="utf-8")
+
+
+def more(made: Mapping[str, fa.results.Validation]) -> dict[str, str]:
+    """Other models, and what each part of ours brings."""
+    last = {n: next(cell(j.nrmse) for j in reversed(x.judged) if j.driven == "motion") for n, x in made.items()}
+    found = {"beside": beside(last)}
+    print(found["beside"], "\n", flush=True)
+    return found | {"models": models()}
 
 
 if __name__ == "__main__":

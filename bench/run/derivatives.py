@@ -65,8 +65,8 @@ def push(arm: fa.Arm, integrator: str, step: float, count: int) -> Run:
 
 def rig() -> tuple[Run, Callable[[int], list[str]]]:
     scene = with_motion(fa.load("quanser"), read("lqr"))
-    paths = [p for p in ARM if p != "control.1.limit"]
-    paths += ["gravity.1", "link.1.joint.outboard.rotation.2", "control.0.K.0.0", "q0.1", "q0.4", "v0.1", "v0.4"]
+    paths = [p for p in ARM if p != "strut.cable.damping"]
+    paths += ["gravity.1", "link.1.joint.outboard.rotation.2", "strut.cable.stiffness", "q0.1", "q0.4", "v0.1", "v0.4"]
     paths += ["link.0.beam.length", "link.1.beam.length", "link.0.beam.material.density",
               "link.1.beam.material.density"]  # fmt: skip
     given = {**scene.given(), **scene.options}

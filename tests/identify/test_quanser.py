@@ -16,6 +16,7 @@ from flexarm.identify.validate.rig import (
     FOLDER,
     JOINTS,
     PER_RUN,
+    SHIPPED,
     UNITS,
     compared,
     identified,
@@ -41,15 +42,17 @@ def errors(name: str, driven_by: str = "motion", **changed: float) -> dict[str, 
     return Judged.of(recording, driven_by, "", compared(scene, recording, (*JOINTS, *DEFLECTIONS))).nrmse
 
 
-@pytest.mark.parametrize("name", ["lqr", "fsf"])
-def test_deflections_follow_from_the_motion_of_the_joints(name: str) -> None:
-    assert max(errors(name).values()) < 0.15
+@pytest.mark.parametrize("name", ["lqr", "fsf", "psf"])
+def test_deflections_of_all_three_follow_from_the_motion_of_the_joints_by_one_arm(name: str) -> None:
+    assert max(errors(name).values()) < 0.11
 
 
 def test_what_differs_from_recording_to_recording_matters() -> None:
     straight = errors("lqr", **{"link.1.joint.outboard.rotation.2": 0.0})
     assert straight["link2_deflection"] > 0.15
     assert errors("fsf", **{"sensor.0.gain": 1.05})["link1_deflection"] > 0.25
+    loose, undamped = (errors("psf", **{f"strut.cable.{k}": 0.0}) for k in ("stiffness", "damping"))
+    assert min(loose.values()) > 0.25 and max(undamped.values()) > 0.09
 
 
 def test_angles_and_deflections_follow_from_the_currents() -> None:
@@ -59,11 +62,11 @@ def test_angles_and_deflections_follow_from_the_currents() -> None:
 
 def test_recordings_are_shipped_with_their_licence() -> None:
     assert "MIT License" in (FOLDER / "LICENSE").read_text() and "basta" in (FOLDER / "README.md").read_text()
-    lqr, fsf = read("lqr"), read("fsf")
-    assert lqr.tares == (0.0, 0.0) and fsf.tares == pytest.approx((1.0, 0.2), abs=0.011)
+    lqr, fsf, psf = map(read, SHIPPED)
+    assert lqr.tares == (0.0, 0.0) and fsf.tares == psf.tares == pytest.approx((1.0, 0.2), abs=0.011)
     assert lqr.data.t[-1] > 19.9
     assert np.degrees(np.ptp(lqr.data["joint1"])) == pytest.approx(52.98, abs=0.02)  # of the original
-    assert sum(f.stat().st_size for f in FOLDER.iterdir()) < 300_000
+    assert sum(f.stat().st_size for f in FOLDER.iterdir()) < 400_000
 
 
 def test_a_tared_gauge_reads_nothing_and_then_less_its_mean() -> None:
@@ -89,11 +92,27 @@ def test_fine_recordings_are_averaged_without_a_lag() -> None:
 def test_command_judges_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "quanser", "--data", str(EXCERPT), "--json", "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert [j["driven"] for j in told["judged"]] == ["motion", "motion", "current", "current"]
+    assert [j["driven"] for j in told["judged"]] == ["motion", "motion", "current"]
     assert all(set(DEFLECTIONS) <= set(j["nrmse"]) for j in told["judged"])
     assert {p.name for p in tmp_path.iterdir()} == {
         "validate.txt", "validate.json", "validate-motion.png", "validate-current.png"
     }  # fmt: skip
+
+
+def test_the_command_lists_the_arms(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate"]) == 0 and "quanser" in capsys.readouterr().out
+    assert main(["validate", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["quanser"]["recordings"] == ["lqr", "fsf", "psf"]
+
+
+def test_what_is_left_out_is_not_in_the_fit() -> None:
+    """A recording that is spoilt in its second half leaves what is fitted to its first half as it is."""
+    scene, psf = fa.load("quanser"), read("psf")
+    columns = {k: np.where(psf.data.t > 11.0, 0.0, x) for k, x in psf.data.columns.items()}
+    spoilt = replace(psf, data=fa.Data(psf.data.t, columns, UNITS))
+    begin = identified("fsf")[0]
+    one, other = (_fitted(with_motion(scene, r), r, PER_RUN, DEFLECTIONS, False, 9.8, begin) for r in (psf, spoilt))
+    assert other.values == pytest.approx(one.values, rel=1e-3)
 
 
 def test_a_mirrored_recording_has_mirrored_values() -> None:
@@ -101,12 +120,14 @@ def test_a_mirrored_recording_has_mirrored_values() -> None:
     lqr = read("lqr")
     mirrored = replace(lqr, data=fa.Data(lqr.data.t, {k: -x for k, x in lqr.data.columns.items()}, UNITS))
     scene, begin = fa.load("quanser"), identified("lqr")[0]
-    free, recordings = PER_RUN, (lqr, mirrored)
-    one, other = (_fitted(with_motion(scene, r), r, free, DEFLECTIONS, False, 10.0, begin) for r in recordings)
-    odd = ("rotation", "offset", "gravity")
+    turned = with_values(scene, {"strut.cable.points.0.offset.1": 1.0})
+    pairs = ((scene, lqr), (turned, mirrored))
+    one, other = (_fitted(with_motion(s, r), r, PER_RUN, DEFLECTIONS, False, 10.0, begin) for s, r in pairs)
+    odd = ("rotation", "offset")
     for path, x in one.values.items():
         sign = -1.0 if any(word in path for word in odd) else 1.0
-        assert other.values[path] == pytest.approx(sign * x, rel=0.02, abs=1e-4), path
+        known = 0.02 if "stiffness" not in path else 0.2  # lqr hardly tells the cable's
+        assert other.values[path] == pytest.approx(sign * x, rel=known, abs=1e-4), path
 
 
 def columns(without: str = "", unit: str = "rad", end: float = 4.0) -> fa.Data:
@@ -120,8 +141,8 @@ def columns(without: str = "", unit: str = "rad", end: float = 4.0) -> fa.Data:
     ("given", "said"),
     [
         ({"rig": "quanser2"}, "rig = 'quanser2'"),
-        ({"fit": "lqg"}, "fit = 'lqg'"),
-        ({"calibrate": 3.0}, "calibrate = 3.0"),
+        ({"predict": "lqg"}, "predict = 'lqg'"),
+        ({"calibrate": 30.0, "data": "psf"}, "calibrate = 30"),
         ({"data": columns(without=CURRENTS[1])}, ("column 'motor2_current'", "missing")),
         ({"data": columns(unit="m")}, ("column 'joint1'", "m")),
         ({"data": columns(end=1.0)}, "2 s"),

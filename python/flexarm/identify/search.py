@@ -277,7 +277,7 @@ class Search:
             else:
                 self._iterations += 1
                 at = last.next(u, count(u), r, np.vstack([residuals.jacobian(u, sigma), hold]), fell < _NEAR)
-            if 0 < fell * at.count < _ROUGH_STEP**2 and fell * last.count < 0.5 * last.gain(u):
+            if last.told.size and 0 < fell * at.count < _ROUGH_STEP**2 and fell * last.count < 0.5 * last.gain(u):
                 raise _Ended(less)
             return at.told
 

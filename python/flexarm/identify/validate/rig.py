@@ -23,7 +23,7 @@ from ...run.sensing.sensors import Encoder, StrainGauge
 from ..unknown import Unknown
 
 FOLDER = Path(__file__).with_name("quanser")
-SHIPPED = ("lqr", "fsf")  #: names of the files in FOLDER
+SHIPPED = ("lqr", "fsf", "psf")  #: names of the files in FOLDER
 JOINTS = ("joint1", "joint2")
 DEFLECTIONS = ("link1_deflection", "link2_deflection")
 CURRENTS = ("motor1_current", "motor2_current")
@@ -76,7 +76,7 @@ def read(source: Any) -> Recording:
     """Reads a recording.
 
     Args:
-        source: "lqr" or "fsf", shipped; the path of a file, or Data.
+        source: "lqr", "fsf" or "psf", shipped; the path of a file, or Data.
 
     Raises:
         ValueError: as of `Data.load`; columns that are missing or in another unit; less than 2 s, below 46 Hz.
@@ -125,18 +125,18 @@ ARM = {
     "link.0.tip.mass": Unknown(mean=1.4, std=0.5),
     "link.0.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
     "link.1.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
-    "control.1.limit": Unknown(low=1e-4, high=0.2),
+    "strut.cable.damping": Unknown(low=0.0),
 }
 #: Parameters that differ from recording to recording: the zero of the second joint's encoder, the calibration of both
-#: gauges, the pull of the cable, the level of the table.
+#: gauges, the cable's stiffness and the length at which it is taut.
 PER_RUN = {
     "link.1.joint.outboard.rotation.2": Unknown(0.0, mean=0.0, std=0.5, low=-1.5, high=1.5),
     "sensor.0.gain": Unknown(1.0, mean=1.0, std=0.2),
     "sensor.1.gain": Unknown(1.0, mean=1.0, std=0.2),
     "sensor.0.offset": Unknown(0.0, mean=0.0, std=0.005),
     "sensor.1.offset": Unknown(0.0, mean=0.0, std=0.005),
-    "control.0.K.0.0": Unknown(0.1, mean=0.1, std=0.1),
-    "gravity.1": Unknown(0.0, mean=0.0, std=0.2),
+    "strut.cable.stiffness": Unknown(15.0, mean=15.0, std=10.0, low=0.0),
+    "strut.cable.length": Unknown(1.13, mean=1.13, std=0.05),
 }
 #: State of the strips at the start of a recording that does not begin at rest: mean curvatures and their rates.
 START = {
@@ -146,7 +146,7 @@ START = {
     "v0.4": Unknown(0.0, mean=0.0, std=5.0, each_run=False),
 }
 #: Unknown parameters of the drives. The handbook's torques of an ampere are 8.9 and 0.87 N m, at an assumed efficiency.
-#: Each drive has dry and viscous friction, and some that saturates (control.2, control.3: N m s/rad at rest, N m at
+#: Each drive has dry and viscous friction, and some that saturates (control.0, control.1: N m s/rad at rest, N m at
 #: most): together a curve that bends down, as harmonic drives have it.
 DRIVES = {
     "drive.0.scale": Unknown(mean=8.9, std=2.0),
@@ -158,22 +158,26 @@ DRIVES = {
     "link.0.joint.damping": Unknown(low=0.0),
     "link.1.joint.damping": Unknown(low=0.0),
     "link.0.joint.reflected_inertia": Unknown(mean=0.063, std=0.05),
-    "control.2.K.0.6": Unknown(low=0.0),
-    "control.2.limit": Unknown(low=1e-3),
-    "control.3.K.0.9": Unknown(low=0.0),
-    "control.3.limit": Unknown(low=1e-4),
+    "control.0.K.0.6": Unknown(low=0.0),
+    "control.0.limit": Unknown(low=1e-3),
+    "control.1.K.0.9": Unknown(low=0.0),
+    "control.1.limit": Unknown(low=1e-4),
 }
 _STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps resolve no less
-#: Values of PER_RUN and of DRIVES, in order, fitted to the shipped recordings with the scene's values of the
-#: arm. The drives are not alike: the second one of "fsf" has ten times the dry friction.
+#: Values of PER_RUN and of DRIVES, in order, fitted to the shipped recordings with the scene's values of the arm. The
+#: drives are not alike: the second one of "fsf" and "psf" needs six times the current of "lqr" to slide.
 IDENTIFIED = {
     "lqr": (
-        (-0.711, 1.048, 1.032, 9.4e-4, 4.3e-4, 0.0884, -0.125),
-        (11.2, 0.884, -0.0612, -0.00534, 1.50, 0.0696, 2.06, 0.0892, 0.166, 3.87, 1.75, 0.350, 0.0515),
+        (-0.737, 1.079, 0.943, 1e-4, -2.4e-4, 9.4, 1.127),
+        (11.9, 0.881, -0.119, -0.0108, 1.58, 0.0692, 2.29, 0.0843, 0.212, 4.52, 1.72, 0.325, 0.0567),
     ),
     "fsf": (
-        (-0.0857, 0.8015, 0.9687, 3.9e-4, -1.22e-3, 0.1562, 0.3505),
-        (10.1, 2.49, -0.0475, 0.0095, 0.784, 1.19, 1.50, 0.0594, 0.193, 2.09, 1.07, 0.0457, 0.107),
+        (0.080, 0.839, 0.901, 8.3e-4, 7.4e-4, 5.25, 1.057),
+        (6.83, 1.54, 0.125, 0.0124, 0.635, 0.809, 0.562, 5.94e-12, 0.0741, 1.52, 1.1, 4.57e-12, 0.103),
+    ),
+    "psf": (
+        (0.034, 0.841, 0.897, 8.6e-4, 6.1e-4, 18.1, 1.123),
+        (10.1, 0.933, 0.162, 0.0167, 0.899, 0.44, 1.74, 0.0652, 0.105, 1.95, 0.796, 0.0289, 0.000632),
     ),
 }
 

@@ -135,32 +135,37 @@ def latest(judged: Sequence[Judged]) -> list[Curves]:
     return [j.curves() for j in {j.recording: j for j in judged}.values()]
 
 
-RIGS = ("quanser",)
+RIGS = {"quanser": "Quanser 2-DOF Serial Flexible Link, two harmonic drives and two steel strips"}
 _POOR = 0.5  # NRMSE: above it other starts are tried; the model's own errors are well below
 _RUNS = 60  # usual number of runs of a fit
 _STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
+_GAUGES = ("sensor.0", "sensor.1")  # of the scene
 _NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about the model's own errors
-_PER_RUN, _DRIVES = "zeros, gains, cable, level", "drives"
+_PER_RUN, _DRIVES = "zeros, gains, cable", "drives"
 
 
 def validate(
-    rig: str = "quanser", data: Any = None, *, fit: str = "lqr", calibrate: float | None = None, progress: Any = False
+    rig: str = "quanser",
+    data: Any = None,
+    *,
+    predict: str = "psf",
+    calibrate: float | None = None,
+    progress: Any = False,
 ) -> Validation:
     """Compares the shipped model of a measured arm with recordings of it.
 
-    Without `data`, the unknown parameters of the arm are fitted to one of the shipped recordings, and the other is
-    predicted. With `data`, the shipped values of the arm are judged on other recordings. Always fitted to each
-    recording are: the zero of the second joint's encoder, the calibration of the strain gauges, the pull of the cable,
-    the level of the table.
+    Without `data`, the unknown parameters of the arm are fitted to the shipped recordings but one, and that one is
+    predicted. With `data`, the shipped values of the arm are judged on other recordings. What belongs to the set-up is
+    always fitted to the first part of the recording that is judged, and the rest is judged: the zero of the second
+    joint's encoder, the calibration of the strain gauges, the cable, and, driven by currents, the drives.
 
     Args:
         rig: "quanser", a two-link flexible arm (docs/validation.md).
         data: recordings: the path of a file, Data, or a list of these. Columns (of a CSV, by their headings)
             "joint1_deg", "link1_deflection_deg", "motor1_current_A", and the same of 2, over "t_s"; at least 2 s at
             46 Hz.
-        fit: which of the shipped recordings, "lqr" or "fsf", is fitted to; the other is predicted.
-        calibrate: with `data`: how much of each recording (s) its zeros and gains are fitted to; the rest is judged.
-            None: half of it.
+        predict: which of the shipped recordings, "lqr", "fsf" or "psf", is predicted; the arm is fitted to the others.
+        calibrate: how much of a judged recording (s) its set-up is fitted to; the rest is judged. None: half of it.
         progress: shows progress on stderr: a bar, or lines where that is no terminal.
 
     Returns:
@@ -170,19 +175,16 @@ def validate(
         ValueError: an unknown rig or recording; as of `Data.load`; columns that are missing. FitInterrupted: Ctrl-C.
     """
     choice("rig", rig, RIGS)
-    scene = load(rig)
-    if data is None:
-        choice("fit", fit, SHIPPED)
-        if calibrate is not None:
-            raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
-        with progress_bar(progress, "validating") as bar:
-            return _shipped(scene, fit, _shown(bar, 4))
-    sources = list(data) if isinstance(data, (list, tuple)) else [data]
+    choice("predict", predict, SHIPPED)
+    scene, validation = load(rig), Validation([])
+    sources = [predict] if data is None else list(data) if isinstance(data, (list, tuple)) else [data]
     if not sources:
         raise ValueError("data: an empty list; give at least one recording")
-    validation, recordings = Validation([]), [read(source) for source in sources]
+    recordings = [read(source) for source in sources]
     with progress_bar(progress, "validating") as bar:
-        shown = _shown(bar, 2 * len(recordings))
+        shown = _shown(bar, (1 + len(SHIPPED)) * len(recordings) + (data is None))
+        if data is None:
+            scene = _shipped(scene, predict, validation, next(shown))
         for recording in recordings:
             _judge(scene, recording, calibrate, validation, shown)
     return validation
@@ -199,18 +201,27 @@ def _shown(bar: Callable[..., None] | None, fits: int) -> Iterator[Any]:
         yield partial(tell, k) if bar else False
 
 
-def _shipped(scene: Scene, fit: str, shown: Iterator[Any]) -> Validation:
-    """Fits to one of the shipped recordings and predicts the other."""
-    first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
-    done = _fitted(with_motion(scene, first), first, {**ARM, **PER_RUN}, DEFLECTIONS, next(shown))
-    validation = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
-    other_fit = _fitted(with_motion(done.scene, other), other, PER_RUN, DEFLECTIONS, next(shown))
-    validation.judged.append(Judged.of(other, "motion", _PER_RUN, other_fit.comparisons[0]))
-    validation.calibrations[other.name] = other_fit.values
-    validation.notes += [f"{other.name}: {x}." for x in other_fit.loose]
-    for recording, one in ((first, done), (other, other_fit)):
-        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, validation, next(shown))
-    return validation
+def _shipped(scene: Scene, predict: str, validation: Validation, progress: Any) -> Scene:
+    """The scene with the arm fitted to the shipped recordings but one."""
+    recordings = [read(name) for name in SHIPPED if name != predict]
+    done = fitted(scene, recordings, {**ARM, **PER_RUN}, progress)
+    validation.fits["motion"] = done
+    for recording, comparison in zip(recordings, done.comparisons, strict=True):
+        validation.judged.append(Judged.of(recording, "motion", "all", comparison))
+    return with_values(scene, {path: done.values[path] for path in ARM})
+
+
+def fitted(scene: Scene, recordings: Sequence[Recording], unknown: Mapping[str, Unknown], progress: Any = False) -> Fit:
+    """One arm fitted to several shipped recordings, whose set-ups differ."""
+    scenes = [with_values(with_motion(scene, r), {k: x for k, x in identified(r.name)[0].items() if k in unknown})
+              for r in recordings]  # fmt: skip
+    sought = {k: replace(x, start=None, each_run=True) if k in PER_RUN else x for k, x in unknown.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        return identify(
+            scenes, [r.data for r in recordings], sought, outputs=dict(zip(DEFLECTIONS, _GAUGES, strict=True)),
+            step=_STEP, noise={name: _NOISE[name] for name in DEFLECTIONS}, starts=1, progress=progress,
+        )  # fmt: skip
 
 
 def _judge(
@@ -223,7 +234,7 @@ def _judge(
     if not least <= until <= most:
         raise ValueError(f"calibrate = {until:g}: must be from {least:.4g} to {most:.4g} s, for {recording.name}")
     moved = with_motion(scene, recording)
-    best, begin = _nearest(moved, recording, "motion", DEFLECTIONS)
+    best, begin = _nearest(moved, recording)
     validation.judged.append(best)
     own = PER_RUN if recording.from_rest else {**PER_RUN, **START}
     done = _fitted(moved, recording, own, DEFLECTIONS, next(shown), until, begin)
@@ -231,43 +242,48 @@ def _judge(
     validation.judged.append(Judged.of(recording, "motion", f"{_PER_RUN}, {until:.3g} s", rest, until))
     validation.calibrations[recording.name] = done.values
     validation.notes += [f"{recording.name}: {x}." for x in done.loose]
-    _drive(done.scene, recording, until, validation, next(shown))
+    _drive(done.scene, recording, until, validation, shown)
 
 
-def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, progress: Any) -> None:
-    """The drives: with the best values of the shipped recordings, and fitted to the currents of the first part."""
+def _drive(scene: Scene, recording: Recording, until: float, validation: Validation, shown: Iterator[Any]) -> None:
+    """The drives, fitted to the currents of the first part. Friction has many local minima: the search begins at the
+    values of each shipped recording, and the best of its ends in the first part is taken."""
     driven, columns = with_currents(scene, recording), (*JOINTS, *DEFLECTIONS)
-    try:
-        best, begin = _nearest(driven, recording, "current", columns)
-        if recording.name not in SHIPPED:
-            validation.judged.append(best)
+    fits, said = [], ""
+    for name in SHIPPED:
+        begin = identified(name)[1]
         own = {path: x for path, x in begin.items() if not path.startswith("drive")}
-        done = _fitted(with_values(driven, own), recording, DRIVES, columns, progress, until, begin)
-        rest = done.validate(recording.data)
-    except (FitError, SimulationError) as e:  # a drive that runs away
-        validation.notes.append(f"{recording.name}, driven by current: {e}")
+        try:
+            of = with_values(driven, own)
+            fits.append(_fitted(of, recording, DRIVES, columns, next(shown), until, begin, others=False))
+        except (FitError, SimulationError) as e:  # a drive that runs away
+            said = str(e)
+    if not fits:
+        validation.notes.append(f"{recording.name}, driven by current: {said}")
         return
+    done = min(fits, key=lambda fit: sum(fit.nrmse.values()))
+    rest = done.validate(recording.data)
     validation.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
-    validation.fits.setdefault("current", done)
+    validation.fits["current"] = done
 
 
-def _nearest(
-    scene: Scene, recording: Recording, driven_by: str, columns: Sequence[str]
-) -> tuple[Judged, dict[str, float]]:
-    """The values of the shipped recording with the smallest errors here: their comparison, and the values by path."""
+def _nearest(scene: Scene, recording: Recording) -> tuple[Judged, dict[str, float]]:
+    """The set-up of the shipped recording with the smallest errors here, its own apart, which is not known beforehand:
+    the comparison, and the values by path."""
     candidates = []
     for name in SHIPPED:
-        values = identified(name)[driven_by == "current"]
-        comparison = compared(with_values(scene, values), recording, columns)
-        candidates.append((Judged.of(recording, driven_by, f"nothing; values of {name}", comparison), values))
+        if name != recording.name:
+            values = identified(name)[0]
+            comparison = compared(with_values(scene, values), recording, DEFLECTIONS)
+            candidates.append((Judged.of(recording, "motion", f"nothing; values of {name}", comparison), values))
     return min(candidates, key=lambda x: sum(x[0].nrmse.values()))
 
 
 def _fitted(
     scene: Scene, recording: Recording, unknown: Mapping[str, Unknown], columns: Sequence[str], progress: Any,
-    until: float | None = None, begin: Mapping[str, float] | None = None,
+    until: float | None = None, begin: Mapping[str, float] | None = None, others: bool = True,
 ) -> Fit:  # fmt: skip
-    """The scene fitted to a recording, or to its part before `until` (s)."""
+    """The scene fitted to a recording, or to its part before `until` (s). others: tries other starts if it is poor."""
     sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
 
     def found(starts: int | None) -> Fit:
@@ -281,5 +297,7 @@ def _fitted(
         try:
             fit = found(1)
         except FitError:
-            return found(None)
-        return fit if max(fit.nrmse.values()) < _POOR else found(None)
+            if others:
+                return found(None)
+            raise
+        return found(None) if others and max(fit.nrmse.values()) > _POOR else fit
