@@ -43,7 +43,7 @@ struct JointReactions::InSpace {
 
 JointReactions::JointReactions(const Arm& arm, const std::vector<Load>& loads)
     : in_space_(new InSpace{lanes::SingleFrames(arm, loads), std::vector<double>(6 * loads.size())}) {
-  refuse_loops(arm, "the force through a joint");
+  if (in_space_->frames.arm().layout().rigid_rows > 0) refuse_loops(arm, "the force through a joint");
 }
 JointReactions::JointReactions(JointReactions&&) noexcept = default;
 JointReactions::~JointReactions() = default;

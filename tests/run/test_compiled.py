@@ -18,7 +18,7 @@ def test_the_file_holds_the_resolved_numbers_of_the_scene(tmp_path: Path) -> Non
     scene = fa.load("quanser")
     scene.compile(tmp_path / "arm.json")
     file = json.loads((tmp_path / "arm.json").read_text())
-    assert (file["format"], file["version"]) == ("flexarm scene", 5)
+    assert (file["format"], file["version"]) == ("flexarm scene", 6)
     assert file["t"] == scene.t.tolist() and file["integrator"] == "implicit" and file["step"] == 0.005
     first = file["arm"]["links"][0]
     assert first["joint"]["forces"][0]["coulomb"] == 1.7 and first["joint"]["forces"][0]["upper"] == "inf"

@@ -35,8 +35,9 @@ class FilterWarning(UserWarning):
 
 
 class KalmanFilter:
-    """An extended Kalman filter whose model is the arm: one implicit step of order 4, with its exact derivatives. Where
-    places are read, its update is repeated about the place to which it leads (the iterated filter).
+    """An extended Kalman filter on the arm's own model: implicit steps of order 4, exact derivatives.
+
+    Where places are read, its update is repeated about the place to which it leads (the iterated filter).
 
     It estimates coordinates q and rates v from applied forces and sensors' readings, and with them the unknown
     constants that `estimate` names:
