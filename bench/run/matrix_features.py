@@ -56,12 +56,16 @@ def tied(m: float, rich: bool) -> fa.Arm:
 
 
 def closed(m: float, rich: bool) -> fa.Arm:
-    """The same, whose tip is hinged to a rigid rocker on the world."""
+    """The same, whose tip two rigid links join to the world: a four-bar."""
     (stem,) = arm(m, rich).links
-    far = np.array([0.4, 0.3, 0.0])
-    rocker = fa.Link(fa.Revolute("z", inboard=fa.Placement(far, (0, 0, -np.pi / 2)), damping=0.01),
-                     fa.RigidBody(0.2, (0.15, 0, 0), 0.001 * np.eye(3), (0.3, 0, 0)))  # fmt: skip
-    return fa.Arm([rocker, replace(stem, parent="world")], loops=[fa.Loop(0, 1, fa.Revolute("z"))])
+    turn = float(np.arctan2(-0.2, 0.1))  # of the coupler, from (0.3, 0.2) to the tip
+
+    def bar(length: float, angle: float, at: Any = (0, 0, 0)) -> fa.Link:
+        hinge = fa.Revolute("z", inboard=fa.Placement(at, (0, 0, angle)), damping=0.01)
+        return fa.Link(hinge, fa.RigidBody(0.2, (length / 2, 0, 0), 0.001 * np.eye(3), (length, 0, 0)))
+
+    rocker, coupler = bar(0.3, np.pi, (0.6, 0.2, 0)), bar(float(np.hypot(0.1, 0.2)), turn - np.pi)
+    return fa.Arm([rocker, coupler, replace(stem, parent="world")], loops=[fa.Loop(1, 2, fa.Revolute("z"))])
 
 
 def touching(m: float, rich: bool, **more: float) -> fa.Arm:
@@ -238,8 +242,8 @@ def features() -> list[Feature]:
         Feature("contact", lambda m, r, x: {"arm": touching(m, x), **SPUN}, "event", pose={0: 0.21}),
         Feature("contact with friction", lambda m, r, x: {"arm": touching(m, x, coulomb=0.5), **SPUN}, "contact",
                 pose={0: 0.21}),
-        Feature("loop", lambda m, r, x: {"arm": closed(m, x), "drive": {1: fa.Torque(S, push(S))}}, "",
-                path="link.1.tip.mass"),
+        Feature("loop", lambda m, r, x: {"arm": closed(m, x), "drive": {2: fa.Torque(S, push(S))}}, "",
+                path="link.2.tip.mass"),
         Feature("voltage of a patch", lambda m, r, x: {
             "arm": arm(m, x, patches=patch), "drive": {("patch", 0, 0): fa.Voltage(t2, volts)}}),
         Feature("event", lambda m, r, x: {**SPUN, "events": [crosses(0.2, False)]}, ""),
