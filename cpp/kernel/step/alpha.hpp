@@ -172,21 +172,23 @@ struct GeneralisedAlpha : AlphaNumbers {
   }
 
   /// Adds to what keeps the loops closed, and to their forces, of arms that are `open`.
+  /// @param most  gets its largest displacement
   /// @return the square of its size as accelerations, in the norm of M + shift
-  S close(Engine& engine, const flexarm::lanes::Shift& shift, const Mask& open) {
+  S close(Engine& engine, const flexarm::lanes::Shift& shift, const Mask& open, S& most) {
     engine.hold_change(open);
     S* const more = u;
-    const auto add = [&](S* to) {
+    const auto add = [&](S* to, double time) {
       for (int i = 0; i < nv; ++i) {
+        most = L::larger(most, time * L::size(more[i]));
         to[i] += L::select(open, more[i], S{});
         more[i] = S{};
       }
     };
     for (int i = 0; i < nv; ++i) more[i] = S{};
     const S places = engine.close_places(shift, more);
-    add(closed_q);
+    add(closed_q, 1.0);
     const S rates = engine.close_rates(shift, more);
-    add(closed_v);
+    add(closed_v, shift.stiffness / shift.damping);
     return (1.0 / (shift.stiffness * shift.stiffness)) * places + (1.0 / (shift.damping * shift.damping)) * rates;
   }
 
@@ -198,6 +200,12 @@ struct GeneralisedAlpha : AlphaNumbers {
     for (int k = 0; k < engine.free_count; ++k) most = L::larger(most, L::size(turn[engine.free[k]]));
     for (int i = 0; i < nq; ++i) place = L::larger(place, L::size(q[i]));
     return by_turn * most <= kVanishing * place;
+  }
+
+  /// Where it and `most`, a displacement, are below the digits of coordinates of size 1: closed loops at rest.
+  Mask still(const Engine& engine, double by_turn, S most) const {
+    for (int k = 0; k < engine.free_count; ++k) most = L::larger(most, by_turn * L::size(turn[engine.free[k]]));
+    return most <= number<S>(kVanishing);
   }
 
   /// Newton's iteration on the residual of inverse dynamics at the step's end. Where it does not converge, the step is
@@ -364,7 +372,7 @@ struct GeneralisedAlpha : AlphaNumbers {
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) return;  // an engine that could not factor has nothing to solve with
       }
-      S released{}, residual{}, force = joints.take_from(tau_own);
+      S released{}, residual{}, shut_by{}, force = joints.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
         r[i] = tau[i] - tau_own[i];
@@ -372,7 +380,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       }
       joints.refactored(engine.correction(r, turn));
       ++work.solves;
-      if (engine.closes()) released = close(engine, shift, L::none_of(good | bad));
+      if (engine.closes()) released = close(engine, shift, L::none_of(good | bad), shut_by);
       for (int k = 0; k < engine.free_count; ++k) residual = L::larger(residual, L::size(r[engine.free[k]]));
       const Mask switching = joints.count == 0 ? L::everywhere(false)
                                                : joints.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
@@ -393,7 +401,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       Mask stalled = newton.stalls(n);
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
-      if (engine.closes()) end = end & engine.closed();
+      if (engine.closes()) end = (end | still(engine, shift.stiffness, shut_by)) & engine.closed();
       good = good | (open & end & L::none_of(switching));
     }
   }
