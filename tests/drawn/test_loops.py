@@ -101,7 +101,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
     note(f"of {len(arm.links)} links")
 
 
-#: five implicit stages, below the diagonal, which is 1/4; the last row has the weights, too (Hairer & Wanner 1996, IV.6.5)
+#: five implicit stages, below the diagonal, which is 1/4; the last row has the weights, too (Hairer & Wanner 1996)
 _LAST = (25 / 24, -49 / 48, 125 / 16, -85 / 12)
 SDIRK4 = ((), (1 / 2,), (17 / 50, -1 / 25), (371 / 1360, -137 / 2720, 15 / 544), _LAST)
 
