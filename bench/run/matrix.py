@@ -307,7 +307,7 @@ def told(cells: dict[tuple[str, str], tuple[str, str]], rows: list[str], columns
         lines.append(f"| {row} | {' | '.join(marks)} |")
     count = {k: sum(outcome == k for outcome, _ in cells.values()) for k in ("yes", "no", "warned", "WRONG", "void")}
     most = len(cells) - count["void"]
-    share = {k: f"{count[k]} ({100 * count[k] / most:.1f} %)" for k in ("yes", "no", "warned", "WRONG")}
+    share = {k: f"{count[k]} ({100 * count[k] / max(most, 1):.1f} %)" for k in ("yes", "no", "warned", "WRONG")}
     lines += ["", f"Of {len(cells)} pairs {count['void']} mean nothing. Of the other {most}, {share['yes']} work, "
               f"{share['no']} are refused, {share['warned']} warn, and {share['WRONG']} are wrong.", ""]  # fmt: skip
     kinds = {"no": "refused", "warned": "warns", "void": "means nothing", "WRONG": "wrong"}
