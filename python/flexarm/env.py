@@ -4,6 +4,8 @@ gymnasium.make_vec("flexarm.env:flexarm/TipTracking-v0", num_envs=64)
 gymnasium.make("flexarm.env:flexarm/VibrationSuppression-v0")
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -3,6 +3,8 @@
 A task is plain NumPy on batches, and needs no Gymnasium; `flexarm.env` turns it into environments.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
