@@ -196,7 +196,7 @@ void check(const Arm& arm, const std::vector<bool>& given = {}) {
     for (std::size_t k = 0; k < given.size(); ++k)
       if (given[k]) left[static_cast<Eigen::Index>(k)] = 0.0;
     CHECK(beyond(H_free, left) < 1e-8 * size(left + r));
-    CHECK((H.transpose() * x).norm() < 1e-9 * size(H) * size(x));
+    CHECK((H.transpose() * x).norm() < 1e-9 * (H.norm() + 1e-300) * size(x));
   }
 }
 
