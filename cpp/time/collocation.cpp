@@ -114,8 +114,8 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   G_ = Eigen::MatrixXd::Zero(arm_->nv(), rows_);
   G_by_q_ = G_by_v_ = Eigen::MatrixXd::Zero(rows_, arm_->nv());
   closing_ = by_force_ = Eigen::MatrixXd::Zero(n, rows_);
-  inertia_ = Eigen::LLT<Eigen::MatrixXd>(n);
-  closure_ = Eigen::LLT<Eigen::MatrixXd>(rows_);
+  inertia_.compute(Eigen::MatrixXd::Identity(n, n));
+  closure_.compute(Eigen::MatrixXd::Identity(rows_, rows_));
   row_forces_ = taken_ = own_ = Eigen::VectorXd::Zero(rows_);
   closed_ = left_ = Eigen::MatrixXd::Zero(rows_, rows_);
   found_ = Eigen::Matrix3Xd::Zero(3, rows_);
