@@ -209,7 +209,7 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
   Eigen::Index row = 0;
   for (const Loop& loop : arm.loops())
     for (const Loop::Row& r : loop.rows()) {
-      const double g = gaps(0, row++), stiffness = r.turns ? loop.angular_stiffness : loop.stiffness;
+      const double g = gaps(0, row++), stiffness = loop.stiffness_of(r);
       if (std::isfinite(stiffness)) e.potential += 0.5 * stiffness * g * g;
     }
   if (arm.struts().empty()) return e;

@@ -17,6 +17,12 @@ std::vector<Loop::Row> Loop::rows() const {
   return out;
 }
 
+std::optional<Loop::Kind> Loop::named(const std::string& wanted) {
+  for (int kind = fixed; kind <= spherical; ++kind)
+    if (wanted == name(static_cast<Kind>(kind))) return static_cast<Kind>(kind);
+  return {};
+}
+
 const char* Loop::name(Kind kind) {
   constexpr const char* names[] = {"fixed", "revolute", "prismatic", "cylindrical", "universal", "planar", "spherical"};
   return names[kind];

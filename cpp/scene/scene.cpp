@@ -190,10 +190,9 @@ void fields(Node& a, Loop& x) {
   a("damping", x.damping);
   a.limit("angular_stiffness", x.angular_stiffness);
   a("angular_damping", x.angular_damping);
-  int found = 0;
-  while (found <= Loop::spherical && kind != Loop::name(static_cast<Loop::Kind>(found))) ++found;
-  if (found > Loop::spherical) a.wrong("kind", kind, "closes no loop");
-  x.kind = static_cast<Loop::Kind>(found);
+  const std::optional<Loop::Kind> found = Loop::named(kind);
+  if (!found) a.wrong("kind", kind, "closes no loop");
+  x.kind = *found;
 }
 
 void fields(Node& a, std::optional<Arm>& x) {

@@ -290,12 +290,12 @@ void CollocationStep::reduce() {
   closure_.compute(closed_);
 }
 
-/// Rows of loops that are rounding beside others have no force: Cholesky's elimination, largest pivots first, tells
+/// Rows of loops that depend on others take no force: Cholesky's elimination, largest pivots first, tells
 /// which.
 void CollocationStep::drop_rows() {
   left_ = closed_;
   taken_.setZero();
-  const double least = rows_ > 0 ? kDependent * closed_.diagonal().maxCoeff() : 0.0;
+  const double least = kDependent * closed_.diagonal().maxCoeff();
   for (Eigen::Index r = 0; r < rows_; ++r) own_[r] = std::sqrt(std::max(closed_(r, r), least));
   for (Eigen::Index count = 0; count < rows_; ++count) {
     Eigen::Index next = -1;

@@ -282,7 +282,7 @@ void bind_loops(py::class_<PyArm, Arm>& arm) {
     for (std::size_t k = 0; k < self.loops().size(); ++k) {
       const Loop& loop = self.loops()[k];
       for (const Loop::Row& r : loop.rows())
-        out.emplace_back(static_cast<int>(k), r.turns, std::isinf(r.turns ? loop.angular_stiffness : loop.stiffness));
+        out.emplace_back(static_cast<int>(k), r.turns, std::isinf(loop.stiffness_of(r)));
     }
     return out;
   });

@@ -340,10 +340,9 @@ void bind_model(py::module_& m) {
       py::init([](const PyPoint& a, const PyPoint& b, const std::string& kind, const Eigen::Matrix3d& axes_a,
                   const Eigen::Matrix3d& axes_b, double stiffness, double damping, double angular_stiffness,
                   double angular_damping) {
-        int found = 0;
-        while (found <= Loop::spherical && kind != Loop::name(static_cast<Loop::Kind>(found))) ++found;
-        if (found > Loop::spherical) bad_value("kind", "\"" + kind + "\"", "closes no loop");
-        return Loop{{point_of(a), axes_a}, {point_of(b), axes_b}, static_cast<Loop::Kind>(found), stiffness, damping,
+        const std::optional<Loop::Kind> found = Loop::named(kind);
+        if (!found) bad_value("kind", "\"" + kind + "\"", "closes no loop");
+        return Loop{{point_of(a), axes_a}, {point_of(b), axes_b}, *found, stiffness, damping,
                     angular_stiffness,     angular_damping};
       }),
       py::arg("a"), py::arg("b"), py::arg("kind"), py::arg("axes_a"), py::arg("axes_b"), py::arg("stiffness"),

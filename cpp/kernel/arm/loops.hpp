@@ -318,7 +318,7 @@ struct Loops {
     const Layout& layout = chain.layout;
     const double* p = layout.tied_numbers + at.numbers * W;
     const S height = next<S>(p);
-    const auto joint = read<records::JointFrame<In>>(p);
+    const auto joint = read<records::Seat<In>>(p);
     Stand<S> on = Stand<S>::world();
     if (at.place.node >= 0) {
       const Slice<Sp>& slice = chain.slice_of(at.place, p, q, v);
@@ -329,8 +329,8 @@ struct Loops {
         out.slice.J[k] = slice.J[k];
       on = stand_of(layout, moving(places, at.place), slice, height);
     }
-    const L3 offset = In::rotate(on.frame.R, joint.offset);
-    out.at = {In::times(on.frame.R, joint.axes), on.frame.r + offset};
+    const L3 offset = In::rotate(on.frame.R, joint.r);
+    out.at = {In::times(on.frame.R, joint.R), on.frame.r + offset};
     out.u = {on.u.linear + In::cross(on.u.angular, offset), on.u.angular};
     out.origin = on.frame.r;
   }

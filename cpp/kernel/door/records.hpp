@@ -63,17 +63,11 @@ struct ContactSurface {
   typename Sp::Lin half;
 };
 
-/// Of a joint that closes a loop (see Loop), with the arm's size (m); and its frame on a place.
+/// Of a joint that closes a loop (see Loop), with the arm's size (m). Its frame on a place is a Seat.
 template <class T>
 struct LoopLaw {
   using Number = T;
   T stiffness, damping, angular_stiffness, angular_damping, size;
-};
-template <class Sp>
-struct JointFrame {
-  using Number = typename Sp::Scalar;
-  typename Sp::Lin offset;
-  typename Sp::Rot axes;
 };
 
 /// Where something sits on a frame, and how it is turned there.

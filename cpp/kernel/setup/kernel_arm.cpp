@@ -206,7 +206,7 @@ void KernelArm::group_tied(const KernelArm& alone, int width) {
   for (LoopJoint& joint : loops_) {
     joint.numbers = tied_numbers_.size();
     move(sizeof(records::LoopLaw<double>) / sizeof(double));
-    for (int side = 0; side < 2; ++side) move_tied(1 + sizeof(records::JointFrame<Sp>) / sizeof(double));
+    for (int side = 0; side < 2; ++side) move_tied(1 + sizeof(records::Seat<Sp>) / sizeof(double));
   }
   while (at < tied_.size()) move_tied(1);
 }

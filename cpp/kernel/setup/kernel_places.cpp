@@ -196,7 +196,7 @@ void KernelArm::put_loops(const Arm& arm) {
       flexarm::Strut::Point place = side.at;
       place.offset.setZero();
       tied_numbers_.push_back(height(arm, place));
-      put_record(tied_numbers_, records::JointFrame<Sp>{to.lin(side.at.offset), to.rot(side.axes)});
+      put_record(tied_numbers_, records::Seat<Sp>{to.lin(side.at.offset), to.rot(side.axes)});
       put_point(arm, side.at, numbers);
     }
   }

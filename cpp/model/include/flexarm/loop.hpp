@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,7 +37,11 @@ struct Loop {
 
   /// Displacements first.
   std::vector<Row> rows() const;
+  /// Of the direction that a row holds (N/m, or N m/rad); infinite: rigid.
+  double stiffness_of(const Row& row) const { return row.turns ? angular_stiffness : stiffness; }
   static const char* name(Kind kind);
+  /// The kind of this name, or none.
+  static std::optional<Kind> named(const std::string& name);
 };
 
 }  // namespace flexarm
