@@ -125,6 +125,20 @@ class SideBySide {
   VectorXd inverse_, needed_, applied_;
 };
 
+/// The same of neighbours with loops, each alone.
+template <class Asked, class Take>
+void one_by_one(const std::vector<NearArm>& all, const Tape& tape, const Asked& asked, const Take& take) {
+  for (const NearArm& near : all) {
+    Places at(*near.problem, tape);
+    VectorXd needed(at.n + loop_equations(at.n, at.m)), applied(at.n);
+    for (Index e = 0; e < tape.points(); ++e) {
+      if (!asked(e)) continue;
+      at.balance(e, needed, applied);
+      for (const auto& [parameter, weight] : near.of) take(parameter, weight, e, needed, applied);
+    }
+  }
+}
+
 /// take(p, weight, e, needed, applied) for each neighbour of parameter p, at the places that are asked for: of those
 /// parameters that change forces. All of one parameter are by one thread.
 template <class Asked, class Take>
@@ -168,6 +182,10 @@ void for_neighbours(const Problem& of, const std::vector<Parameter>& parameters,
         if (all[k].at_run != 0.0) itself.of.emplace_back(all[k].parameter, all[k].at_run);
       }
       if (!itself.of.empty()) near.push_back(std::move(itself));
+      if (!of.arm->loops().empty()) {
+        one_by_one(near, tape, asked, take);
+        return;
+      }
       std::vector<std::unique_ptr<SideBySide>> sides;
       std::vector<std::unique_ptr<SideBySide::Shared>> shared;
       Index at_a_time = tape.points();
@@ -197,10 +215,15 @@ void for_neighbours(const Problem& of, const std::vector<Parameter>& parameters,
 
 }  // namespace
 
-void keep_sides(const Problem& of, Tape& tape) {
+void complete(const Problem& of, Tape& tape) {
   Places at(of, tape);
   tape.sides.resize(static_cast<std::size_t>(tape.points() * at.limits()));
   for (Index e = 0; at.limits() > 0 && e < tape.points(); ++e) at.find_sides(e, tape.sides.data() + e * at.limits());
+  tape.loops.clear();
+  Rows loops(tape.points(), at.m);
+  for (Index e = 0; at.m > 0 && e < tape.points(); ++e) loops.row(e) = at.find_loops(e);
+  tape.loops.assign(loops.data(), loops.data() + loops.size());
+  for (Tape::Closing& closing : tape.closings) at.find_closing(closing);
 }
 
 std::vector<Balance> balance_slopes(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape,
@@ -210,7 +233,8 @@ std::vector<Balance> balance_slopes(const Problem& of, const std::vector<Paramet
   std::vector<std::array<double, 2>> most(parameters.size(), {0.0, 0.0});
   for (const Parameter& p : parameters) {
     const Index n = p.neighbours.front().problem.arm->nv();
-    out.push_back({Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n)});
+    const Index all = n + loop_equations(n, loop_rows(*p.neighbours.front().problem.arm));
+    out.push_back({Rows::Zero(tape.points(), all), Rows::Zero(tape.points(), n)});
   }
   const std::vector<Index> shared = shared_places(tape);
   for_neighbours(

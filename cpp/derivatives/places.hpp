@@ -11,10 +11,12 @@
 #include <thread>
 
 #include "arrays.hpp"
+#include "closure.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/run_derivatives.hpp"
+#include "setup/single.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -29,13 +31,22 @@ using Rows = Trajectory::Rows;
 struct Slopes {
   MatrixXd M, C, K;  ///< of the residual, needed - applied; of a rate that does not count, of its acceleration
   MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
+  // Of an arm with closed loops, whose residual is that of its accelerations on the loops; else empty.
+  MatrixXd by_balance;      ///< of that residual, by [needed - applied; d^2 g/dt^2] (n, n + m)
+  MatrixXd forces_balance;  ///< of the forces that are needed, by the same
+  Closing closing;          ///< at the end of a step
 };
+
+/// Rigid rows of an arm's loops, and the equations that they add to those of a balance (Balance).
+inline Index loop_rows(const Arm& arm) { return lanes::KernelArm::of(arm).layout().rigid_rows; }
+inline Index loop_equations(Index rates, Index rows) { return rows > 0 ? 3 * rows + 2 * rates : 0; }
 
 /// The problem at the places of a tape.
 class Places {
  public:
   Places(const Problem& of, const Tape& tape)
       : n(of.arm->nv()),
+        m(taped::loop_rows(*of.arm)),
         tape_(tape),
         tau_(of.tau),
         control_(of.control()),
@@ -59,6 +70,32 @@ class Places {
       needed[r.rate] += (std::abs(is) < Tape::held ? r.coulomb : r.stiction) * way;
     }
   }
+  /// The balance at place e, with the equations of loops (Balance).
+  void balance(Index e, VectorXd& needed, VectorXd& applied) {
+    move(e);
+    balance_here(e, needed, applied);
+    if (m == 0) return;
+    found_.resize(3, m);
+    s_.ws.chain().loop_rows(found_.data(), nullptr);
+    needed.segment(n, 3 * m) << found_.row(2).transpose(), found_.row(0).transpose(), found_.row(1).transpose();
+    needed.tail(2 * n).setZero();
+    if (const Tape::Closing* closing = tape_.closing_at(e)) needed.tail(2 * n) = moves_balance(*closing);
+  }
+
+  /// Forces of the loops' rigid rows at place e: those that balance it.
+  Eigen::RowVectorXd find_loops(Index e) {
+    VectorXd needed(n), applied(n);
+    move(e);
+    balance_here(e, needed, applied);
+    return force_of(e, needed - applied).transpose();
+  }
+  /// And of the moves that closed them there.
+  void find_closing(Tape::Closing& at) {
+    const VectorXd missing = moves_balance(at);
+    rest(at.point);
+    s_.ws.chain_to_move().move(s_.q.data(), s_.v.data());
+    at.forces = {force_of(at.point, missing.head(n)), force_of(at.point, missing.tail(n))};
+  }
 
   /// Sides of the limits at place e.
   void find_sides(Index e, signed char* out) {
@@ -74,6 +111,7 @@ class Places {
     if (!made_) made_.emplace(s_.arm, flexarm::places(loads_));
     InverseDerivatives& slopes = *made_;
     for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes.set_wrench(k, s_.ws.loads[k].wrench);
+    if (m > 0) slopes.recall(s_.ws);
     slopes(s_.arm, s_.q, s_.v, s_.a);
     out.K = slopes.dq;
     out.C = slopes.dv;
@@ -95,6 +133,7 @@ class Places {
         out.C.row(i).setZero();
         out.M(i, i) = 1.0;
       }
+    if (m > 0) constrain(e, whole, out);
   }
   /// The part of changes of forces (nv rows) that motors at place e give: nothing at a limit.
   MatrixXd given_out(Index e, const MatrixXd& forces) const {
@@ -117,6 +156,8 @@ class Places {
     s_.a = at(tape_.a);
     s_.constant_tau = tau_;
     if (const VectorXd* held = tape_.held_at(e)) s_.constant_tau += *held;
+    if (!tape_.beside.empty()) s_.constant_tau += Eigen::Map<const VectorXd>(tape_.beside.data() + e * n, n);
+    if (!tape_.loops.empty()) s_.ws.loop_forces.assign(tape_.loops.begin() + e * m, tape_.loops.begin() + (e + 1) * m);
     s_.drive(tape_.t[static_cast<std::size_t>(e)]);
     return s_;
   }
@@ -129,9 +170,113 @@ class Places {
   MatrixXd by_turns(Index e, const MatrixXd& by_q) const { return balls() ? by_q * rate_matrix(e) : by_q; }
   MatrixXd by_coordinates(Index e, const MatrixXd& by_u) const { return balls() ? by_u * inverse_rates(e) : by_u; }
 
-  const Index n;
+  const Index n, m;  ///< rates, and rigid rows of loops
 
  private:
+  /// Where the state is.
+  void balance_here(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
+    s_.ws.chain_to_move().inverse(s_.q.data(), s_.v.data(), s_.a.data(), s_.ws.tau.data());
+    balance(e, s_.ws.tau, needed, applied);
+  }
+  /// Moves the workspace to place e, at rest without accelerations and forces of loops.
+  void rest(Index e) {
+    move(e);
+    s_.v.setZero();
+    s_.a.setZero();
+    std::fill(s_.ws.loop_forces.begin(), s_.ws.loop_forces.end(), 0.0);
+  }
+  /// From rest along the k-th move that closed a step, with the step's shift. @return by how much
+  double shift(Index e, const Tape::Closing& by, int k) {
+    constexpr double kPart = 1e-3;  // of accelerations of the motion: squares of rates are nothing then
+    const VectorXd& w = by.moves[k];
+    const double most = w.lpNorm<Eigen::Infinity>();
+    if (most == 0.0) return 0.0;
+    const Eigen::Map<const VectorXd> a(tape_.a.data() + e * n, n);
+    const double scale = kPart * (1.0 + a.lpNorm<Eigen::Infinity>()) / most;
+    s_.q += in_q(e, scale * by.by_q * w);
+    s_.v += scale * by.by_v * w;
+    s_.a += scale * w;
+    for (Index r = 0; r < by.forces[k].size(); ++r)
+      s_.ws.loop_forces[static_cast<std::size_t>(r)] += scale * by.forces[k][r];
+    return scale;
+  }
+  /// (M + shift) w - G y of both moves.
+  VectorXd moves_balance(const Tape::Closing& by) {
+    VectorXd needed(n), applied(n), here(n), out(2 * n);
+    rest(by.point);
+    balance_here(by.point, needed, applied);
+    here = needed - applied;
+    for (int k = 0; k < 2; ++k) {
+      rest(by.point);
+      const double scale = shift(by.point, by, k);
+      balance_here(by.point, needed, applied);
+      out.segment(k * n, n) = (needed - applied - here) * (scale > 0.0 ? 1.0 / scale : 0.0);
+    }
+    return out;
+  }
+  /// Forces of the loops that are nearest to these, where the chain is.
+  VectorXd force_of(Index e, VectorXd missing) {
+    MatrixXd G(n, m);
+    found_.resize(3, m);
+    s_.ws.chain().loop_rows(found_.data(), G.data());
+    clear_fixed(e, G);
+    clear_fixed(e, missing);
+    return G.completeOrthogonalDecomposition().solve(missing);
+  }
+  template <class M>
+  void clear_fixed(Index e, M& x) const {
+    for (Index i = 0; i < n; ++i)
+      if (fixed(e, i)) x.row(i).setZero();
+  }
+  /// Slopes of the tree and of its loops become those of accelerations on the loops.
+  void constrain(Index e, bool whole, Slopes& out) {
+    OpenSlopes open;
+    open.M = out.M;
+    open.C = out.C;
+    open.K = out.K;
+    open.second_by_q = by_turns(e, made_->loops.leftCols(s_.arm.nq()));
+    open.second_by_v = made_->loops.rightCols(n);
+    (*made_)(s_.arm, s_.q, VectorXd::Zero(n), s_.v, false);  // at rest d^2 g/dt^2 is G^T a
+    open.rate_by_q = by_turns(e, made_->loops.leftCols(s_.arm.nq()));
+    open.G.resize(n, m);
+    found_.resize(3, m);
+    s_.ws.chain_to_move().move(s_.q.data(), s_.v.data());
+    s_.ws.chain().loop_rows(found_.data(), open.G.data());
+    open.G_free = open.G;
+    clear_fixed(e, open.G_free);
+    if (const Tape::Closing* at = tape_.closing_at(e)) {
+      const auto slopes = [&](bool by_v) {
+        made_->recall(s_.ws);
+        (*made_)(s_.arm, s_.q, s_.v, s_.a, by_v);
+      };
+      rest(e);
+      slopes(true);
+      const MatrixXd here = made_->dq;
+      MatrixXd K0 = here, C0 = made_->dv, by_q[2];
+      add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, K0, C0);
+      K0 = at->by_v * C0 + at->by_q * by_turns(e, K0);
+      clear_fixed(e, K0);
+      for (int k = 0; k < 2; ++k) {
+        rest(e);
+        const double scale = shift(e, *at, k);
+        slopes(false);
+        by_q[k] = by_turns(e, (made_->dq - here) * (scale > 0.0 ? 1.0 / scale : 0.0));
+        clear_fixed(e, by_q[k]);
+      }
+      out.closing = Closing(open, open.M + K0, by_q[0], by_q[1]);
+      move(e);
+    }
+    const Constrained changes(open);
+    const MatrixXd C = below(open.C, open.second_by_v), K = below(open.K, open.second_by_q);
+    out.by_balance = changes.accelerations;
+    out.M.setIdentity();
+    out.C.noalias() = out.by_balance * C;
+    out.K.noalias() = out.by_balance * K;
+    if (!whole) return;
+    out.forces_balance.noalias() = open.G * changes.forces;
+    out.C_needed += out.forces_balance * C;
+    out.K_needed += out.forces_balance * K;
+  }
   bool balls() const { return s_.arm.nq() != n; }
   Eigen::Map<const VectorXd> q(Index e) const { return {tape_.q.data() + e * s_.arm.nq(), s_.arm.nq()}; }
   MatrixXd rate_matrix(Index e) const {
@@ -152,6 +297,7 @@ class Places {
   const std::vector<LoadDrive>& loads_;
   std::optional<InverseDerivatives> made_;  // when first asked for: a balance needs none
   std::vector<Rub> rubs_;
+  Eigen::Matrix3Xd found_;
 };
 
 /// Of each place of a tape the one whose slopes are its own, too: itself or, of a row, the stage beside it that has the

@@ -11,7 +11,6 @@ using Eigen::VectorXd;
 TapedRollout roll_on_tape(const std::string& method, const Arm& arm, double h, const ImplicitOptions& options,
                           const VectorXd& q0, const VectorXd& v0, const Trajectory::Rows& tau) {
   refuse_contact_friction(arm, "a rollout with derivatives");
-  refuse_loops(arm, "a rollout with derivatives");
   refuse_balls(arm, "derivatives of a rollout");
   OneStep step(method, arm, h, options);
   const Index count = tau.rows();
@@ -39,6 +38,8 @@ TapedRollout roll_on_tape(const std::string& method, const Arm& arm, double h, c
       out.failed = k;
       return out;
     }
+    for (Index e = out.first.back(); !arm.loops().empty() && e < tape.points(); ++e)
+      tape.beside.insert(tape.beside.end(), tape.tau.begin(), tape.tau.end());
     row(k + 1);
   }
   out.first.push_back(tape.points());

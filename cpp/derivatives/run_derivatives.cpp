@@ -16,16 +16,34 @@ namespace {
 
 constexpr const char* kRuns = "the derivatives of a run";
 
-/// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
+/// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count; of
+/// d^2 g/dt^2 below it.
 /// @param by_p  of the first columns
 /// @param held  derivatives of the forces that are held (nv, np); empty: none are
-void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at, MatrixXd& out) {
-  out.setZero(at.n, std::max(held.cols(), static_cast<Index>(by_p.size())));
-  for (std::size_t p = 0; p < by_p.size(); ++p)
-    out.col(static_cast<Index>(p)) = (by_p[p].needed.row(e) - by_p[p].applied.row(e)).transpose();
-  if (held.size() > 0) out -= at.given_out(e, held);
+MatrixXd balance_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at) {
+  MatrixXd out = MatrixXd::Zero(at.n + at.m, std::max(held.cols(), static_cast<Index>(by_p.size())));
+  for (std::size_t p = 0; p < by_p.size(); ++p) {
+    auto column = out.col(static_cast<Index>(p));
+    column = by_p[p].needed.row(e).head(at.n + at.m).transpose();
+    column.head(at.n) -= by_p[p].applied.row(e).transpose();
+  }
+  if (held.size() > 0) out.topRows(at.n) -= at.given_out(e, held);
   for (Index i = 0; i < at.n; ++i)
     if (at.fixed(e, i)) out.row(i).setZero();
+  return out;
+}
+
+/// The residual's, whose slopes are M, C and K.
+void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at,
+                 const Slopes& slopes, MatrixXd& out) {
+  out = balance_by(by_p, held, e, at);
+  if (at.m > 0) out = slopes.by_balance * out;
+}
+
+/// The step that closes loops is that of "implicit".
+void refuse_open(const Arm& arm, const Stages& method) {
+  if (!method.remembers && loop_rows(arm) > 0)
+    refuse_loops(arm, "the derivatives of a run by this integrator (\"implicit\" has them)");
 }
 
 /// First row of `tape.rows` of each entry, from that of the start (entry -1) on; and one behind.
@@ -45,11 +63,11 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
                                        Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
                                        int threads) {
   refuse_contact_friction(*of.arm, kRuns);
-  refuse_loops(*of.arm, kRuns);
+  refuse_open(*of.arm, tape.stages);
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = places.n, np = q.cols();
+  const Index n = places.n, m = places.m, np = q.cols();
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(slopes, *of.arm, tape);
@@ -57,7 +75,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
   const Rows rows(count, n), others(accelerations ? count : 0, n);
   std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np),
                                        {Rows(count, of.arm->nq()), rows, others, others, {}});
-  MatrixXd a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
+  MatrixXd a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v, shut_q, shut_v;
   q = places.in_turns(0, q);
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
@@ -66,7 +84,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
     }
   const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
     const Slopes& at = slopes(e);
-    residual_by(by_p, held, e, places, by);
+    residual_by(by_p, held, e, places, at, by);
     by += at.K * x + at.C * y;
     return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
   };
@@ -91,6 +109,11 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
       if (held.size() > 0) f += places.given_out(e, held);
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
+      if (m > 0) {
+        by = at.forces_balance * balance_by(by_p, held, e, places);
+        for (Index i = 0; i < n; ++i)
+          if (places.given(i)) f.row(i) += by.row(i);
+      }
     }
     for (Index p = 0; p < np; ++p) {
       const auto k = static_cast<std::size_t>(p);
@@ -176,7 +199,14 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
       }
       for (const Turn& turn : step.turns.at(i)) turn.add_beginning(q, v, a0, alpha0, stage_q);
       if (i == s) break;
-      residual_by(by_p, held, entry.point + i, places, by);
+      residual_by(by_p, held, entry.point + i, places, slopes(entry.point + i), by);
+      if (const Closing* closing = step.closing()) {
+        MatrixXd moves = MatrixXd::Zero(2 * (m + n), np);
+        for (std::size_t p = 0; p < by_p.size(); ++p)
+          moves.col(static_cast<Index>(p)) = by_p[p].needed.row(entry.point).tail(2 * (m + n)).transpose();
+        closing->follow(moves, shut_q, shut_v);
+        by += step.closed_K() * shut_q + step.closed_C() * shut_v;
+      }
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
     }
     step.solve(a);
@@ -201,6 +231,11 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
       v += h * method.v_by_a(s, j) * a.middleRows(j * n, n);
     }
     for (const Turn& turn : step.turns.at(s)) turn.add_stages(a, n, q);
+    if (const Closing* closing = step.closing()) {
+      closing->close(q, v);
+      q += shut_q;
+      v += shut_v;
+    }
     if (method.remembers) {
       const MatrixXd last = a.bottomRows(n);
       alpha0 = method.auxiliary[0] * last + method.auxiliary[1] * a0 + method.auxiliary[2] * alpha0;
@@ -263,30 +298,35 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
   refuse_contact_friction(*of.arm, kRuns);
-  refuse_loops(*of.arm, kRuns);
+  refuse_open(*of.arm, tape.stages);
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = places.n;
+  const Index n = places.n, m = places.m;
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(slopes, *of.arm, tape);
   Adjoint out{VectorXd::Zero(n),
               VectorXd::Zero(n),
-              Rows::Zero(tape.points(), n),
+              Rows::Zero(tape.points(), n + loop_equations(n, m)),
               Rows::Zero(tape.points(), n),
               Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n),
               Rows::Zero(static_cast<Index>(tape.switches.size()), n),
               {}};
   LooksBack looks(of, tape);
   // derivatives of the number by the state at the end of the next entry, going back
-  VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
+  VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu, shut_q, shut_v;
   MatrixXd stage;
   Eigen::PartialPivLU<MatrixXd> mass;
-  const auto count = [&](Index e, Index i, double force) {  // of the residual, where it counts
-    if (places.fixed(e, i)) return;
-    out.needed(e, i) += force;
-    out.applied(e, i) -= force;
+  /// Of derivatives by the residual at a place.
+  const auto count = [&](Index e, const VectorXd& by) {
+    const VectorXd balance = m > 0 ? VectorXd(slopes(e).by_balance.transpose() * by) : by;
+    for (Index i = 0; i < n; ++i) {
+      if (places.fixed(e, i)) continue;
+      out.needed(e, i) += balance[i];
+      out.applied(e, i) -= balance[i];
+    }
+    out.needed.row(e).segment(n, m) += balance.tail(m).transpose();
   };
   /// From derivatives by the accelerations at a place, adds those by q and v there.
   const auto accelerate = [&](Index e, const VectorXd& by, VectorXd& to_q, VectorXd& to_v) {
@@ -298,7 +338,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       if (places.fixed(e, i)) mu[i] = 0.0;
     to_q += at.K.transpose() * mu;
     to_v += at.C.transpose() * mu;
-    for (Index i = 0; i < n; ++i) count(e, i, mu[i]);
+    count(e, mu);
   };
   /// From derivatives by a row of results, adds those by the state there.
   const auto read = [&](std::size_t row, VectorXd& to_q, VectorXd& to_v) {
@@ -321,6 +361,13 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
         to_v += f * at.C_applied.row(i).transpose();
       }
       (places.given(i) ? out.needed : out.applied)(e, i) += f;
+      if (m == 0 || !places.given(i)) continue;
+      for (Index j = 0; j < n; ++j) {
+        if (places.fixed(e, j)) continue;
+        out.needed(e, j) += f * at.forces_balance(i, j);
+        out.applied(e, j) -= f * at.forces_balance(i, j);
+      }
+      out.needed.row(e).segment(n, m) += f * at.forces_balance.row(i).tail(m);
     }
     accelerate(e, by, to_q, to_v);
   };
@@ -402,6 +449,12 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       continue;
     }
     step.factor(static_cast<Index>(k), true);
+    const Closing* closing = step.closing();
+    if (closing) {
+      shut_q = q;
+      shut_v = v;
+      closing->close_back(q, v);
+    }
     const VectorXd end = q;
     stage.resize(s * n, 1);
     for (int j = 0; j < s; ++j)
@@ -434,7 +487,12 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       mu = -stage.middleRows(i * n, n);
       for (Index j = 0; j < n; ++j)
         if (places.fixed(entry.point + i, j)) mu[j] = 0.0;
-      for (Index j = 0; j < n; ++j) count(entry.point + i, j, mu[j]);
+      count(entry.point + i, mu);
+      if (closing) {
+        shut_q += step.closed_K().transpose() * mu;
+        shut_v += step.closed_C().transpose() * mu;
+        out.needed.row(entry.point).tail(2 * (m + n)) += closing->follow_back(shut_q, shut_v).transpose();
+      }
       x.noalias() = step.K(i).transpose() * mu;
       y.noalias() = step.C(i).transpose() * mu;
       q += x;

@@ -15,7 +15,6 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
       tape_(step_.stages()) {
   refuse_friction(arm, "step_derivatives");
   refuse_contact_friction(arm, "step_derivatives");
-  refuse_loops(arm, "step_derivatives");
   refuse_balls(arm, "derivatives of steps");
   for (const Load& load : loads) problem_.loads.push_back({load, {}, {}});
 }
@@ -30,7 +29,7 @@ Status StepDerivatives::operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::Vec
   if (status == Status::ok) status = step_.advance(h_, ws, q, v, tau, {});
   if (status != Status::ok) return status;
   tape_.rows.push_back({static_cast<Eigen::Index>(tape_.entries.size()) - 1, 1.0, {}, {}, -1});
-  keep_sides(problem_, tape_);
+  complete(problem_, tape_);
   return status;
 }
 

@@ -35,6 +35,12 @@ class StepEquations {
       stage.K = at.K;
     }
     h_ = entry.h;
+    if (ahead_.places().m > 0) {  // of one stage, at the step's end
+      closing_ = ahead_(entry.point).closing;
+      closed_C_ = slopes_[0].C;
+      closed_K_ = slopes_[0].K;
+      closing_->put_before(slopes_[0].C, slopes_[0].K);
+    }
     if (of_.in_turn) {
       for (int i = 0; i < s_; ++i) slopes_[i].lu.compute(slopes_[i].M);
       return;
@@ -68,8 +74,13 @@ class StepEquations {
         if (coupled(i, j)) rows(x, j) -= coupling(i, j).transpose() * rows(x, i);
     }
   }
+  /// Slopes by the state at a stage, of arms with loops by that before it is closed.
   const MatrixXd& C(int i) const { return slopes_[i].C; }
   const MatrixXd& K(int i) const { return slopes_[i].K; }
+  /// Of the step that was factored last: how the loops are closed behind it, or null; slopes by the closed state.
+  const Closing* closing() const { return closing_ ? &*closing_ : nullptr; }
+  const MatrixXd& closed_C() const { return closed_C_; }
+  const MatrixXd& closed_K() const { return closed_K_; }
 
  private:
   struct Stage {
@@ -96,8 +107,9 @@ class StepEquations {
   int s_;
   double h_ = 0.0;
   std::vector<Stage> slopes_;
-  MatrixXd newton_;
+  MatrixXd newton_, closed_C_, closed_K_;
   Eigen::PartialPivLU<MatrixXd> lu_;
+  std::optional<Closing> closing_;
 };
 
 }  // namespace taped

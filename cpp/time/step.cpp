@@ -343,8 +343,16 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
   }
   if (!of.in_turn) {
     const Eigen::Map<const Eigen::VectorXd> a(run_->alpha->a, v.size());
-    tape_->add(tape_->now + h, q, v, a);
+    const Eigen::Index point = tape_->add(tape_->now + h, q, v, a);
     ways(v, false, tape_->last_ways());
+    if (run_->engine.closes()) {
+      const auto all = [&](const double* x) -> Eigen::VectorXd {
+        return Eigen::Map<const Eigen::VectorXd>(x, v.size());
+      };
+      const GeneralisedAlpha<Engine>& method = *run_->alpha;
+      const double by_v = h * of.v_by_a(0, 0), by_q = h * h * of.q_by_a(0, 0);
+      tape_->closings.push_back({point, by_v, by_q, {all(method.closed_q), all(method.closed_v)}});
+    }
     return;
   }
   const Eigen::VectorXd q1 = q, v1 = v, a1 = ws.a;

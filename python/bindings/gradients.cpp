@@ -79,10 +79,10 @@ void bind_gradients(py::module_& m) {
                                return py::array_t<signed char>({height, width}, tape.sides.data());
                              })
       .def(
-          "keep_sides",
+          "complete",
           [](Tape& tape, const PyProblem& of) {
             const Unlocked free;
-            keep_sides(of.problem, tape);
+            complete(of.problem, tape);
           },
           py::arg("problem"))
       .def(

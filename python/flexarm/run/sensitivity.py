@@ -154,7 +154,9 @@ class Source:
     def _problem(self) -> Problem:
         s = self.setup
         s.arm.refuse_rubbing("derivatives of a run")
-        s.arm.refuse_loops("derivatives of a run")
+        if self.integrator.name != "implicit":
+            what = f'derivatives of a run, integrator = "{self.integrator.name}" ("implicit" has them)'
+            s.arm.refuse_loops(what, rigid=True)
         run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")
@@ -179,7 +181,7 @@ class Source:
         tape = _core.Tape()
         out = self.integrate(run, tape=tape, **self._seen(look, share))
         core = run.core
-        tape.keep_sides(core)
+        tape.complete(core)
         return run, run.result(_done(out)), tape, core
 
     def sensitivities(

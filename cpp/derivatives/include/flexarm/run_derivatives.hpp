@@ -11,20 +11,22 @@ namespace flexarm {
 
 /// Both sides of the equations of motion at the places of a tape, (places, nv) each: forces that the motion needs, by
 /// inverse dynamics and the dry friction of sliding joints, and forces that are applied, of drives, laws and loads.
-/// They are equal where a rate is free.
+/// They are equal where a rate is free. Of an arm with m rigid rows of loops, `needed` has 3 m + 2 nv columns more, all
+/// of which are zero: d^2 g/dt^2, g and dg/dt, and both equations of the moves that closed a step (Tape::Closing).
 struct Balance {
   Trajectory::Rows needed, applied;
 };
 
-/// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
-void keep_sides(const Problem& of, Tape& tape);
+/// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places, and with
+/// which forces loops hold there.
+void complete(const Problem& of, Tape& tape);
 
 /// Derivatives of the balance at the places of a tape by each parameter, at fixed q, v and a, but for those prescribed,
 /// under the forces that the run's controllers hold.
 std::vector<Balance> balance_slopes(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape,
                                     int threads = 1);
 
-/// The sums of `balance_slopes` over the places of a tape, times weights (places, nv): with those of an adjoint, the
+/// The sums of `balance_slopes` over the places of a tape, times weights of its shape: with those of an adjoint, the
 /// derivative of its number by each parameter.
 Eigen::VectorXd weigh(const Problem& of, const std::vector<Parameter>& parameters, const Tape& tape,
                       const Trajectory::Rows& needed, const Trajectory::Rows& applied, int threads = 1);

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -60,6 +61,15 @@ struct Tape {
     Eigen::Index point;              ///< place of the row's accelerations; -1: of a rollout, which has none
   };
 
+  /// The end of a step at which loops were closed: q and v by displacement w and rates z of which (M + shift) w = G y,
+  /// the shift being that of the step's equations.
+  struct Closing {
+    Eigen::Index point;
+    double by_v, by_q;                           ///< rates and coordinates by the step's accelerations
+    std::array<Eigen::VectorXd, 2> moves;        ///< w, z (nv)
+    std::array<Eigen::VectorXd, 2> forces = {};  ///< y of each, of rigid rows; see `complete`
+  };
+
   /// An event that occurred at time t, on the cubics through two rows; all rows of occurrences are no rows of the
   /// results.
   struct Occurrence {
@@ -72,11 +82,14 @@ struct Tape {
   std::vector<double> t, q, v, a;  ///< of all places: times, and nq, nv and nv numbers each
   std::vector<signed char> way;
   std::vector<signed char> sides;  ///< of the limits of laws and motors at all places, see `sides`; empty: none
+  std::vector<double> loops;       ///< forces of the rigid rows of loops at all places; empty: none
+  std::vector<double> beside;      ///< of a rollout with loops: forces beside the problem's at all places (nv)
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
   std::vector<Saltation> leaps;  ///< between steps, of methods without switches within; the places are those before
   std::vector<Sample> samples;
+  std::vector<Closing> closings;
   std::vector<Occurrence> occurrences;
   double now = 0.0;     ///< time at which the step begins that is being taken (s)
   Eigen::VectorXd tau;  ///< forces that are held over it beside the problem's; empty: none
@@ -89,6 +102,11 @@ struct Tape {
     const auto next = std::lower_bound(samples.begin(), samples.end(), place,
                                        [](const Sample& s, Eigen::Index e) { return s.point < e; });
     return next == samples.begin() ? nullptr : &(next - 1)->held;
+  }
+  const Closing* closing_at(Eigen::Index place) const {
+    const auto at = std::lower_bound(closings.begin(), closings.end(), place,
+                                     [](const Closing& c, Eigen::Index e) { return c.point < e; });
+    return at != closings.end() && at->point == place ? &*at : nullptr;
   }
   /// Adds a place, of free rates, except those that rub or are given. @return its number
   template <class Q, class V, class A>
@@ -109,6 +127,7 @@ struct Tape {
     q.resize(left * nq);
     for (auto* x : {&v, &a}) x->resize(left * nv);
     way.resize(left * nv);
+    if (!closings.empty() && closings.back().point >= points()) closings.pop_back();
   }
   /// Contacts of the place that was added last (nv).
   signed char* last_ways() { return way.data() + way.size() - (v.size() / t.size()); }

@@ -86,7 +86,8 @@ def step_derivatives(
     """
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     arm.refuse_rubbing("step_derivatives: arm")
-    arm.refuse_loops("step_derivatives: arm")
+    if chosen.name != "implicit":
+        arm.refuse_loops(f'step_derivatives, integrator = "{chosen.name}" ("implicit" knows them)', rigid=True)
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
@@ -145,19 +146,20 @@ def rollout_gradient(
     Raises:
         ValueError: naming the field and the value; where q and v are no such rollout.
     """
+    chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     q, v, tau = array("q", q), array("v", v), array("tau", tau)
     arms = [arm] if isinstance(arm, Arm) else list(arm)
     one = arms[0]
     for each_arm in arms:
         each_arm.refuse_rubbing("rollout_gradient: arm")
-        each_arm.refuse_loops("rollout_gradient: arm")
+        if chosen.name != "implicit":
+            each_arm.refuse_loops(f'rollout_gradient, integrator = "{chosen.name}" ("implicit" knows them)', rigid=True)
     if q.ndim < 2 or q.shape[-1] != one.nq or q.shape[:-1] != v.shape[:-1] or v.shape[-1] != one.nv:
         raise ValueError(f"q has shape {q.shape} and v {v.shape}: must be (..., nstep + 1, {one.nq}) and as many rates")
     if tau.shape != (*v.shape[:-2], v.shape[-2] - 1, one.nv):
         raise ValueError(f"tau has shape {tau.shape}: must be {(*v.shape[:-2], v.shape[-2] - 1, one.nv)}")
     rows = [np.zeros(x.shape) if g is None else array(name, g, x.shape)
             for name, g, x in (("by_q", by_q, q), ("by_v", by_v, v))]  # fmt: skip
-    chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     batch = q.shape[:-2]
     count, workers = int(np.prod(batch)), default_workers(workers)
     if len(arms) not in (1, count):
@@ -243,7 +245,7 @@ class _Rolls:
             if off.any():
                 row = int(off.argmax())
                 raise ValueError(f"{name}: is no rollout of this arm, these forces and this step: see row {row}")
-        tape.keep_sides(of.problem)
+        tape.complete(of.problem)
         none = np.zeros((0, nv))
         found = tape.adjoint(of.problem, *options, by_q, by_v, none, none, self.workers)
         q0, v0, needed, applied, switches, held, _ = found
