@@ -91,6 +91,7 @@ class Places {
   }
   /// And of the moves that closed them there.
   void find_closing(Tape::Closing& at) {
+    if (at.moves[0].size() != n) at.moves[0] = inverse_rates(at.point) * at.moves[0];
     const VectorXd missing = moves_balance(at);
     rest(at.point);
     s_.ws.chain_to_move().move(s_.q.data(), s_.v.data());
@@ -309,7 +310,7 @@ inline std::vector<Index> shared_places(const Tape& tape) {
   for (Index e = 0; e < count; ++e) out[static_cast<std::size_t>(e)] = e;
   std::vector<bool> row(out.size(), false);
   for (const Tape::Row& r : tape.rows)
-    if (r.point >= 0) row[static_cast<std::size_t>(r.point)] = true;
+    if (r.point >= 0) row[static_cast<std::size_t>(r.point)] = !tape.closing_at(r.point);
   const auto same = [&](const auto& x, Index e, Index f) {
     const Index n = static_cast<Index>(x.size()) / count;
     return std::equal(x.begin() + e * n, x.begin() + (e + 1) * n, x.begin() + f * n);
@@ -347,7 +348,7 @@ class Ahead {
         kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm->nv()) : 1)) {
     for (const Tape::Row& row : tape.rows) {
       if (row.point < 0) continue;
-      asked_[static_cast<std::size_t>(row.point)] = 0;
+      asked_[static_cast<std::size_t>(row.point)] = tape.closing_at(row.point) ? 1 : 0;
       if (rows) asked_[static_cast<std::size_t>(shared_[static_cast<std::size_t>(row.point)])] = 2;
     }
     for (std::size_t k = 0, leap = 0; !tape.leaps.empty() && k < tape.entries.size(); ++k)

@@ -40,10 +40,13 @@ void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e
   if (at.m > 0) out = slopes.by_balance * out;
 }
 
-/// The step that closes loops is that of "implicit".
-void refuse_open(const Arm& arm, const Stages& method) {
-  if (!method.remembers && loop_rows(arm) > 0)
-    refuse_loops(arm, "the derivatives of a run by this integrator (\"implicit\" has them)");
+/// Changes of the state that loops are closed to at place e by those of the equations there.
+void follow(const Closing& closing, const std::vector<Balance>& by_p, Index e, const Places& at, MatrixXd& q,
+            MatrixXd& v) {
+  MatrixXd by = MatrixXd::Zero(2 * (at.m + at.n), q.cols());
+  for (std::size_t p = 0; p < by_p.size(); ++p)
+    by.col(static_cast<Index>(p)) = by_p[p].needed.row(e).tail(by.rows()).transpose();
+  closing.follow(by, q, v);
 }
 
 /// First row of `tape.rows` of each entry, from that of the start (entry -1) on; and one behind.
@@ -63,7 +66,6 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
                                        Nears& nears, MatrixXd q, MatrixXd v, MatrixXd held, bool accelerations,
                                        int threads) {
   refuse_contact_friction(*of.arm, kRuns);
-  refuse_open(*of.arm, tape.stages);
   Ahead slopes(of, tape, accelerations, threads);
   Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -189,6 +191,9 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
     for (Index i = 0; !method.remembers && i < n; ++i)
       if (places.fixed(entry.point, i)) v.row(i).setZero();
     step.factor(static_cast<Index>(k), false);
+    const Closing* closing = step.closing();
+    shut_q.resize(n, np);
+    if (closing) follow(*closing, by_p, step.closing_place(entry), places, shut_q, shut_v);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
       stage_q = q + h * method.c[i] * v;
@@ -200,13 +205,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
       for (const Turn& turn : step.turns.at(i)) turn.add_beginning(q, v, a0, alpha0, stage_q);
       if (i == s) break;
       residual_by(by_p, held, entry.point + i, places, slopes(entry.point + i), by);
-      if (const Closing* closing = step.closing()) {
-        MatrixXd moves = MatrixXd::Zero(2 * (m + n), np);
-        for (std::size_t p = 0; p < by_p.size(); ++p)
-          moves.col(static_cast<Index>(p)) = by_p[p].needed.row(entry.point).tail(2 * (m + n)).transpose();
-        closing->follow(moves, shut_q, shut_v);
-        by += step.closed_K() * shut_q + step.closed_C() * shut_v;
-      }
+      if (closing && method.remembers) by += step.closed_K() * shut_q + step.closed_C() * shut_v;
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
     }
     step.solve(a);
@@ -222,6 +221,14 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
         turn.add_beginning(q, v, a0, alpha0, x);
         turn.add_stages(a, n, x);
       }
+      if (m > 0) {
+        const Closing& own = slopes(row.point).closing;
+        MatrixXd more_q = x, more_v = y;
+        own.close(x, y);
+        follow(own, by_p, row.point, places, more_q, more_v);
+        x += more_q;
+        y += more_v;
+      }
       write(static_cast<Index>(r), x, y);
     }
     q = stage_q;
@@ -231,7 +238,7 @@ std::vector<Trajectory::Tangent> carry(const Problem& of, const Tape& tape, cons
       v += h * method.v_by_a(s, j) * a.middleRows(j * n, n);
     }
     for (const Turn& turn : step.turns.at(s)) turn.add_stages(a, n, q);
-    if (const Closing* closing = step.closing()) {
+    if (closing) {
       closing->close(q, v);
       q += shut_q;
       v += shut_v;
@@ -298,7 +305,6 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
   refuse_contact_friction(*of.arm, kRuns);
-  refuse_open(*of.arm, tape.stages);
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -380,6 +386,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     out.applied(e, i) -= force;
     return force * at.M_needed.row(i).transpose();
   };
+  std::vector<std::pair<VectorXd, VectorXd>> inside;  // derivatives by the state at rows within a step, the last first
   const std::vector<std::size_t> first = rows_of_entries(tape);
   /// Samples behind entry k - 1, or later ones, that come behind a place.
   const auto sample = [&](std::size_t k, Index behind) {
@@ -448,6 +455,18 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 += x;
       continue;
     }
+    inside.clear();
+    for (; last > first[k + 1]; --last) {  // rows within
+      x.setZero(n);
+      y.setZero(n);
+      read(last - 1, x, y);
+      if (const Index e = tape.rows[last - 1].point; m > 0) {
+        const Closing& own = slopes(e).closing;
+        out.needed.row(e).tail(2 * (m + n)) += own.follow_back(x, y).transpose();
+        own.close_back(x, y);
+      }
+      inside.emplace_back(x, y);
+    }
     step.factor(static_cast<Index>(k), true);
     const Closing* closing = step.closing();
     if (closing) {
@@ -470,17 +489,15 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     };
     turn_back(step.turns.at(s), end);
     for (const Turn& turn : step.turns.at(s)) turn.give_stages(end, n, stage);
-    for (; last > first[k + 1]; --last) {  // rows within
-      const Tape::Row& row = tape.rows[last - 1];
-      x.setZero(n);
-      y.setZero(n);
-      read(last - 1, x, y);
-      q += x;
-      v += y + h * row.c * x;
-      for (int j = 0; j < s; ++j) stage.middleRows(j * n, n) += h * h * row.q_by_a[j] * x + h * row.v_by_a[j] * y;
+    for (std::size_t r = 0; r < inside.size(); ++r) {
+      const Tape::Row& row = tape.rows[last + inside.size() - 1 - r];
+      const auto& [by_x, by_y] = inside[r];
+      q += by_x;
+      v += by_y + h * row.c * by_x;
+      for (int j = 0; j < s; ++j) stage.middleRows(j * n, n) += h * h * row.q_by_a[j] * by_x + h * row.v_by_a[j] * by_y;
       const std::vector<Turn> turns = step.turns.at(row);
-      turn_back(turns, x);
-      for (const Turn& turn : turns) turn.give_stages(x, n, stage);
+      turn_back(turns, by_x);
+      for (const Turn& turn : turns) turn.give_stages(by_x, n, stage);
     }
     step.solve_transposed(stage);
     for (int i = 0; i < s; ++i) {
@@ -488,10 +505,9 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       for (Index j = 0; j < n; ++j)
         if (places.fixed(entry.point + i, j)) mu[j] = 0.0;
       count(entry.point + i, mu);
-      if (closing) {
+      if (closing && method.remembers) {
         shut_q += step.closed_K().transpose() * mu;
         shut_v += step.closed_C().transpose() * mu;
-        out.needed.row(entry.point).tail(2 * (m + n)) += closing->follow_back(shut_q, shut_v).transpose();
       }
       x.noalias() = step.K(i).transpose() * mu;
       y.noalias() = step.C(i).transpose() * mu;
@@ -502,6 +518,8 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
       alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
     }
+    if (closing)
+      out.needed.row(step.closing_place(entry)).tail(2 * (m + n)) += closing->follow_back(shut_q, shut_v).transpose();
     for (Index i = 0; !method.remembers && i < n; ++i)
       if (places.fixed(entry.point, i)) v[i] = 0.0;
     delay();

@@ -27,6 +27,7 @@ class StepEquations {
     const Tape::Entry& entry = tape_.entries[static_cast<std::size_t>(number)];
     turns.go_to(number);
     const Index n = n_;
+    if (closes() && back) closing_ = ahead_(closing_place(entry)).closing;
     for (int i = 0; i < s_; ++i) {
       const Slopes& at = ahead_(back ? entry.point + s_ - 1 - i : entry.point + i);
       Stage& stage = slopes_[back ? s_ - 1 - i : i];
@@ -35,11 +36,11 @@ class StepEquations {
       stage.K = at.K;
     }
     h_ = entry.h;
-    if (ahead_.places().m > 0) {  // of one stage, at the step's end
-      closing_ = ahead_(entry.point).closing;
+    if (closes() && !back) closing_ = ahead_(closing_place(entry)).closing;
+    if (closes() && of_.remembers) {  // of one stage, at the step's end
       closed_C_ = slopes_[0].C;
       closed_K_ = slopes_[0].K;
-      closing_->put_before(slopes_[0].C, slopes_[0].K);
+      closing_.put_before(slopes_[0].C, slopes_[0].K);
     }
     if (of_.in_turn) {
       for (int i = 0; i < s_; ++i) slopes_[i].lu.compute(slopes_[i].M);
@@ -50,6 +51,9 @@ class StepEquations {
       for (int j = 0; j < s_; ++j) newton_.block(i * n, j * n, n, n) = coupling(i, j);
     lu_.compute(newton_);
   }
+  bool closes() const { return ahead_.places().m > 0; }
+  /// The place to which loops are closed: the last stage's own, or one of its own behind it.
+  Index closing_place(const Tape::Entry& entry) const { return entry.point + (of_.remembers ? s_ - 1 : s_); }
   /// N x = rhs in place.
   void solve(MatrixXd& x) const {
     if (!of_.in_turn) {
@@ -78,7 +82,7 @@ class StepEquations {
   const MatrixXd& C(int i) const { return slopes_[i].C; }
   const MatrixXd& K(int i) const { return slopes_[i].K; }
   /// Of the step that was factored last: how the loops are closed behind it, or null; slopes by the closed state.
-  const Closing* closing() const { return closing_ ? &*closing_ : nullptr; }
+  const Closing* closing() const { return closes() ? &closing_ : nullptr; }
   const MatrixXd& closed_C() const { return closed_C_; }
   const MatrixXd& closed_K() const { return closed_K_; }
 
@@ -109,7 +113,7 @@ class StepEquations {
   std::vector<Stage> slopes_;
   MatrixXd newton_, closed_C_, closed_K_;
   Eigen::PartialPivLU<MatrixXd> lu_;
-  std::optional<Closing> closing_;
+  Closing closing_;
 };
 
 }  // namespace taped

@@ -537,13 +537,20 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   std::fill(ws.loop_forces.begin(), ws.loop_forces.end(), 0.0);
   inside(1.0, q, v);
   if (given) given(1.0);
-  if (rows_ > 0) ws.chain_to_move().project({0.0, 0.25 * h * h}, q.data(), v.data(), as_.data());
+  const double by_q = 0.25 * h * h;  // of a metric in which fast vibrations hardly move
+  Eigen::VectorXd open_q, open_v;
+  if (tape_ && rows_ > 0) {
+    open_q = q;
+    open_v = v;
+  }
+  if (rows_ > 0) ws.chain_to_move().project({0.0, by_q}, q.data(), v.data(), as_.data());
   if (tape_) {
     tape_->entries.push_back({h, 1.0, tape_->points()});
     for (int i = 0; i < s_; ++i) {
       tape_->add(tape_->now + c_[i] * h, q_.col(i), v_.col(i), a_.col(i));
       std::copy(ways_.begin(), ways_.end(), tape_->last_ways());
     }
+    if (rows_ > 0) tape_->close(tape_->now + h, q, v, a_.col(s_ - 1), by_q, open_q, open_v);
   }
   if (arm_->within_reach(q, v)) return Status::ok;
   q = q0_;

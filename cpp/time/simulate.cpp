@@ -4,6 +4,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
+#include "setup/single.hpp"
 #include "stepper.hpp"
 
 namespace flexarm {
@@ -35,9 +36,12 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
     look();
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
+    const bool closes = tape && s.ws.chain().layout().rigid_rows > 0;
+    const Eigen::VectorXd open_q = closes ? s.q : Eigen::VectorXd(), open_v = closes ? s.v : open_q;
     s.close_loops(h);
     good = s.record(out);
     if (tape && good) write_row(s, &method, (at - from) / h, at, *tape);
+    if (closes && good) tape->closings.push_back({tape->points() - 1, 0.0, h * h, {s.q - open_q, s.v - open_v}});
   }
   s.drive(out.reached, q, v);  // the forces of the end again, which the row of the last output time has
   return good;

@@ -356,6 +356,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
     return;
   }
   const Eigen::VectorXd q1 = q, v1 = v, a1 = ws.a;
+  const bool closes = run_->engine.closes();
   const Eigen::Map<const Eigen::VectorXd> q0(run_->q0, q.size()), v0(run_->v0, v.size());
   Eigen::MatrixXd a(v.size(), of.count()), dq(q.size(), of.count());
   for (int i = 0; i < of.count(); ++i) {
@@ -371,6 +372,12 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
     run_->engine.rates(q.data(), v.data(), dq.col(i).data());
     tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
     ways(v, false, tape_->last_ways());
+  }
+  if (closes) {
+    const Eigen::VectorXd b = of.v_by_a.row(of.count()).transpose();
+    q = q0 + h * dq * b;
+    v = v0 + h * a * b;
+    tape_->close(tape_->now + h, q1, v1, a1, 0.0, q, v);
   }
   q = q1;
   v = v1;

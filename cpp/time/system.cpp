@@ -77,7 +77,7 @@ void System::drive(double t) {
 }
 
 void System::close_loops(double h) {
-  if (!arm.loops().empty()) ws.chain_to_move().project({0.0, h * h}, q.data(), v.data(), ws.spare.data());
+  if (ws.chain().layout().rigid_rows > 0) ws.chain_to_move().project({0.0, h * h}, q.data(), v.data(), ws.spare.data());
 }
 
 void System::remember() {

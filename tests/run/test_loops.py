@@ -281,17 +281,14 @@ def test_step_by_step_is_the_same_run() -> None:
 
 def test_what_does_not_know_loops_refuses_them() -> None:
     arm = four_bar(damping=0.1)
-    q, zero = closed(arm), np.zeros(3)
-    run = fa.simulate(arm, T, q, integrator="gauss", step=1e-3)
+    q = closed(arm)
+    run = fa.simulate(arm, T, q, integrator="ida")
     scene = fa.Scene(arm, t=T, q0=q, options={"integrator": "implicit", "step": 1e-3})
     force, computed = fa.sensors.ForceTorque("crank"), fa.ComputedTorque(1.0, reference=[0.1] * 3, rate=100)
     encoder, sampled = fa.sensors.Encoder("crank"), fa.Sampled(lambda t, y: [0.0], 100, [force], actuate=["crank"])
     ways: list[tuple[str, Any]] = [
         ("derivatives of a run", lambda: run.sensitivities(["link.0.hub.mass"])),
         ("derivatives of a run", lambda: run.gradient({"q": np.ones_like(run.q)}, ["link.0.hub.mass"])),
-        ("step_derivatives", lambda: fa.step_derivatives(arm, q, zero, zero, integrator="rk4", step=1e-3)),
-        ("rollout_gradient", lambda: fa.rollout_gradient(arm, np.array([q, q]), np.zeros((2, 3)), [zero],
-                                                         integrator="rk4", step=1e-3)),
         ("KalmanFilter", lambda: fa.KalmanFilter(arm, [encoder], 1e-3, force_noise=1e-3, q_std=1e-3, v_std=1e-3)),
         ("MPC", lambda: fa.simulate(arm, T, q, control=fa.MPC(horizon=0.1, stages=5, blocks=3))),
         ("invert", lambda: fa.invert(arm, {"x": 1.0, "y": fa.Motion([0, 1], [0.5, 0.6], [0, 0], [0, 0])})),

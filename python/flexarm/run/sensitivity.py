@@ -154,8 +154,8 @@ class Source:
     def _problem(self) -> Problem:
         s = self.setup
         s.arm.refuse_rubbing("derivatives of a run")
-        if self.integrator.name != "implicit":
-            what = f'derivatives of a run, integrator = "{self.integrator.name}" ("implicit" has them)'
+        if not self.integrator.taped:
+            what = f'derivatives of a run, integrator = "{self.integrator.name}" (methods of fixed steps have them)'
             s.arm.refuse_loops(what, rigid=True)
         run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
         for k, control in enumerate(run.controls):

@@ -61,12 +61,12 @@ struct Tape {
     Eigen::Index point;              ///< place of the row's accelerations; -1: of a rollout, which has none
   };
 
-  /// The end of a step at which loops were closed: q and v by displacement w and rates z of which (M + shift) w = G y,
-  /// the shift being that of the step's equations.
+  /// A place to which loops were closed, at the end of a step or within: by displacement w and rates z, of which
+  /// (M + shift) w = G y. Of a method that remembers, the shift is that of its equations, and its stage the place.
   struct Closing {
     Eigen::Index point;
-    double by_v, by_q;                           ///< rates and coordinates by the step's accelerations
-    std::array<Eigen::VectorXd, 2> moves;        ///< w, z (nv)
+    double by_v, by_q;                           ///< of the shift: rates and coordinates by accelerations
+    std::array<Eigen::VectorXd, 2> moves;        ///< w, z (nv); of w, until `complete`, the coordinates (nq)
     std::array<Eigen::VectorXd, 2> forces = {};  ///< y of each, of rigid rows; see `complete`
   };
 
@@ -102,6 +102,11 @@ struct Tape {
     const auto next = std::lower_bound(samples.begin(), samples.end(), place,
                                        [](const Sample& s, Eigen::Index e) { return s.point < e; });
     return next == samples.begin() ? nullptr : &(next - 1)->held;
+  }
+  /// Adds the end of a step, of a method whose stages are others, that was closed from q and v before.
+  void close(double at, const Eigen::VectorXd& q_at, const Eigen::VectorXd& v_at, const Eigen::VectorXd& a_at,
+             double by_q, const Eigen::VectorXd& q_before, const Eigen::VectorXd& v_before) {
+    closings.push_back({add(at, q_at, v_at, a_at), 0.0, by_q, {q_at - q_before, v_at - v_before}});
   }
   const Closing* closing_at(Eigen::Index place) const {
     const auto at = std::lower_bound(closings.begin(), closings.end(), place,

@@ -86,8 +86,6 @@ def step_derivatives(
     """
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     arm.refuse_rubbing("step_derivatives: arm")
-    if chosen.name != "implicit":
-        arm.refuse_loops(f'step_derivatives, integrator = "{chosen.name}" ("implicit" knows them)', rigid=True)
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
@@ -152,8 +150,6 @@ def rollout_gradient(
     one = arms[0]
     for each_arm in arms:
         each_arm.refuse_rubbing("rollout_gradient: arm")
-        if chosen.name != "implicit":
-            each_arm.refuse_loops(f'rollout_gradient, integrator = "{chosen.name}" ("implicit" knows them)', rigid=True)
     if q.ndim < 2 or q.shape[-1] != one.nq or q.shape[:-1] != v.shape[:-1] or v.shape[-1] != one.nv:
         raise ValueError(f"q has shape {q.shape} and v {v.shape}: must be (..., nstep + 1, {one.nq}) and as many rates")
     if tau.shape != (*v.shape[:-2], v.shape[-2] - 1, one.nv):
