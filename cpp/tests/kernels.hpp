@@ -148,6 +148,9 @@ Eigen::VectorXd slope(const F& f, const Eigen::VectorXd& at, const Eigen::Vector
   return (8.0 * a - b) / (12.0 * h);
 }
 
+/// One in so many columns of derivatives is compared with differences of the oracle, which take long under sanitizers.
+inline constexpr int kEvery = kSanitized ? 5 : 1;
+
 /// The derivatives of inverse dynamics against differences of the oracle's.
 inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   const lanes::KernelArm& known = lanes::KernelArm::of(arm);
@@ -155,10 +158,11 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
   const Eigen::VectorXd a = wave(nv, 0.4, 1.0);
   const oracle::Oracle truth(arm);
   Eigen::MatrixXd expected(nv, nq + nv), found(nv, nq + nv);
-  for (int k = 0; k < nq; ++k)
+  expected.setZero();
+  for (int k = 0; k < nq; k += kEvery)
     expected.col(k) =
         slope([&](const Eigen::VectorXd& x) { return truth.inverse(x, v, a); }, q, Eigen::VectorXd::Unit(nq, k), 5e-6);
-  for (int k = 0; k < nv; ++k)
+  for (int k = 0; k < nv; k += kEvery)
     expected.col(nq + k) =
         slope([&](const Eigen::VectorXd& x) { return truth.inverse(q, x, a); }, v, Eigen::VectorXd::Unit(nv, k), 1e-4);
   for (const lanes::Kernels* kernels : all_kernels()) {
@@ -170,7 +174,8 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
     kernels->inverse_slopes(of, memory.get(), nullptr, q.data(), v.data(), a.data(), found.data(),
                             found.data() + nv * nq, nullptr);
     for (int k = 0; k < nq + nv; ++k)
-      CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * expected.norm()));
+      if ((k < nq ? k : k - nq) % kEvery == 0)
+        CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * expected.norm()));
   }
 }
 
