@@ -6,7 +6,8 @@
   of the IFToMM library, a robot of three arms: by integrators and steps.
 - Flexible: a four-bar and a slider crank of beams, and a four-bar with a misaligned axis, beside Exudyn
   (loops_exudyn.py; its answers are kept in DIR).
-- Speed: forward dynamics of the robot beside Pinocchio; an implicit step of a flexible five-bar; rings of bars.
+- Speed: an implicit step of a flexible five-bar; rings of bars; forward dynamics of the robot beside Pinocchio, in one
+  program (loops_pinocchio.py; compiled at the first run, for many minutes).
 Prints the tables; with --docs writes them into docs/loops.md, and the pictures docs/figures/loops*.png.
 """
 
@@ -22,11 +23,12 @@ from typing import Any
 
 import flexarm as fa
 import loops_arms as arms
+import loops_pinocchio
 import matplotlib
 import numpy as np
 from loops_cases import FOURBAR as FLEXIBLE_FOURBAR
 from loops_cases import HELD, MISALIGNED, OUTPUTS, SLIDER, Held
-from loops_truth import ANDREWS, DELTA, DELTA_TORQUES, FOURBAR, GRAVITY, Array, Rod, bricard_angles, double_four_bar
+from loops_truth import ANDREWS, FOURBAR, Array, Rod, bricard_angles, double_four_bar
 from loops_truth import bricard as bricard_truth
 from loops_truth import delta as delta_truth
 
@@ -276,80 +278,8 @@ def rings() -> list[tuple[int, Array]]:
     return rows
 
 
-def pinocchio(states: int = 2000) -> tuple[float, float, float]:
-    """Its time of one constrained forward dynamics of the robot, called from Python, and of the free tree (s); how far
-    its accelerations are from the own ones, relative."""
-    import pinocchio as pin
-
-    robot, start = delta_truth()
-    elbows, _, ways = DELTA.start()
-    model = pin.Model()
-    model.gravity.linear = np.array([0, 0, -GRAVITY])
-
-    def add(parent: int, axis: Array | None, at: Array, body: int, origin: Array) -> int:
-        kind = pin.JointModelSpherical() if axis is None else pin.JointModelRevoluteUnaligned(*axis)
-        joint = model.addJoint(parent, kind, pin.SE3(np.eye(3), at), f"joint{model.njoints}")
-        if body >= 0:
-            inertia = pin.Inertia(robot.mass[body], start.p[body] - origin, robot.inertia[body])
-            model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        return int(joint)
-
-    rods, shoulders, top_plate = [], [], -1
-    for arm in range(3):
-        out, hinge = DELTA.way(arm)
-        foot = DELTA.base * out
-        shoulders.append(model.nv)
-        upper = add(0, hinge, foot, arm, foot)
-        for k, side in enumerate((-1, 1)):
-            body = 3 + 2 * arm + k
-            top = elbows[arm] + side * DELTA.apart / 2 * hinge
-            low = top + DELTA.lower * ways[arm]
-            cross = add(upper, hinge, top - foot, -1, top)
-            rods.append((add(cross, np.cross(ways[arm], hinge), np.zeros(3), body, top), top, low))
-            if len(rods) == 1:
-                top_plate = add(rods[0][0], None, low - top, 9, low)
-    models, data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    first = rods[0][2]
-    for rod, top, low in rods[1:]:
-        above, below = (pin.SE3(np.eye(3), low - x) for x in (top, first))
-        ball = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, rod, above, top_plate, below,
-                                        pin.ReferenceFrame.LOCAL)  # fmt: skip
-        models.append(ball)
-        data.append(ball.createData())
-    own = model.createData()
-    pin.initConstraintDynamics(model, own, models, data)
-    q, v, tau = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-    tau[shoulders] = DELTA_TORQUES
-    once = pin.ProximalSettings(1e-12, 1e-10, 1)
-    a = np.array(pin.constraintDynamics(model, own, q, v, tau, models, data, once))[shoulders]
-    truth = robot.accelerations(0.0, start)[0]
-    expected = np.array([truth[k, 3:] @ DELTA.way(k)[1] for k in range(3)])
-
-    def calls(function: Any, *args: Any) -> float:
-        def job() -> None:
-            for _ in range(states):
-                function(*args)
-
-        return least(job, 5) / states
-
-    closed = calls(pin.constraintDynamics, model, own, q, v, tau, models, data, once)
-    return closed, calls(pin.aba, model, own, q, v, tau), float(np.abs(a / expected - 1).max())
-
-
 def speed() -> dict[str, Any]:
-    arm, tau = arms.delta_arm()
-    tree = fa.Arm(arm.links, arm.gravity)
-    many = 200
-    at, none = np.tile(arm.zero, (many, 1)), np.zeros((many, arm.nv))
-    found: dict[str, Any] = {"delta": [least(lambda a=a: a.forward_dynamics(at, none, none), 50) / many
-                                       for a in (arm, tree)]}  # fmt: skip
-
-    def one() -> None:
-        for _ in range(1000):
-            arm.forward_dynamics(arm.zero, none[0], tau)
-
-    found["delta one"] = least(one, 5) / 1000
-    found["pinocchio"] = pinocchio()
+    found: dict[str, Any] = {}
     five = arms.five_bar()
     q = five.pose({"left crank": 2.0, "left coupler": -1.0, "right crank": 1.1, "right coupler": 1.0})
     q = five.assemble(q, hold=["left crank", "right crank"])
@@ -408,17 +338,13 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                ["flexarm from the linear rod", cell(x["linear middle"]), cell(x["linear block"])],
                ["the two rods from one another", cell(x["apart middle"]), cell(x["apart block"])]],
               f"The rod bends by up to {1e3 * x['bends by']:.2g} mm.")  # fmt: skip
+    if "pinocchio" in found:
+        made["pinocchio"] = loops_pinocchio.table(*found["pinocchio"])
     if "speed" in found:
         x = found["speed"]
-        closed, tree, off = x["pinocchio"]
         us = 1e6
-        table("speed", ["the robot's forward dynamics (µs)", "with its loops", "as a tree"],
-              [["flexarm, one of 200 states", *(f"{us * s:.3g}" for s in x["delta"])],
-               ["flexarm, one state, from Python", f"{us * x['delta one']:.3g}", ""],
-               ["Pinocchio, one state, from Python", f"{us * closed:.3g}", f"{us * tree:.3g}"]],
-              f"Pinocchio's accelerations are off by {off:.0e} from those of the bodies on their own. An implicit step "
-              f"of the five-bar of beams ({x['five nv']} coordinates) takes {us * x['five'][0]:.2g} µs, and "
-              f"{us * x['five'][1]:.2g} µs without its loop.")  # fmt: skip
+        made["speed"] = (f"An implicit step of the five-bar of beams ({x['five nv']} coordinates) takes "
+                         f"{us * x['five'][0]:.2g} µs, and {us * x['five'][1]:.2g} µs without its loop.")  # fmt: skip
         table("rings", ["bars of the ring", *(str(n) for n, _ in x["rings"])],
               [["forward dynamics (µs)", *(f"{us * s[0]:.3g}" for _, s in x["rings"])],
                ["of the open chain", *(f"{us * s[1]:.3g}" for _, s in x["rings"])],
@@ -499,7 +425,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--docs", action="store_true", help="write the tables and the pictures of docs/loops.md")
     parser.add_argument("--peers", type=Path, default=ROOT / "build" / "bench" / "loops", help="Exudyn's answers")
-    parser.add_argument("--only", default="rigid,beams,misaligned,test set,speed")
+    parser.add_argument("--only", default="rigid,beams,misaligned,test set,speed,pinocchio")
+    parser.add_argument("--flags", default="portable,native", help="of the builds of flexarm and Pinocchio")
     args = parser.parse_args()
     wanted = args.only.split(",")
     found: dict[str, Any] = {}
@@ -513,6 +440,8 @@ def main() -> None:
         found["test set"] = test_set()
     if "speed" in wanted:
         found["speed"] = speed()
+    if "pinocchio" in wanted:
+        found["pinocchio"] = loops_pinocchio.measure(args.flags.split(","))
     made = tables(found)
     print("\n\n".join(f"{name}\n{x}" for name, x in made.items()))
     if args.docs:

@@ -3,9 +3,7 @@ chains, and of flexible arms against pinocchio's rigid one.
 
     python bench/speed/speed_rigid.py [--runs 5] [-o DIR]
 
-Compiles bench/speed/pinocchio twice, flexarm and pinocchio always with the same flags: as flexarm is shipped (-O3, for
-any processor of the kind; run on the widest vectors, and on AVX2) and with -march=native. Pinocchio's headers come from
-the wheel `pin` of PyPI, in an environment under build/peers; Eigen is the system's. The two programs run in turn.
+The programs of bench/speed/pinocchio_build.py run in turn.
 Writes speed_rigid.csv, speed_rigid.png and its section of docs/speed.md (with -o only the files, into DIR).
 """
 
@@ -19,11 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from speed_common import ROOT, Figure, about, keep, python_of, ratio, table
+from pinocchio_build import FLAGS, RUNS, program
+from speed_common import Figure, about, keep, ratio, table
 
-# flags of the build, and vectors
-RUNS = {"-O3": ("portable", None), "-O3, AVX2": ("portable", "avx2"), "-march=native": ("native", None)}
-FLAGS = {"portable": "", "native": "-march=native"}
 RIGID = ("rigid 7", "rigid 20", "rigid 100")
 FLEXIBLE = ("flexible 7 x (3+3+1)", "planar 2 x 3")
 FUNCTIONS = {
@@ -37,20 +33,6 @@ AIMS = [(scene, *aim) for scene in ("rigid 7", "rigid 100") for aim in AIMED.ite
     ("rigid 7", "derivatives", 1.0)
 ]
 Times = dict[tuple[str, str, str], np.ndarray]  # run, scene, function: ns of every round
-
-
-def build(flags: str) -> Path:
-    """The program; compiled again where something changed."""
-    python = python_of("pin", ["pin"])
-    where = [python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])"]
-    site = subprocess.run(where, check=True, capture_output=True, text=True).stdout.strip()
-    folder = ROOT / "build" / "bench" / f"pinocchio-{flags}"
-    source = ROOT / "bench" / "speed" / "pinocchio"
-    configure = ["cmake", "-G", "Ninja", "-S", source, "-B", folder, "-DCMAKE_BUILD_TYPE=Release"]
-    configure += [f"-DPINOCCHIO_PREFIX={site}/cmeel.prefix", f"-DCMAKE_CXX_FLAGS={FLAGS[flags]}"]
-    subprocess.run(configure, check=True, stdout=subprocess.DEVNULL)
-    subprocess.run(["cmake", "--build", folder, "-j", str(os.cpu_count()), "--target", "speed_rigid"], check=True)
-    return folder / "speed_rigid"
 
 
 def run(programs: dict[str, Path], runs: int) -> tuple[Times, list[str]]:
@@ -158,7 +140,7 @@ def main() -> None:
     parser.add_argument("--flags", default=",".join(FLAGS), help="of the builds: to compile pinocchio once takes half")
     parser.add_argument("-o", type=Path)
     options = parser.parse_args()
-    times, remarks = run({flags: build(flags) for flags in options.flags.split(",")}, options.runs)
+    times, remarks = run({flags: program(flags, "speed_rigid") for flags in options.flags.split(",")}, options.runs)
     rows = [
         {"run": run_, "scene": s, "function": name, "median_ns": f"{np.median(x):.6g}", "least_ns": f"{x.min():.6g}"}
         for (run_, s, name), x in times.items()

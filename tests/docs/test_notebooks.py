@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
+NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"), key=lambda p: int(p.stem.partition("-")[0]))
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 
 
