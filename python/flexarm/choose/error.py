@@ -27,7 +27,7 @@ from ..run.integrators import Gauss
 from ..run.perturbed import start_of
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from ..run.sensitivity import ByForces
+from ..run.sensitivity import ByForces, RunStopped
 from ..run.simulation import simulated, source
 from .decisions import keys
 from .enrich import enriched, moving_strains
@@ -306,14 +306,18 @@ class _Estimating:
         """The backward run of the richer model; of one without the fastest strains, where that takes very long."""
         seconds = max(_PATIENCE[0] * float(self.result.stats.get("wall_time", 0.0)), _PATIENCE[1])
         slow = self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in _FAST})
+        why = ""
         for model in dict.fromkeys((rich, slow)):
             self.tell("the richer model, and back")
             self.runs += 2
             try:
                 return *self.backwards(self.models.at(model, {}), tolerance, seconds), model
             except _TooLong:
-                self.reasons.append(f"a run of the richer model, {model.label}, was given up after {seconds:.2g} s")
-        raise ValueError(f"error: {self.reasons[-1]}; take a result of a shorter run")
+                why = f"was given up after {seconds:.2g} s"
+            except RunStopped as e:
+                why = f"cannot be run: {e}"
+            self.reasons.append(f"the richer model, {self.models.label(model)}, {why}")
+        raise ValueError(f"no error is found: {self.reasons[-1]}")
 
     def finely(self, times: Array, tolerance: float) -> Result:
         """The run of the same model in steps of a negligible error."""
@@ -321,7 +325,10 @@ class _Estimating:
         self.runs += 1
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return simulated(s.arm, times, s.q0, s.v0, **s.given(), integrator=Gauss(tolerance=tolerance))
+            try:
+                return simulated(s.arm, times, s.q0, s.v0, **s.given(), integrator=Gauss(tolerance=tolerance))
+            except SimulationError as e:
+                raise ValueError(f"no error is found: the run in finer steps cannot be made: {e}") from None
 
     # -- the split ---------------------------------------------------------------------------------------------------
 

@@ -46,7 +46,11 @@ def _quantities(result: Result) -> list[dict[str, Any]]:
 
 def _estimate(result: Result, out: options.Output, about: dict[str, Any]) -> list[str]:
     """Estimates the error of a run, writes it, and returns it as lines."""
-    found = result.error(progress=True)
+    try:
+        found = result.error(progress=True)
+    except ValueError as e:
+        about["estimate"] = {"refused": str(e)}
+        return ["", f"The error of this run is not known: {e}", ""]
     about["estimate"] = found.to_dict()
     out.text("error.txt", str(found))
     out.picture("error.png", found.plot())
