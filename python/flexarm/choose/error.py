@@ -11,16 +11,14 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from .._check import Array, positive
-from .._console import aligned, progress_bar
+from .._console import progress_bar
 from ..arm.variation import Setup, value_at
-from ..data.draw.sources import plot_error
-from ..data.draw.style import Figure
 from ..model.acting.drive import Motion, split_drives
 from ..model.parts.beam import STRAINS
 from ..run.integrators import Gauss
@@ -28,9 +26,10 @@ from ..run.perturbed import start_of
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensitivity import ByForces, RunStopped
-from ..run.simulation import simulated, source
+from ..run.simulation import SimulationError, simulated, source
 from .decisions import keys
 from .enrich import enriched, moving_strains
+from .error_estimate import ErrorEstimate, ErrorSource
 from .indicators import response
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
@@ -46,96 +45,6 @@ _ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot
 _AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
 _TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
 _PATIENCE = (100.0, 5.0)  # of the richer run, in processor times of the other one, and in s
-_SHOWN = 1e-3  # of the largest error: smaller sources are told in one line
-
-
-@dataclass(frozen=True)
-class ErrorSource:
-    """A part of an error, and what it comes from.
-
-    Attributes:
-        where: the link, or "arm". what: such as "bending_y modes", "order of rotation", "steps".
-        error: its part at the time of the largest error, along the direction of that, in the quantity's unit: what
-            would be added to the quantity without this source. Parts may be negative.
-        share: the same over the largest error.
-    """
-
-    where: str
-    what: str
-    error: float
-    share: float
-
-
-@dataclass(repr=False)
-class ErrorEstimate:
-    """The error of a run: what a richer model in finer steps differs by. `print(error)` shows the table.
-
-    Attributes:
-        quantity: "tip", "joint", "strain", or the name of the callable. unit: of the numbers here.
-        t: times (s), (nt,), those of the result.
-        total: the error over time, (nt,): of the place or joint that is off most. steps, model: the parts of it that
-            finer steps and a richer model make, each alone; they may cancel.
-        largest: the largest error. time: when (s). span: the largest range of any one component of the quantity.
-        sources: the parts of the largest error, largest first.
-        numbers: of uncertain numbers of the scene: the largest change of the quantity over time by the uncertainty of
-            each, and that over the largest error. They are not in the total.
-        reliable: whether the estimate can be relied on. reason: why not; "" if it can.
-        richer: the richer model in words. runs: runs made, the backward ones included.
-    """
-
-    quantity: str
-    unit: str
-    t: Array
-    total: Array
-    steps: Array
-    model: Array
-    largest: float
-    time: float
-    span: float
-    sources: list[ErrorSource]
-    numbers: list[ErrorSource]
-    reliable: bool
-    reason: str
-    richer: str
-    runs: int
-    _values: Array = field(repr=False)
-
-    def __repr__(self) -> str:
-        word = "" if self.reliable else ", not reliable here"
-        return f"ErrorEstimate({self.quantity}: {self.largest:.2g} {self.unit} at {self.time:.4g} s{word})"
-
-    def __str__(self) -> str:
-        return self.table()
-
-    def table(self) -> str:
-        """The largest error, and its sources."""
-        unit = f" {self.unit}" if self.unit else ""
-        part = f", {100 * self.largest / self.span:.2g} % of its span" if self.span > 0 else ""
-        lines = [f"{self.quantity}: off by {self.largest:.2g}{unit} at t = {self.time:.4g} s{part}"]
-        lines += [] if self.reliable else [f"NOT RELIABLE HERE: {self.reason}"]
-        shown = [x for x in self.sources if abs(x.share) >= _SHOWN]
-        rows = [["", "source", f"error{f' ({self.unit})' if unit else ''}", "share"]]
-        rows += [[x.where, x.what, f"{x.error:.2e}", f"{100 * x.share:.1f} %"] for x in shown]
-        rows += [[x.where, x.what, f"± {x.error:.2e}", f"{100 * x.share:.1f} %"] for x in self.numbers]
-        lines += ["", *aligned(rows, {2, 3})]
-        if rest := len(self.sources) - len(shown):
-            lines.append(f"and {rest} of less than {100 * _SHOWN:g} %")
-        return "\n".join([*lines, "", f"Beside {self.richer}; {self.runs} runs"])
-
-    def plot(self) -> Figure:
-        """The error over time with the parts of steps and of the model, the quantity in its band, and the sources."""
-        rows = [(f"{x.where}: {x.what}", x.error) for x in self.sources if abs(x.share) >= _SHOWN]
-        rows += [(f"{x.where}: {x.what} ±", x.error) for x in self.numbers]
-        return plot_error(
-            self.t, self._values, {"total": self.total, "of steps": self.steps, "of the model": self.model}, rows,
-            self.time, self.quantity, self.unit, "" if self.reliable else f"NOT RELIABLE HERE: {self.reason}",
-        )  # fmt: skip
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the curves, ready for JSON."""
-        keep = "quantity unit largest time span reliable reason richer runs".split()
-        parts = {name: [vars(x) for x in getattr(self, name)] for name in ("sources", "numbers")}
-        return {**{k: getattr(self, k) for k in keep}, **parts}
 
 
 class _TooLong(Exception):
@@ -191,24 +100,25 @@ class _Estimating:
         asked = {path: positive(f"parameters['{path}']", x, "relative") for path, x in (parameters or {}).items()}
         self.tell("the richer model")
         rich, size = self.richer()
-        own = getattr(self.result._source.integrator, "tolerance", None)
-        fine = min(_TIGHT if own is None or own <= 0.0 else own * _FINER, _LOOSE)
+        by = self.result._source.integrator
+        own = by.tolerance if isinstance(by, Gauss) and not by.fixed else None
+        fine = max(_LEAST, _TIGHT if own is None else min(own * _FINER, _LOOSE))
         if rich == self.models.given:
-            fine = max(fine, _LEAST)
             found = self.finely(self.result.t, fine)
             return self.told(rich, self.worst(self.measure.values(found)), found, {}, fine, asked)
         scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
         coarse = float(np.clip(size * scale * _STEP_SHARE, _TIGHT, _LOOSE))
-        fine = max(min(fine, coarse), _LEAST)
-        by, off, rich = self.richest(rich, coarse)
-        used = np.flatnonzero(by.tau.any(axis=1))
-        times, at = np.unique(np.concatenate([self.result.t, by.t[used]]), return_inverse=True)
+        fine = min(fine, coarse)
+        back, off, rich = self.richest(rich, coarse)
+        used = np.flatnonzero(back.tau.any(axis=1))
+        times, at = np.unique(np.concatenate([self.result.t, back.t[used]]), return_inverse=True)
         self.tell("the same model in finer steps")
         both = self.finely(times, fine)
         n = len(self.result.t)
         found, places = _rows(both, at[:n]), _rows(both, at[n:])
         self.tell("sources")
-        parts = self.parts(Between(self.models, rich), self.models.at(rich, {}), by, off, found, places, by.tau[used])
+        between, richer = Between(self.models, rich), self.models.at(rich, {})
+        parts = self.parts(between, richer, back, off, found, places, back.tau[used])
         return self.told(rich, off, found, parts, fine + coarse, asked)
 
     # -- the richer model --------------------------------------------------------------------------------------------
@@ -365,8 +275,9 @@ class _Estimating:
         row = fine if callable(self.measure.quantity) else _rows(fine, [off.row])
         at_row = off.row if callable(self.measure.quantity) else 0
         before = off.of(self.measure.values(row), at_row)
+        row = embed(row, self.models.arm(between.first))
         for where, what, model in [("arm", BASIS, between.first), *between.steps]:
-            now = off.of(self.measure.values(embed(row, self.models.arm(model))), at_row)
+            now = off.of(self.measure.values(replace(row, arm=self.models.arm(model))), at_row)
             if now != before:
                 out[where, what, 0] = out.get((where, what, 0), 0.0) + now - before
             before = now
@@ -422,6 +333,9 @@ class _Estimating:
         for (where, what), (number, part) in tails.items():
             if number > 1 and abs(part) > _TAIL * largest:
                 say(f"{where}: shape function {number} of {what} still makes {abs(part):.2g}, further ones may, too")
+        for k, link in enumerate(self.scene.arm.links):
+            if link.beam is not None and any(isinstance(x, tuple) for x in link.beam.modes.values()):
+                say(f"{self.scene.arm.names[k]} has shapes of the user's own, to which none are added")
         if self.models.pinned:
             say(f"the shapes are taken as they are, since {self.models.pinned}")
 

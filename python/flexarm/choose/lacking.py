@@ -69,7 +69,7 @@ class Between:
         self.last = model
 
     def forces(self, run: Result, arm: Arm) -> Array:
-        """Inverse dynamics along a run, less the loads' forces, (nt, nv)."""
+        """Inverse dynamics along a run, of its arm or of another one with its coordinates, less the loads' forces."""
         scene, core = self.models.scene, arm._core
         loads = [*scene.loads, *pushes(arm, scene.drive)]
         if not loads:
@@ -96,17 +96,18 @@ class Between:
         """All that a run of the scene's own model lacks; their sum is what its motion lacks in the rich arm."""
         arm = self.models.arm(self.first)
         acting = self.acting(run, self.arm)
-        before = self._up(self.forces(embed(run, arm), arm), arm)
+        lifted = embed(run, arm)
+        before = self._up(self.forces(lifted, arm), arm)
         own = {key[:2] for key in keys(arm)}
         yield from self._by_shape(before - acting, lambda key: key in own and key[0] >= 0, "modes")
         joints = [i for i, key in enumerate(keys(self.arm)) if key[0] < 0]
         yield Lack("arm", BASIS, 0, _only(before - acting, joints))
         for where, what, model in self.steps:
             arm = self.models.arm(model)
-            now = self._up(self.forces(embed(run, arm), arm), arm)
+            now = self._up(self.forces(lifted, arm), arm)
             yield Lack(where, what, 0, now - before)
             before = now
-        whole = self.forces(embed(run, self.arm), self.arm)
+        whole = self.forces(embed(lifted, self.arm), self.arm)
         yield from self._by_shape(whole - acting, lambda key: key not in own, "left out")
         rest = [i for i, key in enumerate(keys(self.arm)) if key[:2] in own]
         yield Lack("arm", REST, 0, _only(whole - before, rest))
