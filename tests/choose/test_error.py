@@ -138,6 +138,17 @@ def test_other_quantities(quantity: Any) -> None:
     assert found.total.shape == found.t.shape and found.plot().axes
 
 
+def test_strains_that_jump() -> None:
+    """Four smooth shapes follow the curvature of a driven patch hardly better than two: the estimate says so."""
+    pzt = fa.Piezo(60.6e9, 0.3, 7500, -274e-12, permittivity=3e-8)
+    patch = fa.Patch(0.02, 0.07, 0.02, 0.2e-3, pzt)
+    beam = fa.Beam(L, fa.Rectangle(1e-3, 0.02), STEEL, {"bending_y": 2}, "legendre", patches=[patch])
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)], (0, 0, 0))
+    volts = fa.Voltage([0, 0.1, 0.2], [0, 50, 50])
+    found = fa.simulate(arm, np.linspace(0, 0.2, 41), drive={("patch", 0, 0): volts}).error()
+    assert not found.reliable and "patches" in found.reason and "fa.split" in found.reason
+
+
 def test_refusals() -> None:
     run = sprung()[0]
     with refuses("quantity", "'tips'", "tip"):

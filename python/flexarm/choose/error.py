@@ -34,6 +34,7 @@ from .indicators import response
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
 from .models import Model, Models
+from .pieces import leaps
 from .states import embed
 
 _SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
@@ -336,6 +337,9 @@ class _Estimating:
         for k, link in enumerate(self.scene.arm.links):
             if link.beam is not None and any(isinstance(x, tuple) for x in link.beam.modes.values()):
                 say(f"{self.scene.arm.names[k]} has shapes of the user's own, to which none are added")
+        for k, what in leaps(self.scene).items():
+            where = self.scene.arm.names[k]
+            say(f"strains of {where} jump ({what}), which smooth shapes follow slowly: cut its beam there, by fa.split")
         if self.models.pinned:
             say(f"the shapes are taken as they are, since {self.models.pinned}")
 
