@@ -131,6 +131,15 @@ def test_parts_add_up_and_hit_a_richer_run() -> None:
     assert 0.8 < found.largest / off < 1.25
 
 
+def test_feedback_of_strains_reads_those_of_the_richer_model() -> None:
+    """At the clamp these are others, although the beams have nearly the same shape: part of the error."""
+    beam = fa.Beam(L, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 2}, order=2, damping_ratio=0.01)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.1), beam=beam, tip=fa.RigidBody(0.2))], (0, 0, 0))
+    hold = fa.StrainFeedback(20.0, 2.0, 1.0, reference=0.3)
+    found = fa.simulate(arm, np.linspace(0, 0.5, 51), control=hold).error()
+    np.testing.assert_allclose(sum(x.error for x in found.sources), found.largest, rtol=0.01)
+
+
 @pytest.mark.parametrize("quantity", ["joint", "strain", lambda result: result.q[:, 0]])
 def test_other_quantities(quantity: Any) -> None:
     found = pushed().error(quantity)

@@ -15,6 +15,7 @@ import numpy as np
 
 from .._check import Array
 from ..arm.arm import Arm
+from ..model.acting.control import control_laws
 from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
@@ -81,7 +82,7 @@ class Between:
 
     def acting(self, run: Result, arm: Arm) -> Array:
         """What acts on the coordinates of a run, beside loads, in those of another model: on joints as it is; on beams
-        by the voltages of patches."""
+        by the voltages of patches. Feedback reads what the other model shows, such as another strain at a clamp."""
         of, found = run.arm, self.forces(run, run.arm)
         out = restated(found, of, arm, rates=True)
         if self.models.pinned:  # something may act on coordinates by number; they are the same
@@ -90,6 +91,12 @@ class Between:
         if of.patch_matrix.size and of.patch_matrix[_elastic(of)].any():
             volts = np.linalg.lstsq(of.patch_matrix[_elastic(of)], found[:, _elastic(of)].T, rcond=None)[0]
             out[:, _elastic(arm)] = (arm.patch_matrix[_elastic(arm)] @ volts).T
+        scene, lifted = self.models.scene, embed(run, arm)
+        theirs, own = (control_laws(a, scene.control, scene.t, scene.loads)[0] for a in (arm, of))
+        for f, g in zip(theirs, own, strict=True):  # a force is column (reference - by_q q - by_v v)
+            read = lifted.q @ f.by_q[: arm.nq] + lifted.v @ f.by_v[: arm.nv]
+            before = run.q @ g.by_q[: of.nq] + run.v @ g.by_v[: of.nv]
+            out -= np.outer(read - before, f.column[: arm.nv])
         return out
 
     def lacks(self, run: Result) -> Iterator[Lack]:
