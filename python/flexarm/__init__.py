@@ -73,6 +73,7 @@ from .many.sweeps.sweep import sweep as sweep
 from .many.sweeps.vary import SweepPlan as SweepPlan, Vary as Vary
 from .choose.chart import chart as chart
 from .choose.economize import economize as economize
+from .choose import error as _error  # noqa: F401  (Result.error)
 
 
 for _module in (errors, results, sections, sensors, _sys.modules[__name__]):

@@ -24,3 +24,4 @@ from .many.batch.gradient import Gradient as Gradient, StepDerivatives as StepDe
 from .many.sweeps.sweep import SweepResult as SweepResult
 from .choose.chart import Chart as Chart
 from .choose.economize import ModelPlan as ModelPlan
+from .choose.error_estimate import ErrorEstimate as ErrorEstimate, ErrorSource as ErrorSource

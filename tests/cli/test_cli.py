@@ -89,6 +89,15 @@ def test_run_tells_it_in_json(scene: Path, tmp_path: Path, capsys: pytest.Captur
     assert rows["link 0 tip y deflection"]["minimum"] == result.tip_deflection(0)[:, 1].min()
 
 
+def test_run_tells_its_error(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = answer(capsys, "run", str(scene), "--error", "-o", str(tmp_path / "out"))["estimate"]
+    found = fa.load(scene).run().error()
+    assert told["largest"] == pytest.approx(found.largest, rel=1e-3) and told["runs"] == found.runs
+    assert [x["what"] for x in told["sources"]] == [x.what for x in found.sources]
+    assert (tmp_path / "out" / "error.txt").read_text().startswith("tip: off by")
+    assert (tmp_path / "out" / "error.png").stat().st_size > 1000
+
+
 def test_run_keeps_what_was_computed_before_a_failure(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,10 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-import flexarm._core as _core
-
 from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.drive import split_drives
@@ -16,6 +12,7 @@ from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
 from .decisions import DECISIONS, Evidence, keys
 from .descent import Descent, differs, finer, settle
+from .enrich import enriched, moving_strains
 from .indicators import excited, growth, indicate
 from .measures import Measure, times_to_compare
 from .models import ORDERS, BeamModel, Model, Models
@@ -61,22 +58,7 @@ class EconomizeSearch:
             all_strains: include the strains that symmetry keeps at rest.
             than: have more modes of every strain than this model, too, in Legendre polynomials where possible.
         """
-        many = sum(beam is not None for beam in self.models.given.beams) > 4
-        each = [1 + field.bending for field in _core.STRAIN_FIELDS]  # modes of bending come in twos
-
-        def rich(k: int, beam: BeamModel) -> BeamModel:
-            numbers = []
-            for s, (n, limit, two) in enumerate(zip(beam.counts, self.models.most(k), each, strict=True)):
-                want = n
-                if not (self.models.pinned or self.models.own_shapes(k, s)):
-                    least, more = (two, two - 1) if many else (2 * two, two)
-                    want = max(n + more, least) + two * extra
-                    want = want if than is None else max(want, than.counts(k)[s] + two)
-                want = want if limit is None else min(want, limit)
-                numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
-            return BeamModel(tuple(numbers), "exact", True)
-
-        model = self.models.given.each(rich)
+        model = enriched(self.models, extra, None if all_strains else self.reached, than)
         return model if than is None and not self.rebase else self.models.rebased(model)
 
     def richer(self, lean: Model) -> Model:
@@ -86,19 +68,7 @@ class EconomizeSearch:
 
     def find_symmetry(self) -> None:
         """Finds the strains of each link that are excited, directly or through others."""
-        few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
-        scene = self.models.at(few, {})
-        moves = list(zip(keys(scene.arm), excited(scene), strict=True))
-        excites = {}
-        for k, link in enumerate(scene.arm.links):
-            if link.beam is not None:
-                own = [s for (j, s, _), moving in moves if j == k and moving]
-                excites[k] = np.isin(np.arange(len(STRAINS)), own)
-                if self.models.pinned:
-                    excites[k] = np.array(self.models.given.counts(k)) > 0
-        for group in self.models.groups:  # one choice for a group: excited in one link counts for all
-            together = np.any([excites[k] for k in group], axis=0)
-            self.reached |= {k: together for k in group}
+        self.reached = moving_strains(self.models)
 
     def find_basis(self) -> None:
         """Finds `own`, the scene's model without dormant coordinates. Legendre polynomials replace the scene's basis,

@@ -189,18 +189,31 @@ def indicate(
         rich: the scene with the richer arm. result: a run of a poorer one. measure: the quantity, with its span.
         variants: arms with the richer one's coordinates, poorer in another property (order, rotary inertia).
     """
+    run, x = _lacking(rich, result, variants)
+    size = measure.sense(rich, run.q)
+    share = np.array([size(x[:, :, 0] * unit) for unit in np.eye(rich.arm.nv)])
+    return share, {
+        name: size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
+        for k, (name, other) in enumerate(variants.items(), 1)
+    }
+
+
+def response(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
+    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,), and that of all."""
+    run, x = _lacking(rich, result, {})
+    size = measure.sense(rich, run.q)
+    return np.array([size(x[:, :, 0] * unit) for unit in np.eye(rich.arm.nv)]), size(x[:, :, 0])
+
+
+def _lacking(rich: Scene, result: Result, variants: Mapping[Any, Arm]) -> tuple[Result, Array]:
+    """Some rows of a run in a richer arm, and the motions (nt, nv, 1 + variants) of that under the forces that are
+    lacking: those of the poorer arm, and those of each variant."""
     arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
     run = embed(result, arm, rows)
     full = _forces(rich, arm, run)
     known = restated(_forces(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
     missing = [full - known, *(full - _forces(rich, other, run) for other in variants.values())]
-    x = _response(rich, run, -np.stack(missing, axis=2))
-    size = measure.sense(rich, run.q)
-    share = np.array([size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)])
-    return share, {
-        name: size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
-        for k, (name, other) in enumerate(variants.items(), 1)
-    }
+    return run, _response(rich, run, -np.stack(missing, axis=2))
 
 
 def _response(scene: Scene, run: Result, forces: Array) -> Array:

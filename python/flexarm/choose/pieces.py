@@ -57,6 +57,27 @@ def jumps(scene: Scene) -> dict[int, list[float]]:
     return out
 
 
+def leaps(scene: Scene) -> dict[int, str]:
+    """By link whose beam's strains jump, and do not only have a corner: what makes them jump."""
+    arm, out = scene.arm, {}
+    for parent, x in arm.seats:
+        if x is not None:
+            out[parent] = "a link on a slice"
+    for load in scene.loads:
+        if (load.x is not None or load.along) and load.given.get("moment") is not None:
+            out[arm._link(load.link)] = "a moment along it"
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or not beam.ne:
+            out.pop(k, None)
+            continue
+        if any(p.stiffness or p.material.d31 or p.material.d15 for p in beam.patches):
+            out[k] = "patches"
+        elif isinstance(beam.section, Taper) and _corners(beam.section):
+            out[k] = "corners of its taper"
+    return out
+
+
 def _corners(taper: Taper) -> list[float]:
     """Places where the slope of a rigidity's logarithm changes by more than one per length."""
     rows = []

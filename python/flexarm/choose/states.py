@@ -20,6 +20,8 @@ from ..run.start import NEAR, acting, sagging, state
 _FARTHEST_START = 0.5  # a start farther than this is not meant to be in equilibrium
 _REST_MOTION = 1e-3  # rad or m: tolerated motion of a joint in equilibrium when it is released
 
+_POINTS = np.polynomial.legendre.leggauss(40)  # of a beam, at which strains are compared
+
 #: The pieces of a beam (or the whole beam), each with its start along the beam (m).
 Parts: TypeAlias = Sequence[tuple[float, Beam]]
 
@@ -68,7 +70,7 @@ def _same(of: Beam, to: Beam) -> Array:
 def nearest(of: Parts, to: Parts) -> Array:
     """Matrix from the elastic coordinates of one beam (or of its pieces in turn) to those of another whose strains
     along the beam are nearest."""
-    x, weights = np.polynomial.legendre.leggauss(40)
+    x, weights = _POINTS
     rows = []
     for start, beam in max(of, to, key=len):
         places = start + beam.length * (x + 1) / 2
@@ -90,7 +92,7 @@ def _strains(parts: Parts, x: float) -> Array:
 def embed(result: Result, arm: Arm, rows: Any = slice(None)) -> Result:
     """Rows of a run in the coordinates of another model of its arm."""
     of, t = result.arm, result.t[rows]
-    v, a, tau = (restated(x[rows], of, arm, rates=True) for x in (result.v, result.a, result.tau))
+    v, a, tau = restated(np.stack([x[rows] for x in (result.v, result.a, result.tau)]), of, arm, rates=True)
     return Result(arm, t, restated(result.q[rows], of, arm), v, a, tau)
 
 

@@ -13,13 +13,16 @@ from . import options
 SUMMARY = "simulate a scene"
 TEXT = (
     "Writes run.npz (for flexarm.Result.load), run.csv, run.png, summary.txt and summary.json, "
-    "and for each [[sensor]] of the scene what it reads, sensor-K-TYPE.csv."
+    "and for each [[sensor]] of the scene what it reads, sensor-K-TYPE.csv; with --error also error.txt and error.png."
 )
 _EXTREMES = ("minimum", "maximum", "final")
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
+    p.add_argument(
+        "--error", action="store_true", help="estimate how far the tip is off, and from what: error.txt, error.png"
+    )
     options.output(p, "flexarm-run")
 
 
@@ -39,6 +42,19 @@ def _quantities(result: Result) -> list[dict[str, Any]]:
         {"name": n, "unit": u, **dict(zip(_EXTREMES, map(float, (y.min(), y.max(), y[-1])), strict=True))}
         for n, u, y in curves
     ]
+
+
+def _estimate(result: Result, out: options.Output, about: dict[str, Any]) -> list[str]:
+    """Estimates the error of a run, writes it, and returns it as lines."""
+    try:
+        found = result.error(progress=True)
+    except ValueError as e:
+        about["estimate"] = {"refused": str(e)}
+        return ["", f"The error of this run is not known: {e}", ""]
+    about["estimate"] = found.to_dict()
+    out.text("error.txt", str(found))
+    out.picture("error.png", found.plot())
+    return ["", str(found), ""]
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,11 +86,12 @@ def run(args: argparse.Namespace) -> int:
         for name, reading in scene.readings(result).items():
             reading.save(out.file(f"{name}.csv"))
         out.text("summary.txt", shown)
+        told = _estimate(result, out, about) if args.error and failure is None else []
         about = out.json("summary.json", about)
         s = result.stats
         steps = f"{s['steps']} steps of {s['integrator']}, {s['evaluations']} evaluations"
         lines = [shown, f"{steps}, {s['wall_time']:.3g} s of computing"]
-        lines.append(f"Picture, data and summary are in {out}")
+        lines += [*told, f"Picture, data and summary are in {out}"]
     if remarks:
         tip = f" --tip {args.tip}" if args.tip else ""
         lines.append(f"{len(remarks)} remark{'s' * (len(remarks) > 1)}: flexarm check {args.scene}{tip}")

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -122,6 +122,18 @@ class Sensitivities:
             result = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
             result.driven = driven_forces(result.arm, near.setup.drive, result.t)
             yield near.weight, result, near.setup
+
+
+class ByForces(NamedTuple):
+    """A run, and the derivatives of a number that depends on it by further generalised forces `tau` (n, nv) at the
+    times `t` (n,) at which its steps ask the equations of motion, and by its start q0, v0 (nv,); of a ball q0 is its
+    small turn in its own axes."""
+
+    result: Result
+    t: Array
+    tau: Array
+    q0: Array
+    v0: Array
 
 
 @dataclass
@@ -248,19 +260,11 @@ class Source:
                     for path, parts in paths.items()}  # fmt: skip
         workers = workers or cores()
         run, result, tape, core = self._taped(look, 1 / 3)
-        weights = _weights(loss, result)
-        arm, nv, mine = self.setup.arm, self.setup.arm.nv, rows_of(tape)
-        occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
-        full = {k: np.zeros((len(tape.points), run.both.nq if k == "q" else run.both.nv)) for k in ROWS}
-        for k in ROWS:
-            full[k][mine, : getattr(result, k).shape[1]] = weights.get(k, 0.0)
-        for cubic, q, v, _ in occurred:
-            cubic.share(q, v, full)
-        asked = {"q", "v", *weights, *(["a"] if occurred else [])}
-        read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
         if look:
             look(1 / 3, "backwards through the run")
-        q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
+        weights, occurred, found = self._backwards(loss, run, result, tape, core, workers)
+        q0, v0, needed, applied, switches, held, looks = found
+        arm, nv = self.setup.arm, self.setup.arm.nv
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         if look:
             look(2 / 3, "by parameters")
@@ -293,6 +297,38 @@ class Source:
                 values.append(float(value))
             out[path] = values[0] if parts == [path] else np.array(values)
         return out
+
+    def _backwards(
+        self, loss: Loss, run: Problem, result: Result, tape: Any, core: Any, workers: int
+    ) -> tuple[dict[str, Any], list[Any], Any]:  # fmt: skip
+        """Derivatives of a number by rows and events, what these say of the events, and what the adjoint of the tape
+        makes of them."""
+        weights = _weights(loss, result)
+        mine = rows_of(tape)
+        occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
+        full = {k: np.zeros((len(tape.points), run.both.nq if k == "q" else run.both.nv)) for k in ROWS}
+        for k in ROWS:
+            full[k][mine, : getattr(result, k).shape[1]] = weights.get(k, 0.0)
+        for cubic, q, v, _ in occurred:
+            cubic.share(q, v, full)
+        asked = {"q", "v", *weights, *(["a"] if occurred else [])}
+        read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
+        return weights, occurred, tape.adjoint(core, *self._numbers, *read, workers)
+
+    def by_forces(self, loss: Loss, workers: int | None = None, look: Look = None) -> ByForces:
+        """Derivatives of a number by forces that act at any time of the run, and by its start, by the adjoint method.
+
+        Raises:
+            ValueError: no derivatives go through, as of `gradient`; a controller whose slopes are not known.
+        """
+        run, result, tape, core = self._taped(look, 0.5)
+        if not all(map(_slopes_known, run.sampled)):
+            raise ValueError("control: the adjoint method does not know the memory of sensors, nor that of an MPC")
+        _, _, found = self._backwards(loss, run, result, tape, core, workers or cores())
+        q0, v0, _, applied, _, held, _ = found
+        nv = self.setup.arm.nv
+        pushed = (np.vstack([applied, held]) * _below_limits(tape, run))[:, :nv]
+        return ByForces(result, np.append(tape.t, tape.switches), pushed, q0[:nv], v0[:nv])
 
     @property
     def _numbers(self) -> tuple[float, float]:

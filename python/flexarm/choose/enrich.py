@@ -1,0 +1,63 @@
+"""Richer models of a scene: the strains that move at all, and more shapes of each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+import flexarm._core as _core
+
+from .._check import Array
+from ..model.parts.beam import STRAINS
+from .decisions import keys
+from .indicators import excited
+from .models import BeamModel, Model, Models
+
+_MANY = 4  # with more beams than this, each gets fewer further shapes
+
+
+def moving_strains(models: Models) -> dict[int, Array]:
+    """By link with a beam, a mask of the strains that are excited, directly or through others."""
+    few = enriched(models, 0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
+    scene = models.at(few, {})
+    moves = list(zip(keys(scene.arm), excited(scene), strict=True))
+    excites = {}
+    for k, link in enumerate(scene.arm.links):
+        if link.beam is not None:
+            own = [s for (j, s, _), moving in moves if j == k and moving]
+            excites[k] = np.isin(np.arange(len(STRAINS)), own)
+            if models.pinned:
+                excites[k] = np.array(models.given.counts(k)) > 0
+    reached: dict[int, Array] = {}
+    for group in models.groups:  # one choice for a group: excited in one link counts for all
+        together = np.any([excites[k] for k in group], axis=0)
+        reached |= {k: together for k in group}
+    return reached
+
+
+def enriched(
+    models: Models, extra: int, reached: Mapping[int, Array] | None = None, than: Model | None = None
+) -> Model:
+    """A model with `extra` modes more than the scene of every strain that moves, and exact rotation.
+
+    Args:
+        reached: by link, the strains that move; None, or a link that is not in it: all of them.
+        than: have more modes of every strain than this model, too.
+    """
+    many = sum(beam is not None for beam in models.given.beams) > _MANY
+    each = [1 + field.bending for field in _core.STRAIN_FIELDS]  # modes of bending come in twos
+
+    def rich(k: int, beam: BeamModel) -> BeamModel:
+        numbers = []
+        for s, (n, limit, two) in enumerate(zip(beam.counts, models.most(k), each, strict=True)):
+            want = n
+            if not (models.pinned or models.own_shapes(k, s)):
+                least, more = (two, two - 1) if many else (2 * two, two)
+                want = max(n + more, least) + two * extra
+                want = want if than is None else max(want, than.counts(k)[s] + two)
+            want = want if limit is None else min(want, limit)
+            numbers.append(want if reached is None or k not in reached or reached[k][s] else 0)
+        return BeamModel(tuple(numbers), "exact", True)
+
+    return models.given.each(rich)

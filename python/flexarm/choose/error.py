@@ -1,0 +1,385 @@
+"""The error of one run, and what it comes from: `Result.error`.
+
+Three runs tell it, however many sources there are: one of the same model in steps of a negligible error, one of a
+richer model, and one backwards through that. The first two less the run are its error over time. The backward run, the
+adjoint method, gives the derivatives of the quantity, at the time of its largest error, by forces at all times; with
+these the forces that the run lacks (`lacking`) become parts of that error.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, positive
+from .._console import progress_bar
+from ..arm.variation import Setup, value_at
+from ..model.acting.drive import Motion, split_drives
+from ..model.parts.beam import STRAINS
+from ..run.integrators import Gauss
+from ..run.perturbed import start_of
+from ..run.result import Result
+from ..run.scene.scene import Scene
+from ..run.sensitivity import ByForces, RunStopped
+from ..run.simulation import SimulationError, simulated, source
+from .decisions import keys
+from .enrich import enriched, moving_strains
+from .error_estimate import ErrorEstimate, ErrorSource
+from .indicators import response
+from .lacking import BASIS, START, Between, static_weights
+from .measures import Measure
+from .models import Model, Models
+from .pieces import leaps
+from .states import embed
+
+_SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
+_FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
+_STEP_SHARE = 1 / 30  # of the estimated error: tolerance of the steps of the richer model
+_LOOSE, _TIGHT, _LEAST = 1e-4, 1e-7, 1e-10  # bounds of the tolerances of steps
+_FINER = 1 / 30  # of the run's own tolerance: that of steps of a negligible error
+_ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot be told
+_AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
+_TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
+_PATIENCE = (100.0, 5.0)  # of the richer run, in processor times of the other one, and in s
+
+
+class _TooLong(Exception):
+    """The richer run takes more time than it may."""
+
+
+def _scene_of(result: Result) -> Scene:
+    """The scene that a result was made of."""
+    of = result._made()
+    if of.tau is not None and np.any(of.tau):
+        raise ValueError("tau: no error is found under constant forces; give them as drive={link: fa.Torque(value)}")
+    if len(result.t) < 2:
+        raise ValueError(f"t: the result has {len(result.t)} times; an error is found of two or more")
+    s = of.setup
+    for refuse in (s.arm.refuse_rubbing, s.arm.refuse_loops):
+        refuse("the error of a run")
+    return Scene(s.arm, dict(s.drive), tuple(s.loads), result.t, of.q0, of.v0, {}, "run", (), tuple(s.control))
+
+
+@dataclass
+class _Off:
+    """The place and the time of the largest error."""
+
+    unit: str
+    row: int
+    place: int
+    direction: Array
+    values: dict[str, Array]  #: of the richer run
+
+    def of(self, values: Mapping[str, Array], row: int | None = None) -> float:
+        """The quantity there, along the direction of the error."""
+        return float(self.direction @ values[self.unit][self.row if row is None else row, self.place])
+
+
+class _Estimating:
+    """The runs for one estimate."""
+
+    def __init__(self, result: Result, quantity: Any, tell: Callable[[str], None]) -> None:
+        self.result, self.tell, self.runs = result, tell, 0
+        self.scene = _scene_of(result)
+        self.measure = Measure(self.scene, quantity)
+        self.own = self.measure.values(result)
+        try:
+            self.measure.set_span(self.own)
+        except ValueError:  # it rests; errors are then in its unit
+            if not self.own:
+                raise
+            self.measure.ranges, self.measure.span = dict.fromkeys(self.own, 0.0), dict.fromkeys(self.own, 1.0)
+        self.models = Models(self.scene)
+        self.reasons: list[str] = []
+
+    def __call__(self, parameters: Mapping[str, float] | None = None) -> ErrorEstimate:
+        asked = {path: positive(f"parameters['{path}']", x, "relative") for path, x in (parameters or {}).items()}
+        self.tell("the richer model")
+        rich, size = self.richer()
+        by = self.result._source.integrator
+        own = by.tolerance if isinstance(by, Gauss) and not by.fixed else None
+        fine = max(_LEAST, _TIGHT if own is None else min(own * _FINER, _LOOSE))
+        if rich == self.models.given:
+            found = self.finely(self.result.t, fine)
+            return self.told(rich, self.worst(self.measure.values(found)), found, {}, fine, asked)
+        scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
+        coarse = float(np.clip(size * scale * _STEP_SHARE, _TIGHT, _LOOSE))
+        fine = min(fine, coarse)
+        back, off, rich = self.richest(rich, coarse)
+        used = np.flatnonzero(back.tau.any(axis=1))
+        times, at = np.unique(np.concatenate([self.result.t, back.t[used]]), return_inverse=True)
+        self.tell("the same model in finer steps")
+        both = self.finely(times, fine)
+        n = len(self.result.t)
+        found, places = _rows(both, at[:n]), _rows(both, at[n:])
+        self.tell("sources")
+        between, richer = Between(self.models, rich), self.models.at(rich, {})
+        parts = self.parts(between, richer, back, off, found, places, back.tau[used])
+        return self.told(rich, off, found, parts, fine + coarse, asked)
+
+    # -- the richer model --------------------------------------------------------------------------------------------
+
+    def richer(self) -> tuple[Model, float]:
+        """The richer model, with strains that matter, and the estimated error over the span."""
+        models = self.models
+        try:
+            reached = moving_strains(models)
+        except ValueError:  # a load that follows from the state
+            reached = None
+
+        def more(k: int, counts: Iterable[int]) -> tuple[int, ...]:
+            return tuple(map(max, counts, models.given.counts(k)))
+
+        rich = enriched(models, 0, reached)
+        rich = models.rebased(rich.each(lambda k, b: replace(b, counts=more(k, b.counts))))
+        at = models.at(rich, {})
+        shares, size = response(at, self.result, self.measure)
+        by_strain: dict[tuple[int, int], float] = {}
+        for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
+            by_strain[k, s] = by_strain.get((k, s), 0.0) + share
+        small = {key for key, share in by_strain.items() if share < _SMALL * size}
+        return self.without(rich, small), size
+
+    def without(self, rich: Model, strains: Iterable[tuple[int, int]]) -> Model:
+        """The model without further strains (link, strain) that the scene's own has none of."""
+        out = set(strains)
+        given = self.models.given
+
+        def change(k: int, b: Any) -> Any:
+            kept = [n if given.counts(k)[s] or (k, s) not in out else 0 for s, n in enumerate(b.counts)]
+            return replace(b, counts=tuple(kept))
+
+        return rich.each(change)
+
+    # -- runs --------------------------------------------------------------------------------------------------------
+
+    def backwards(self, at: Scene, tolerance: float, seconds: float) -> tuple[ByForces, _Off]:
+        """The run of the richer model, and the derivatives of its largest distance from the run by forces."""
+        found: list[_Off] = []
+        started = time.thread_time()
+
+        def look(*_: Any) -> None:
+            if time.thread_time() - started > seconds:
+                raise _TooLong
+
+        def loss(run: Result) -> tuple[float, dict[str, Array]]:
+            off = self.worst(self.measure.values(run))
+            found.append(off)
+            return 0.0, {"q": self.weights(at, run, off)}
+
+        setup = Setup(at.arm, dict(at.drive), tuple(at.loads), tuple(at.control))
+        of = source(setup, at.t, at.q0, at.v0, None, integrator=Gauss(tolerance=tolerance))
+        return of.by_forces(loss, look=look), found[0]
+
+    def worst(self, values: dict[str, Array]) -> _Off:
+        """Where another run is farthest from the run, over the span."""
+        found = []
+        for unit, span in self.measure.span.items():
+            off = values[unit] - self.own[unit]
+            size = np.linalg.norm(off, axis=-1)
+            row, place = np.unravel_index(int(np.argmax(size)), size.shape)
+            most = float(size[row, place])
+            direction = off[row, place] / most if most > 0.0 else np.eye(off.shape[-1])[0]
+            found.append((most / span, _Off(unit, int(row), int(place), direction, values)))
+        return max(found, key=lambda x: x[0])[1]
+
+    def weights(self, at: Scene, run: Result, off: _Off) -> Array:
+        """Derivatives of the quantity there, along the direction of the error, by the coordinates, (nt, nq)."""
+        out = np.zeros(run.q.shape)
+        slope = off.direction @ self.slope(at, run, off)
+        E = np.asarray(run.arm._core.rates(run.q[off.row], run.v[off.row])[2])
+        out[off.row] = np.linalg.lstsq(E.T, slope, rcond=None)[0]
+        return out
+
+    def slope(self, at: Scene, run: Result, off: _Off) -> Array:
+        """Derivatives of the quantity there by small motions of the rates, (components, nv)."""
+        if not callable(self.measure.quantity):
+            units = list(self.measure.span)
+            slopes = self.measure._slopes(at, run.q[[off.row]])[units.index(off.unit)][0, off.place]
+            return np.asarray(slopes * self.measure.span[off.unit])
+        columns = []
+        E = np.asarray(run.arm._core.rates(run.q[off.row], run.v[off.row])[2])
+        for step in E.T:
+            ends = []
+            for h in (1e-6, -1e-6):
+                q = run.q.copy()
+                q[off.row] += h * step
+                ends.append(self.measure.values(replace(run, q=q))[off.unit][off.row, off.place])
+            columns.append((ends[0] - ends[1]) / 2e-6)
+        return np.array(columns).T
+
+    def richest(self, rich: Model, tolerance: float) -> tuple[ByForces, _Off, Model]:
+        """The backward run of the richer model; of one without the fastest strains, where that takes very long."""
+        seconds = max(_PATIENCE[0] * float(self.result.stats.get("wall_time", 0.0)), _PATIENCE[1])
+        slow = self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in _FAST})
+        why = ""
+        for model in dict.fromkeys((rich, slow)):
+            self.tell("the richer model, and back")
+            self.runs += 2
+            try:
+                return *self.backwards(self.models.at(model, {}), tolerance, seconds), model
+            except _TooLong:
+                why = f"was given up after {seconds:.2g} s"
+            except RunStopped as e:
+                why = f"cannot be run: {e}"
+            self.reasons.append(f"the richer model, {self.models.label(model)}, {why}")
+        raise ValueError(f"no error is found: {self.reasons[-1]}")
+
+    def finely(self, times: Array, tolerance: float) -> Result:
+        """The run of the same model in steps of a negligible error."""
+        s = self.scene
+        self.runs += 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return simulated(s.arm, times, s.q0, s.v0, **s.given(), integrator=Gauss(tolerance=tolerance))
+            except SimulationError as e:
+                raise ValueError(f"no error is found: the run in finer steps cannot be made: {e}") from None
+
+    # -- the split ---------------------------------------------------------------------------------------------------
+
+    def parts(
+        self, between: Between, at: Scene, by: ByForces, off: _Off, fine: Result, places: Result, weights: Array
+    ) -> dict[tuple[str, str, int], float]:  # fmt: skip
+        """What each source makes of the largest error, by (where, what, number).
+
+        Args:
+            fine: the finely stepped run, at the times of the result. places: the same where the `weights` are.
+        """
+        first = _rows(fine, [0])
+        start = embed(first, at.arm)
+        E = np.asarray(at.arm._core.rates(by.result.q[0], by.result.v[0])[2])
+        dq = np.linalg.lstsq(E, start.q[0] - by.result.q[0], rcond=None)[0]
+        begun = -float(by.q0 @ dq + by.v0 @ (start.v[0] - by.result.v[0]))
+        prescribed = [i for i, law in at.arm.by_rate("drive", split_drives(at.arm, at.drive)[0]).items()
+                      if isinstance(law, Motion)]  # fmt: skip
+        weights = weights.copy()
+        weights[:, prescribed] = 0.0
+        static = self.models.start.balanced and bool(dq.any())
+        if static:  # the richer model begins in another balance: what lacks there does so by the stiffness
+            joints = [] if self.models.start.free else [i for i, key in enumerate(keys(at.arm)) if key[0] < 0]
+            places = _joined(Result(first.arm, first.t, first.q, first.v, np.zeros_like(first.a), first.tau), places)
+            weights = np.vstack([static_weights(at, {*joints, *prescribed}, by.q0), weights])
+        out: dict[tuple[str, str, int], float] = {}
+        for lack in between.lacks(places):
+            if lack.forces.any():
+                out[lack[:3]] = -float((weights * lack.forces).sum())
+                begun += float(weights[0] @ lack.forces[0]) if static else 0.0
+        if begun:
+            out["arm", START, 0] = begun
+        # the quantity at the same coordinates, from model to model
+        row = fine if callable(self.measure.quantity) else _rows(fine, [off.row])
+        at_row = off.row if callable(self.measure.quantity) else 0
+        before = off.of(self.measure.values(row), at_row)
+        row = embed(row, self.models.arm(between.first))
+        for where, what, model in [("arm", BASIS, between.first), *between.steps]:
+            now = off.of(self.measure.values(replace(row, arm=self.models.arm(model))), at_row)
+            if now != before:
+                out[where, what, 0] = out.get((where, what, 0), 0.0) + now - before
+            before = now
+        return out
+
+    # -- what is told ------------------------------------------------------------------------------------------------
+
+    def told(
+        self, rich: Model, off: _Off, fine: Result, parts: Mapping[tuple[str, str, int], float], missed: float,
+        asked: Mapping[str, float],
+    ) -> ErrorEstimate:  # fmt: skip
+        """The estimate. `missed`: by the steps of its runs, of the arm's length or an angle."""
+        unit, place, own, finer = off.unit, off.place, self.own, self.measure.values(fine)
+
+        def over_time(a: Mapping[str, Array], b: Mapping[str, Array]) -> Array:
+            return np.asarray(np.linalg.norm(a[unit][:, place] - b[unit][:, place], axis=-1))
+
+        total = over_time(off.values, own)
+        largest = float(total[off.row])
+        steps = off.of(finer) - off.of(own)
+        merged: dict[tuple[str, str], float] = {("arm", "steps"): steps}
+        for (where, what, _), part in parts.items():
+            merged[where, what] = merged.get((where, what), 0.0) + part
+        least = _ABOVE * missed * self.length(unit)
+        self.judge(largest, sum(merged.values()), parts, least)
+        sources = [ErrorSource(*key, x, x / largest if largest else 0.0) for key, x in merged.items()]
+        return ErrorEstimate(
+            self.measure.name, unit, self.result.t, total, over_time(finer, own), over_time(off.values, finer),
+            largest, float(self.result.t[off.row]), self.measure.ranges[unit],
+            sorted(sources, key=lambda x: -abs(x.error)), self.numbers(asked, unit, largest),
+            not self.reasons, "; ".join(self.reasons), self.models.label(rich), self.runs, own[unit][:, place],
+        )  # fmt: skip
+
+    def length(self, unit: str) -> float:
+        """The size of the arm, which a tolerance of steps is a part of."""
+        if unit == "m":
+            places = [self.scene.arm.frame(self.result.q[0], link=k)[0] for k in range(len(self.scene.arm.links))]
+            return float(np.linalg.norm(np.diff(places, axis=0, prepend=np.zeros((1, 3))), axis=1).sum())
+        return 1.0 if unit == "rad" else self.measure.ranges[unit] or 1.0
+
+    def judge(
+        self, largest: float, added: float, parts: Mapping[tuple[str, str, int], float], least: float
+    ) -> None:  # fmt: skip
+        """Finds why the estimate cannot be relied on."""
+        say = self.reasons.append
+        if largest < least:
+            say(f"an error below about {least:.1g} is not told from that of the estimate's own steps")
+        elif abs(added - largest) > _AGREE * largest:
+            say(f"the sources add up to {added:.2g}, so that small causes do not have proportional effects here")
+        tails: dict[tuple[str, str], tuple[int, float]] = {}
+        for (where, what, number), part in parts.items():
+            tails[where, what] = max(tails.get((where, what), (0, 0.0)), (number, part))
+        for (where, what), (number, part) in tails.items():
+            if number > 1 and abs(part) > _TAIL * largest:
+                say(f"{where}: shape function {number} of {what} still makes {abs(part):.2g}, further ones may, too")
+        for k, link in enumerate(self.scene.arm.links):
+            if link.beam is not None and any(isinstance(x, tuple) for x in link.beam.modes.values()):
+                say(f"{self.scene.arm.names[k]} has shapes of the user's own, to which none are added")
+        for k, what in leaps(self.scene).items():
+            where = self.scene.arm.names[k]
+            say(f"strains of {where} jump ({what}), which smooth shapes follow slowly: cut its beam there, by fa.split")
+        if self.models.pinned:
+            say(f"the shapes are taken as they are, since {self.models.pinned}")
+
+    def numbers(self, asked: Mapping[str, float], unit: str, largest: float) -> list[ErrorSource]:
+        """What uncertain numbers of the scene change at most."""
+        if not asked:
+            return []
+        s = self.scene
+        setup = Setup(s.arm, dict(s.drive), tuple(s.loads), tuple(s.control))
+        of = source(setup, s.t, s.q0, s.v0, None, integrator=Gauss())
+        self.runs += 2
+        found = of.sensitivities(list(asked))
+        slopes = found.of(lambda result, _: self.measure.values(result)[unit])
+        begin = start_of(setup, float(s.t[0]), of.q0, of.v0, None)
+        out = []
+        for path, part in asked.items():
+            changed = []
+            for own, slope in zip(found.parameters, slopes, strict=True):
+                if own == path or own.startswith(f"{path}."):
+                    changed.append(part * float(value_at(setup, own, begin)[0]) * slope)
+            size = float(np.sqrt(sum(np.square(x).sum(axis=-1) for x in changed)).max())
+            if not any(np.any(x) for x in changed):
+                raise ValueError(f"parameters: '{path}' is zero, or changes nothing: a part of it is no uncertainty")
+            out.append(ErrorSource("number", path, size, size / largest if largest else 0.0))
+        return sorted(out, key=lambda x: -x.error)
+
+
+def _estimate(result: Result, quantity: Any, parameters: Mapping[str, float] | None, progress: Any) -> ErrorEstimate:
+    """`Result.error`."""
+    with progress_bar(progress, "estimating", None) as bar:
+        return _Estimating(result, quantity, (lambda doing: bar(0, doing)) if bar else lambda doing: None)(parameters)
+
+
+Result._estimate = _estimate
+
+
+def _rows(run: Result, at: Any) -> Result:
+    return Result(run.arm, run.t[at], run.q[at], run.v[at], run.a[at], run.tau[at])
+
+
+def _joined(a: Result, b: Result) -> Result:
+    t, q, v, acc, tau = (np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("t", "q", "v", "a", "tau"))
+    return Result(a.arm, t, q, v, acc, tau)
