@@ -89,8 +89,8 @@ CASES = {
     "filter": Case('the same, `method="filter"`', TRUE, torque_noise=True, fit={"method": "filter"}),
     "motion": Case('torque not measured, `inputs={0: (fa.Motion, "angle")}`', BEAM, motion=True),
     "free": Case('the same without inputs, `method="filter"`', BEAM, motion=True, fit={"method": "filter"}),
-    "walk": Case("the same, of a torque that is a random walk, another one in each", BEAM, motion=True, walk=True,
-                 fit={"method": "filter"}),
+    "walk": Case("the same, of a torque that is a random walk, another one in each; noise of the readings given", BEAM,
+                 motion=True, walk=True, fit={"method": "filter", "noise": NOISE}),
     "loop": Case("digital PD at 500 Hz on an encoder of 2000 counts a turn, by its command", TRUE, pulses=2000,
                  loop=True, step=2.5e-4),
 }  # fmt: skip
