@@ -10,7 +10,7 @@ between columns; noise that is coloured (behind a first-order filter); a quantis
 that sticks and slides; a drive and sensors with a delay, an offset, a gain and a filter that are sought with the rest.
 Fitted from one start within 10 %: a length, a thickness, a density and two gains that the model has wrong by 0.5 %, and
 the same where the fit is told so (each is sought, with a prior of 0.5 %); outliers; a measured torque that is noisy,
-or was not measured; and a digital loop on an encoder's steps, driven by its command.
+or was not measured, or is a random walk; and a digital loop on an encoder's steps, driven by its command.
 Then: of 24 twins, whose starts are wrong by a factor of 3 in each number, how many are found from 1 and from 8 starts.
 Writes coverage.csv and coverage.md into DIR (default: here); with --docs, the rows of such files into the page's table.
 """
@@ -50,6 +50,7 @@ WRONG = {
 SHARE = 0.005
 TORQUE_NOISE = 0.02  # N m, of each sample
 OUTLIERS = 0.05  # of the readings
+WALK = 0.5  # N m/sqrt(s)
 
 
 @dataclass
@@ -68,6 +69,7 @@ class Case:
     torque_noise: bool = False
     loop: bool = False
     motion: bool = False  #: whether the torque was not measured
+    walk: bool = False  #: whether it is a random walk
     near: bool = True  #: whether the fit starts within 10 %, from there alone
     fit: dict[str, Any] = field(default_factory=dict)  #: further arguments
 
@@ -87,6 +89,8 @@ CASES = {
     "filter": Case('the same, `method="filter"`', TRUE, torque_noise=True, fit={"method": "filter"}),
     "motion": Case('torque not measured, `inputs={0: (fa.Motion, "angle")}`', BEAM, motion=True),
     "free": Case('the same without inputs, `method="filter"`', BEAM, motion=True, fit={"method": "filter"}),
+    "walk": Case("the same, of a torque that is a random walk, another one in each; noise of the readings given", BEAM,
+                 motion=True, walk=True, fit={"method": "filter", "noise": NOISE}),
     "loop": Case("digital PD at 500 Hz on an encoder of 2000 counts a turn, by its command", TRUE, pulses=2000,
                  loop=True, step=2.5e-4),
 }  # fmt: skip
@@ -133,6 +137,9 @@ def measured(case: Case, base: fa.Scene, true: dict[str, float], rng: np.random.
     asked = np.array([torque(x) for x in T])
     if case.torque_noise:
         twin = replace(twin, drive={0: fa.Torque(T, asked + TORQUE_NOISE * rng.normal(size=len(T)))})
+    if case.walk:
+        t = np.linspace(0.0, 1.0, 2001)
+        twin = replace(twin, drive={0: fa.Torque(t, WALK * np.sqrt(t[1]) * np.cumsum(rng.normal(size=t.size)))})
     fine = replace(twin, t=np.linspace(0.0, 1.0, 2001), options={"integrator": "implicit", "step": 1.25e-4})
     run = fine.run()
     columns = {}
