@@ -11,6 +11,7 @@
 #include "friction.hpp"
 #include "ida_linear.hpp"
 #include "ida_tangents.hpp"
+#include "loops_told.hpp"
 
 namespace flexarm {
 
@@ -118,8 +119,7 @@ std::string reason(int flag, const IdaSystem& s) {
       return "the error test failed too often: the solution changes faster than any step can follow";
     case IDA_CONV_FAIL:
     case IDA_REP_RES_ERR:
-      return std::string("the equations could not be solved at the smallest step: the solution may diverge") +
-             (s.n_loops() > 0 ? "; or the loops have come to a position where their equations depend on others" : "");
+      return "the equations could not be solved at the smallest step: the solution may diverge";
     case IDA_LSETUP_FAIL:
     case IDA_LSOLVE_FAIL:
       return "the Jacobian became singular";
@@ -384,6 +384,12 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
   }
 }
 
+/// Of a run that failed at the system's state, after a step of h: the failure is that of loops, if it is.
+void blame_loops(const IdaSystem& s, const Problem& problem, double h, Trajectory& out) {
+  const std::string why = told_of_loops(s.arm, s.drives, problem.q0, s.q, s.v, out.reached, h);
+  if (!why.empty()) out.failure = why;
+}
+
 /// A run, or one part of it between two switches of dry friction.
 Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, const IdaOptions& options,
                            const Alive& alive, Control& control, const std::vector<Parameter>& parameters) {
@@ -399,6 +405,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   if (!record(s, t[0], out)) return out;
   if (s.size() == 0) {
     follow(s, t, events, alive, out);
+    if (!out.failure.empty() && out.failure != kInterrupted) blame_loops(s, problem, t[1] - t[0], out);
     differentiate(s, out);
     return out;
   }
@@ -413,6 +420,12 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
     integrate(solver, s, t, problem.asks_functions(), options, alive, out);
   } catch (const Interrupted&) {
     out.failure = kInterrupted;
+  }
+  if (!out.failure.empty() && out.failure != kInterrupted) {
+    s.set(out.reached, N_VGetArrayPointer(solver.y), nullptr);
+    double last = 0.0;
+    IDAGetLastStep(solver.memory, &last);
+    blame_loops(s, problem, last, out);
   }
   count_work(solver.memory, s, out.stats);
   out.stats.wall_time = seconds_since(started);

@@ -82,8 +82,11 @@ void IdaSystem::choose_rows() {
   find_loops();
   Eigen::MatrixXd free(n_v(), n);
   for (int k = 0; k < n_v(); ++k) free.row(k) = G.row(ws.free[k]);
-  for (auto column : free.colwise())
-    if (const double size = column.norm(); size > 0.0) column /= size;
+  const double least = kDependent * G.colwise().norm().maxCoeff();
+  for (auto column : free.colwise()) {  // a row that nothing free moves is not chosen for its rounding
+    const double size = column.norm();
+    column *= size > least ? 1.0 / size : 0.0;
+  }
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(free);
   qr.setThreshold(kDependent);
   for (Eigen::Index k = 0; k < qr.rank(); ++k) rows.push_back(qr.colsPermutation().indices()[k]);

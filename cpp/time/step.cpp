@@ -259,7 +259,6 @@ OneStep::OneStep(const std::string& method, const Arm& arm, double h, const Impl
          << " over the highest frequency), or an implicit method";
     remedy_ = text.str();
   }
-  if (!arm.loops().empty()) remedy_ += "; or the loops have come to a position where their equations depend on others";
   Methods::visit(number, [&](auto row) { run_ = std::make_unique<RunOf<decltype(row)>>(arm, options); });
 }
 

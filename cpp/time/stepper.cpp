@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "flexarm/quadrature.hpp"
+#include "loops_told.hpp"
 
 namespace flexarm {
 
@@ -105,6 +106,7 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
       ways_(static_cast<std::size_t>(s.arm.nv()), Tape::free),
       q0_(s.q),
       v0_(s.v),
+      start_(problem.q0),
       q1_(s.q),
       v1_(s.v),
       cubic_(s) {
@@ -345,6 +347,7 @@ Status Stepper::sample() { return look() ? jump() : Status::ok; }
 std::string Stepper::reason(Status status) const {
   const double h = now_.h;
   std::ostringstream text;
+  const std::string loops = told_of_loops(s.arm, s.drives, start_, s.q, s.v, reached, h);
   switch (status) {
     case Status::not_converged:
       if (restless_) {
@@ -353,9 +356,11 @@ std::string Stepper::reason(Status status) const {
                 "smaller step";
         break;
       }
-      text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
+      text << "the equations of a step of " << h
+           << " s could not be solved: " << (loops.empty() ? "take a smaller step" : loops);
       break;
     case Status::not_finite:
+      if (!loops.empty()) return loops;
       text << "the motion ran away in steps of " << h << " s";
       if (const std::string who = s.arm.farthest_out(s.q, s.v); !who.empty()) text << "; " << who << " and grows";
       text << ": " << method.remedy();

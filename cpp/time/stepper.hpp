@@ -189,6 +189,7 @@ class Stepper {
   bool forced_ = false;               // it did not last at the step's very beginning
   RubbingJoint* restless_ = nullptr;  // one that switches without end
   Eigen::VectorXd q0_, v0_;           // where the step began
+  const Eigen::VectorXd start_;       // where the run began
   Eigen::VectorXd q1_, v1_;           // where it ended, before it was looked into
   StepCubic cubic_;                   // through it, of methods that do not interpolate
   std::vector<double> last_switches_;

@@ -106,6 +106,7 @@ const char* System::react() {
   a = ws.a;
   if (!rubbing) friction.setZero();
   const bool moved = std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); });
+  if (moved && ws.chain().layout().rigid_rows > 0 && !ws.chain().closed()) return "rigid loops are open";
   if (moved || !arm.loops().empty()) {
     if (rubbing) move_chain(ws, q, v);
     joint_forces(arm, ws, a);

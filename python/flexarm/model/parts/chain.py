@@ -350,7 +350,7 @@ class Chain:
         return tuple(out)
 
     def in_names(self, text: str) -> str:
-        """A message of the core, with names in place of the numbers of coordinates and links."""
+        """A message of the core, with names in place of the numbers of coordinates, links and loops."""
 
         def coordinate(m: re.Match[str]) -> str:
             k, rest = int(m[1]), m[2]
@@ -358,6 +358,8 @@ class Chain:
             joint = rest == kind or rest.startswith(f"{kind} ")
             return f"'{self.joint_names[k]}{rest.removeprefix(kind)}'" if joint else f"'{self.names[k]} {rest}'"
 
+        for k, name in enumerate(self.loop_names):
+            text = text.replace(f"loop [{k}]", f"loop '{name}'")
         text = re.sub(r"'link (\d+) ([^']*)'", coordinate, text)
         return re.sub(r"(?<=beam of )link (\d+)", lambda m: self.names[int(m[1])], text)
 
