@@ -345,7 +345,9 @@ class Ahead {
   Ahead(const Problem& of, const Tape& tape, bool rows, int threads)
       : shared_(shared_places(tape)),
         asked_(static_cast<std::size_t>(tape.points()), 1),
-        kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm->nv()) : 1)) {
+        kept_(static_cast<std::size_t>(threads > 1              ? threads * std::max(kFewest, kRates / of.arm->nv())
+                                       : loop_rows(*of.arm) > 0 ? tape.stages.count() + 1  // are asked for twice
+                                                                : 1)) {
     for (const Tape::Row& row : tape.rows) {
       if (row.point < 0) continue;
       asked_[static_cast<std::size_t>(row.point)] = tape.closing_at(row.point) ? 1 : 0;

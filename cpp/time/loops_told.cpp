@@ -18,7 +18,7 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kDependent = 1e-7;  // of the size of a row: rows that differ by less depend on one another
+constexpr double kTied = 1e-7;       // of the size of a row: rows that differ by less depend on one another
 constexpr double kNear = 0.1;        // of what that difference was at the start: a singular position is near
 constexpr double kPart = 1e-3;       // of a row, or of what it makes of a motion, that has a part in it
 constexpr double kOpen = 1e-7;       // of the way of the motions: a gap that they leave
@@ -29,12 +29,10 @@ constexpr int kRounds = 5;           // of closing a loop that is nearly closed
 class Rows {
  public:
   Rows(const Arm& arm, const std::vector<bool>& given) : arm_(arm), ws_(arm, given) {
-    int k = 0;
-    for (const Loop& loop : arm.loops()) {
-      for (const Loop::Row& r : loop.rows())
-        if (std::isinf(loop.stiffness_of(r))) of_.push_back(k);
-      ++k;
-    }
+    const lanes::Layout& layout = ws_.chain().layout();  // of an arm that moves in a plane, the rows there
+    for (int k = 0; k < layout.loops; ++k)
+      for (int i = 0; i < layout.loop[k].rows; ++i)
+        if (layout.loop[k].rigid(layout.loop[k].row[i])) of_.push_back(k);
     G_.resize(arm.nv(), static_cast<Eigen::Index>(of_.size()));
     motion_.resize(3, G_.cols());
   }
@@ -66,7 +64,7 @@ class Rows {
     svd_.compute(square, Eigen::ComputeFullV);
   }
   const Eigen::VectorXd& sizes() const { return svd_.singularValues(); }
-  Eigen::Index rank() const { return (sizes().array() > kDependent).count(); }
+  Eigen::Index rank() const { return (sizes().array() > kTied).count(); }
   /// A combination of rows: the k-th of those that depend on one another the least.
   Eigen::VectorXd combination(Eigen::Index k) const { return svd_.matrixV().col(k).cwiseQuotient(size_); }
   /// What a combination makes of the rates, and its size beside the inertia there.
