@@ -90,5 +90,5 @@ def test_several_fits_have_one_bar() -> None:
     fa.validate(data=EXCERPT, progress=lambda done, text="": told.append((done, text)))
     shares = [done for done, _ in told]
     assert shares == sorted(shares) and 0 < shares[0] < shares[-1] <= 1
-    said = [f"fit {k} of 5" for k in range(1, 6)]  # the last goes on from the best of the drives, if that is not the end
+    said = [f"fit {k} of 5" for k in range(1, 6)]  # the last one only if the drives are not found before
     assert {text for _, text in told} in (set(said), set(said[:-1]))
