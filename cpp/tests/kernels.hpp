@@ -175,7 +175,7 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
                             found.data() + nv * nq, nullptr);
     for (int k = 0; k < nq + nv; ++k)
       if ((k < nq ? k : k - nq) % kEvery == 0)
-        CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * expected.norm()));
+        CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * found.norm()));
   }
 }
 
