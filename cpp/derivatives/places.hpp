@@ -73,7 +73,7 @@ class Places {
   /// The balance at place e, with the equations of loops (Balance).
   void balance(Index e, VectorXd& needed, VectorXd& applied) {
     move(e);
-    balance_here(e, needed, applied);
+    balance_here(e, needed.head(n), applied);
     if (m == 0) return;
     found_.resize(3, m);
     s_.ws.chain().loop_rows(found_.data(), nullptr);
