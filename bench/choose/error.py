@@ -30,7 +30,8 @@ from flexarm.choose.models import Models
 from flexarm.model.parts.beam import STRAINS
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "bench" / "run"))
+sys.path[:0] = [str(ROOT / "bench" / "run"), str(ROOT / "bench")]
+from reporting import replace_table  # noqa: E402
 from zoo import ARMS, length  # noqa: E402
 
 TOLERANCES = (1e-3, 1e-5, 1e-7)
@@ -308,13 +309,9 @@ def page(kept: dict[str, Rows]) -> None:
     zoo = [x for name in ARMS for x in kept.get(name, [])]
     others = [x for name, found in kept.items() if name.startswith("drawn") for x in found]
     draw(zoo, others, ROOT / "docs" / "figures" / "error.png")
-    path = ROOT / "docs" / "error.md"
-    text = path.read_text(encoding="utf-8")
     tables = {"zoo": table_of_zoo(zoo), "drawn": table_of_drawn(others), "failures": table_of_failures(zoo + others)}
     for mark, of in tables.items():
-        before, rest = text.split(f"<!-- {mark} -->")
-        text = f"{before}<!-- {mark} -->\n\n{of}\n\n<!-- end -->{rest.split('<!-- end -->', 1)[1]}"
-    path.write_text(text, encoding="utf-8")
+        replace_table(ROOT / "docs" / "error.md", mark, of)
 
 
 def main() -> None:

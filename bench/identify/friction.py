@@ -13,6 +13,7 @@ marks of docs/validation.md, and writes docs/figures/validation-friction.png.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,9 @@ from flexarm.identify.validate.rig import (
     with_values,
 )
 from scipy.signal import savgol_filter
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import replace_table
 
 DOCS = Path(__file__).parents[2] / "docs"
 HANDBOOK = (8.9, 0.87)  # N m of an ampere
@@ -150,13 +154,6 @@ def drawn(drives: dict[str, Drive]) -> None:
     figure.savefig(DOCS / "figures" / "validation-friction.png", dpi=DPI * 0.8)
 
 
-def put(text: str, name: str, table: str) -> str:
-    """The text with the table between its marks."""
-    begin, end = f"<!-- {name}: written by bench/identify/friction.py -->\n", f"<!-- end of {name} -->"
-    i = text.index(begin) + len(begin)
-    return text[:i] + table + "\n" + text[text.index(end) :]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--docs", action="store_true")
@@ -168,11 +165,8 @@ def main() -> None:
         drawn(drives)
     tables["bounds"] = bounds()
     if args.docs:
-        page = DOCS / "validation.md"
-        text = page.read_text(encoding="utf-8")
         for name, table in tables.items():
-            text = put(text, name, table)
-        page.write_text(text, encoding="utf-8")
+            replace_table(DOCS / "validation.md", name, table)
 
 
 if __name__ == "__main__":

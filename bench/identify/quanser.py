@@ -9,6 +9,7 @@ mujoco). With --docs it puts them between the marks of docs/validation.md, and w
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +20,9 @@ from flexarm.data.draw.trajectory import plot_recordings
 from flexarm.identify.validate.rig import ARM, DEFLECTIONS, PER_RUN, SHIPPED, identified, read, with_motion, with_values
 from flexarm.identify.validate.validate import Judged, _fitted, fitted, latest
 from rivals import rivals
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import replace_table
 
 DOCS = Path(__file__).parents[2] / "docs"
 ZERO, DAMPER = "link.1.joint.outboard.rotation.2", "strut.cable.damping"
@@ -100,13 +104,6 @@ def numbers(made: Mapping[str, fa.results.Validation]) -> str:
     return table("number, without", {f"`{path}`": x for path, x in rows.items()})
 
 
-def put(text: str, name: str, table: str) -> str:
-    """The text with the table between its marks."""
-    begin, end = f"<!-- {name}: written by bench/identify/quanser.py -->\n", f"\n<!-- end of {name} -->"
-    i = text.index(begin) + len(begin)
-    return text[:i] + table + text[text.index(end) :]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--docs", action="store_true")
@@ -125,11 +122,8 @@ def main() -> None:
     if not args.errors:
         tables |= more(made)
     if args.docs:
-        page = DOCS / "validation.md"
-        text = page.read_text(encoding="utf-8")
         for name, made_table in tables.items():
-            text = put(text, name, made_table)
-        page.write_text(text, encoding="utf-8")
+            replace_table(DOCS / "validation.md", name, made_table)
 
 
 def more(made: Mapping[str, fa.results.Validation]) -> dict[str, str]:

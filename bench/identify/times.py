@@ -9,7 +9,7 @@ it puts the table between the marks of docs/identify.md. Takes a minute.
 from __future__ import annotations
 
 import argparse
-import re
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,6 +21,9 @@ import flexarm as fa
 import numpy as np
 from flexarm.identify.residuals import Residuals
 from flexarm.identify.validate.rig import FOLDER, read, with_motion, with_values
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reporting import replace_table
 
 DOCS = Path(__file__).parents[2] / "docs" / "identify.md"
 STEEL = fa.Material(7850, 209e9, 0.3)
@@ -134,12 +137,10 @@ def main() -> None:
                  lambda: fa.identify(guess, recorded, names, **asked)),
         ]  # fmt: skip
     head = "| fit | runs | with derivatives | processor time | in single runs |\n|-|-:|-:|-:|-:|\n"
-    table = head + "\n".join(rows) + "\n"
+    table = head + "\n".join(rows)
     print(table)
     if args.docs:
-        text = DOCS.read_text(encoding="utf-8")
-        begin, end = "<!-- costs: written by bench/identify/times.py -->\n", "<!-- end of costs -->"
-        DOCS.write_text(re.sub(f"{begin}.*?{end}", lambda _: begin + table + end, text, flags=re.DOTALL), "utf-8")
+        replace_table(DOCS, "costs", table)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from reporting import fastest, finish
+from reporting import fastest, finish, replace_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -415,13 +415,8 @@ def main() -> None:
     if args.docs:
         draw(ROOT / "docs" / "figures" / "contact.png", found)
         draw_press(ROOT / "docs" / "figures" / "contact-press.png", found["pressing"][1])
-        page = ROOT / "docs" / "contact.md"
-        text = page.read_text(encoding="utf-8")
         for name, table in made.items():
-            before, rest = text.split(f"<!-- {name}: by bench/run/contacts.py -->")
-            after = rest.split("<!-- end -->", 1)[1]
-            text = f"{before}<!-- {name}: by bench/run/contacts.py -->\n\n{table}\n\n<!-- end -->{after}"
-        page.write_text(text, encoding="utf-8")
+            replace_table(ROOT / "docs" / "contact.md", name, table)
 
 
 if __name__ == "__main__":

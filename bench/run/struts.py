@@ -31,7 +31,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from reporting import fastest, finish
+from reporting import fastest, finish, replace_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
@@ -363,13 +363,8 @@ def main() -> None:
     print("\n\n".join(made.values()))
     if args.docs:
         draw(ROOT / "docs" / "figures" / "struts.png", found)
-        page = ROOT / "docs" / "struts.md"
-        text = page.read_text(encoding="utf-8")
         for name, table in made.items():
-            before, rest = text.split(f"<!-- {name}: by bench/run/struts.py -->")
-            after = rest.split("<!-- end -->", 1)[1]
-            text = f"{before}<!-- {name}: by bench/run/struts.py -->\n\n{table}\n\n<!-- end -->{after}"
-        page.write_text(text, encoding="utf-8")
+            replace_table(ROOT / "docs" / "struts.md", name, table)
 
 
 if __name__ == "__main__":

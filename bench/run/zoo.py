@@ -31,8 +31,9 @@ import numpy as np
 from flexarm.run.scene.scene import tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "bench" / "speed"))
+sys.path[:0] = [str(ROOT / "bench" / "speed"), str(ROOT / "bench")]
 from peers import ONE_THREAD, python_of  # noqa: E402
+from reporting import replace_table  # noqa: E402
 
 ARMS = {
     "crane": ROOT / "tests" / "data" / "crane.toml",
@@ -266,12 +267,8 @@ def draw(rows: list[Row], path: Path) -> None:
 
 def page(rows: list[Row]) -> None:
     draw(rows, ROOT / "docs" / "figures" / "zoo.png")
-    path = ROOT / "docs" / "zoo.md"
-    text = path.read_text(encoding="utf-8")
     for mark, of in (("table", table(rows)), ("others", table_of_others(rows)), ("swings", table_of_swings())):
-        before, rest = text.split(f"<!-- {mark} -->")
-        text = f"{before}<!-- {mark} -->\n\n{of}\n\n<!-- end -->{rest.split('<!-- end -->', 1)[1]}"
-    path.write_text(text, encoding="utf-8")
+        replace_table(ROOT / "docs" / "zoo.md", mark, of)
 
 
 def main() -> None:
