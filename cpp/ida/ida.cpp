@@ -386,7 +386,7 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, bool func
 
 /// Of a run that failed at the system's state, after a step of h: the failure is that of loops, if it is.
 void blame_loops(const IdaSystem& s, const Problem& problem, double h, Trajectory& out) {
-  const std::string why = told_of_loops(s.arm, s.drives, problem.q0, s.q, s.v, out.reached, h);
+  const std::string why = told_of_loops(s, problem.q0, out.reached, h);
   if (!why.empty()) out.failure = why;
 }
 

@@ -161,26 +161,22 @@ std::string contradiction(const Arm& arm, const std::vector<Drive>& drives, Rows
 
 }  // namespace
 
-std::string told_of_loops(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& start,
-                          const Eigen::VectorXd& q, const Eigen::VectorXd& v, double t, double h) {
-  std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
-  for (const Drive& d : drives)
-    if (d.motion) given[static_cast<std::size_t>(d.coordinate)] = true;
-  Rows rows(arm, given);
-  if (rows.none() || !all_finite(q) || !all_finite(v)) return {};
+std::string told_of_loops(const System& s, const Eigen::VectorXd& start, double t, double h) {
+  if (s.arm.loops().empty() || !all_finite(s.q) || !all_finite(s.v)) return {};
+  Rows rows(s.arm, s.ws.prescribed);
+  if (rows.none()) return {};
   for (const double ahead : {h, 1e2 * h, 1e4 * h, 1e6 * h, 1e8 * h})
-    if (const std::string text = contradiction(arm, drives, rows, q, v, t, ahead); !text.empty()) return text;
-  rows.find(start, v);
+    if (const std::string text = contradiction(s.arm, s.drives, rows, s.q, s.v, t, ahead); !text.empty()) return text;
+  rows.find(start, s.v);
   const Eigen::Index rank = rows.rank();
   if (rank == 0) return {};
   const double usual = rows.sizes()[rank - 1];
-  rows.find(q, v);
+  rows.find(s.q, s.v);
   if (!(rows.sizes()[rank - 1] < kNear * usual)) return {};
   std::ostringstream text;
   text << named(rows.loops(rows.combination(rank - 1))) << " came to a singular position at t = " << t
        << " s, where equations depend on one another that did not at the start: beyond it the loops cannot be closed, "
-          "or "
-          "in more ways than one; keep away from it, or let a loop give way (stiffness)";
+       << "or in more ways than one; keep away from it, or let a loop give way (stiffness)";
   return text.str();
 }
 

@@ -347,7 +347,7 @@ Status Stepper::sample() { return look() ? jump() : Status::ok; }
 std::string Stepper::reason(Status status) const {
   const double h = now_.h;
   std::ostringstream text;
-  const std::string loops = told_of_loops(s.arm, s.drives, start_, s.q, s.v, reached, h);
+  const std::string loops = told_of_loops(s, start_, reached, h);
   switch (status) {
     case Status::not_converged:
       if (restless_) {
