@@ -118,6 +118,7 @@ struct Composite {
   void fill(const C& chain, int i, int rate, int before, const Force<Sp>& own, S* M) const {
     const Force<Sp> F = place[i].to_parent(own);
     S* row = M + static_cast<long>(rate) * nv;
+    if (!chain.layout.branched) return fill(0, before, F, H, row);
     for (int end = before;;) {
       const int begin = first[i] == 0 ? 0 : rates[first[i] - 1];
       fill(begin, end, F, H + begin, row);
