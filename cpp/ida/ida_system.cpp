@@ -99,14 +99,17 @@ void IdaSystem::choose_rows() {
   shifted = v;
 }
 
+bool IdaSystem::is_elastic(int rate) const {
+  std::size_t n = arm.size() - 1;
+  while (arm.first(n) > rate) --n;
+  return rate >= arm.first(n) + arm.link(n).nj();
+}
+
 void IdaSystem::choose_moved() {
-  Eigen::VectorXd ease = Eigen::VectorXd::Ones(arm.nv());
-  for (std::size_t n = 0; n < arm.size(); ++n)
-    ease.segment(arm.first(n) + arm.link(n).nj(), arm.link(n).ne()).setConstant(kStiff);
   Eigen::MatrixXd by(n_loops(), n_v());
   for (int k = 0; k < n_v(); ++k)
     for (int r = 0; r < n_loops(); ++r)
-      by(r, k) = G(ws.free[k], rows[static_cast<std::size_t>(r)]) * ease[ws.free[k]];
+      by(r, k) = G(ws.free[k], rows[static_cast<std::size_t>(r)]) * (is_elastic(ws.free[k]) ? kStiff : 1.0);
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(by);
   moved.clear();
   for (int r = 0; r < n_loops(); ++r) moved.push_back(ws.free[qr.colsPermutation().indices()[r]]);

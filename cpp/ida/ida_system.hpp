@@ -72,6 +72,7 @@ struct IdaSystem : System {
   int size() const { return n_q() + n_v() + 2 * n_loops(); }
   /// Takes the rows of loops that are independent where the chain is.
   void choose_rows();
+  bool is_elastic(int rate) const;
   /// Takes the rates that P moves, where the chain is.
   void choose_moved();
   /// Whether all rigid rows are closed, those that were not chosen, too, as far as the tolerance lets them.
