@@ -103,7 +103,7 @@ struct Solver {
     N_VConst(1.0, special);
     std::fill_n(forces, 2 * s.n_loops(), 0.0);
     for (int k = 0; k < s.n_v(); ++k)
-      if (s.is_elastic(s.ws.free[k])) N_VGetArrayPointer(special)[s.n_q() + k] = 0.0;
+      if (s.yielding[s.ws.free[k]] < 1.0) N_VGetArrayPointer(special)[s.n_q() + k] = 0.0;
     check_flag(IDASetId(memory, special));
     check_flag(IDASetSuppressAlg(memory, SUNTRUE));
   }

@@ -32,13 +32,14 @@ void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, const Eigen::Matrix
     }
     for (int k = 0; k < nq; ++k) {
       const int i = s.free_q[static_cast<std::size_t>(k)];
-      double by_q = 0.0, rate_by_q = 0.0;
+      double by_drift = 0.0, by_q = 0.0, rate_by_q = 0.0;
       for (int j : s.ws.free) {
         const double e = E(i, j), turned = s.arm.coordinate_of(j) < 0 ? 4.0 * e : e;
+        by_drift -= e * s.yielding[j] * g[j];
         by_q += turned * g[j];
         rate_by_q += turned * 0.5 * slopes(s.rows[static_cast<std::size_t>(r)], s.arm.nq() + j);
       }
-      at(k, drift) = -E(i, s.moved[static_cast<std::size_t>(r)]);
+      at(k, drift) = by_drift;
       at(y, k) = by_q;
       at(drift, k) = rate_by_q;
     }

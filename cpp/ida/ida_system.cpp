@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it depends on them
 
-constexpr double kStiff = 1e-4;      // how gladly elastic coordinates close loops, beside those of joints
+constexpr double kStiff = 1e-6;      // how far an elastic coordinate yields to the loops, beside one of a joint
 
 constexpr double kOpen = 1e4;  // tolerances by which a row may be open (m, or rad)
 constexpr double kLeastOpen = 1e-9;
@@ -93,26 +93,12 @@ void IdaSystem::choose_rows() {
   qr.setThreshold(kDependent);
   for (Eigen::Index k = 0; k < qr.rank(); ++k) rows.push_back(qr.colsPermutation().indices()[k]);
   std::sort(rows.begin(), rows.end());
-  choose_moved();
+  yielding = Eigen::VectorXd::Ones(arm.nv());
+  for (std::size_t k = 0; k < arm.size(); ++k)
+    yielding.segment(arm.first(k) + arm.link(k).nj(), arm.link(k).ne()).setConstant(kStiff);
   ws.loop_forces.assign(static_cast<std::size_t>(n), 0.0);
   drift = Eigen::VectorXd::Zero(n_loops());
   shifted = v;
-}
-
-bool IdaSystem::is_elastic(int rate) const {
-  std::size_t n = arm.size() - 1;
-  while (arm.first(n) > rate) --n;
-  return rate >= arm.first(n) + arm.link(n).nj();
-}
-
-void IdaSystem::choose_moved() {
-  Eigen::MatrixXd by(n_loops(), n_v());
-  for (int k = 0; k < n_v(); ++k)
-    for (int r = 0; r < n_loops(); ++r)
-      by(r, k) = G(ws.free[k], rows[static_cast<std::size_t>(r)]) * (is_elastic(ws.free[k]) ? kStiff : 1.0);
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(by);
-  moved.clear();
-  for (int r = 0; r < n_loops(); ++r) moved.push_back(ws.free[qr.colsPermutation().indices()[r]]);
 }
 
 bool IdaSystem::loops_closed(double rtol) {
@@ -173,7 +159,7 @@ bool IdaSystem::residual(const double* yp, double* r) {
     shifted = v;
     for (int k = 0; k < n_loops(); ++k) {
       const int row = rows[static_cast<std::size_t>(k)];
-      shifted[moved[static_cast<std::size_t>(k)]] += drift[k];
+      for (int i : ws.free) shifted[i] += yielding[i] * G(i, row) * drift[k];
       r[n_q() + n_v() + k] = found(0, row);
       r[n_q() + n_v() + n_loops() + k] = found(1, row);
     }

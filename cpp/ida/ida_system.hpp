@@ -42,8 +42,8 @@ class ChainInverse {
 };
 
 /// State y = [q; v] of the free coordinates and rates; of arms with loops [q; v; y; m], in the stabilised form of index
-/// 2 (Gear, Gupta & Leimkuhler 1985): dq/dt = E (v + P m), M dv/dt = .. + G y, g = 0, dg/dt = 0. P adds each of m to a
-/// rate of its own, of a joint where joints can close the loops: the columns of G would bend stiff beams.
+/// 2 (Gear, Gupta & Leimkuhler 1985): dq/dt = E (v + W G m), M dv/dt = .. + G y, g = 0, dg/dt = 0. W lets joints close the
+/// loops, and elastic coordinates hardly, as these would have to bend stiff beams.
 struct IdaSystem : System {
   Eigen::VectorXd dq;                  // rates of all coordinates
   std::optional<DenseJacobian> dense;  // one of the two
@@ -55,10 +55,10 @@ struct IdaSystem : System {
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
   std::vector<int> rows;           // of loops: those that do not depend on others
-  std::vector<int> moved;          // rates that P moves
+  Eigen::VectorXd yielding;        // W, of the rates: 1 of joints
   Eigen::MatrixXd G;               // of all rigid rows, by columns
   Eigen::Matrix3Xd found;          // g and its derivatives by time, of all rigid rows
-  Eigen::VectorXd shifted, drift;  // v + P m; m
+  Eigen::VectorXd shifted, drift;  // v + W G m; m
   std::optional<StateTangents> tangents;
   IdaSystem(const Problem& problem, Control& control_)
       : System(problem, control_),
@@ -72,9 +72,6 @@ struct IdaSystem : System {
   int size() const { return n_q() + n_v() + 2 * n_loops(); }
   /// Takes the rows of loops that are independent where the chain is.
   void choose_rows();
-  bool is_elastic(int rate) const;
-  /// Takes the rates that P moves, where the chain is.
-  void choose_moved();
   /// Whether all rigid rows are closed, those that were not chosen, too, as far as the tolerance lets them.
   bool loops_closed(double rtol);
   /// g and its derivatives, and G, where the chain is.
