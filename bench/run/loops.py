@@ -175,7 +175,7 @@ def beams(folder: Path) -> dict[str, Any]:
             else:
                 arm, watched, long, drive = arms.planar(case, shapes, fine), "coupler", case.coupler, arms.drives(case)
                 q = arms.start(arm, case)
-            for run, options in (*steps_of("gauss", 10, 5), *steps_of("implicit", 1, 0.1)):
+            for run, options in (*steps_of("gauss", 10, 5), *steps_of("implicit", 1, 0.1), RUNS[-1]):
                 results: list[fa.Result] = []
 
                 def job(arm: Any = arm, q: Any = q, drive: Any = drive, options: Any = options,

@@ -92,7 +92,8 @@ struct Solver {
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
   }
-  /// The forces of loops have no error of their own; and in short steps more rounding than any tolerance allows.
+  /// Forces of loops have no error of their own, and in short steps more rounding than any tolerance allows. Nor are
+  /// elastic rates tested: those of stiff strains follow these forces, and leap where the length of a step changes.
   void tell_loops(const IdaSystem& s, const IdaOptions& o) {
     special = N_VClone(y);
     if (!special) throw std::bad_alloc();

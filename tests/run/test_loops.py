@@ -279,6 +279,17 @@ def test_step_by_step_is_the_same_run() -> None:
     assert np.array_equal(sim.q, end)
 
 
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6])
+def test_ida_takes_steps_on_loops_of_beams_as_on_open_chains(rtol: float) -> None:
+    arm = four_bar(bends=True)
+    q = closed(arm)
+    run = fa.simulate(arm, T, q, integrator="ida", rtol=rtol)
+    tree = fa.simulate(fa.Arm(arm.links, arm.gravity), T, q, integrator="ida", rtol=rtol, linear_solver="dense")
+    assert run.stats["failed_steps"] < 0.1 * run.stats["steps"]
+    assert run.stats["steps"] < 2 * tree.stats["steps"]
+    np.testing.assert_allclose(run.q, fa.simulate(arm, T, q).q, atol=10 * rtol)
+
+
 def test_what_does_not_know_loops_refuses_them() -> None:
     arm = four_bar(damping=0.1)
     q = closed(arm)

@@ -58,7 +58,8 @@ class Ida(Integrator):
     """SUNDIALS IDA on the residual of inverse dynamics: variable step and order. (Hindmarsh et al. 2005)
 
     Args:
-        rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
+        rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit); with rigid loops,
+            of every coordinate and every rate of a joint.
         max_order: highest order of its formulas (BDF), 1 to 5; 2 damps modes that are too fast, 5 is faster.
         linear_solver: of its Newton iterations: "dense" factors the exact Jacobian, O(N^3) once in several steps;
             "chain" eliminates like articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and

@@ -22,7 +22,7 @@ enum class LinearSolver {
 
 struct IdaOptions {
   double rtol = 1e-6;
-  double atol = 1e-9;  ///< of every coordinate and rate, in its own unit
+  double atol = 1e-9;  ///< of every coordinate and rate, in its own unit; with rigid loops, not of elastic rates
   int max_order = 5;   ///< of the backward differentiation formulas, 1 to 5
   LinearSolver linear_solver = LinearSolver::automatic;
   /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
