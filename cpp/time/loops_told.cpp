@@ -119,7 +119,7 @@ std::string contradiction(const Arm& arm, const std::vector<Drive>& drives, Rows
     Tie tie{rows.by_rates(combination), {}, rows.loops(combination)};
     for (const Drive& d : drives)
       if (d.motion && rows.size_of(tie.by, d.coordinate) > kPart) tie.moved.push_back(d.coordinate);
-    if (tie.moved.size() > 1) ties.push_back(std::move(tie));
+    if (!tie.moved.empty()) ties.push_back(std::move(tie));
   }
   if (ties.empty()) return {};
   const Eigen::VectorXd before = q;
@@ -141,7 +141,13 @@ std::string contradiction(const Arm& arm, const std::vector<Drive>& drives, Rows
     if (tie.loops.count(loop) == 0) continue;
     std::ostringstream text;
     const int last = tie.moved.back();
-    text << named(tie.loops) << " cannot be closed at t = " << t + h << " s: the motions of ";
+    text << named(tie.loops) << " cannot be closed at t = " << t + h << " s: ";
+    if (tie.moved.size() == 1) {
+      text << "nothing is free to follow the motion of '" << names[static_cast<std::size_t>(last)]
+           << "', which would have to stand still, not move at " << v[last] << ": leave this motion away";
+      return text.str();
+    }
+    text << "the motions of ";
     for (const int i : tie.moved)
       text << (i == tie.moved.front() ? ""
                : i == last            ? " and "

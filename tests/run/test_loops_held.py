@@ -81,6 +81,17 @@ def test_motions_that_contradict_a_loop_are_named(name: str, still: float) -> No
         fa.simulate(arm, np.linspace(0, 0.2, 41), q, drive=drive, **RUNS[name])
 
 
+@every_run
+def test_a_motion_that_nothing_is_free_to_follow_is_named(name: str) -> None:
+    links = [fa.Link(fa.Revolute("z"), bar(0.5), name=of) for of in ("left", "right")]
+    arm = fa.Arm(links, G, loops=[fa.Loop((0.6, 0, 0), "right", fa.Revolute("z"), name="foot")])
+    q = arm.assemble([0.8, -1.6])
+    assert arm.mobility(q).freedoms == 0
+    drive = {"left": fa.Motion([0, 1], [q[0], q[0] + 0.3], [0, 0], [0, 0])}
+    with refuses("loop 'foot'", "'left revolute'", "stand still", error=fa.SimulationError):
+        fa.simulate(arm, np.linspace(0, 0.2, 41), q, drive=drive, **RUNS[name])
+
+
 @pytest.mark.parametrize("name", ["gauss", "chosen", "ida"])
 def test_a_singular_position_is_named(name: str) -> None:
     """The rocker is driven beyond the place at which crank and coupler are in one line."""
