@@ -11,7 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.robots.segments import segmented
-from messages import refuses, warns
+from messages import refuses
 
 mujoco = pytest.importorskip("mujoco")
 pytestmark = pytest.mark.filterwarnings("ignore::flexarm.errors.RobotWarning")
@@ -233,9 +233,6 @@ def test_what_stays_refused(tmp_path: Path) -> None:
         read(tmp_path, ROBOT.replace("</robot>", loop))
     with refuses("tip =", "'left_fore'"):
         read(tmp_path, ROBOT, tip=["head", "left_for"])
-    weld = '</worldbody><equality><weld body1="left_foot" body2="right_leg"/></equality>'
-    with warns(fa.errors.RobotWarning, "1 equality constraint"):
-        assert read(tmp_path, HUMANOID.replace("</worldbody>", weld)) == read(tmp_path, HUMANOID)
 
 
 # -- written ----------------------------------------------------------------------------------------------------------

@@ -307,7 +307,6 @@ def test_what_does_not_know_loops_refuses_them() -> None:
         ("economize", lambda: fa.economize(scene, tolerance=1e-2)),
         ("chart", lambda: fa.chart(scene, budget=1)),
         ("to_urdf", lambda: arm.to_urdf()),
-        ("to_mjcf", lambda: arm.to_mjcf()),
         ("lqr", lambda: fa.lqr(arm, q)),
         ("ComputedTorque", lambda: fa.simulate(arm, T, q, control=computed)),
         ("FeedForward", lambda: fa.simulate(arm, T, q, control=fa.FeedForward([0.1] * 3))),

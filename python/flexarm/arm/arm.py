@@ -226,9 +226,9 @@ class Arm(Chain):
         Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
         are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
         There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
-        or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. Contacts
-        are left out: MuJoCo's have other laws; an arm with loops is refused. A tree
-        of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
+        or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. A loop
+        becomes a weld (Fixed), a connect (Spherical), or two on its axis (Revolute). Contacts are left out: MuJoCo's
+        have other laws. A tree of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
         links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
         link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
 
@@ -240,7 +240,7 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: loops; a ball whose damping or reflected inertia differs from axis to axis; a beam that is
+            ValueError: loops of other joints; a ball whose damping or reflected inertia differs from axis to axis; a beam that is
                 curved at rest; bad arguments.
 
         Warns:

@@ -12,6 +12,8 @@ from ..model.parts.beam import Beam, RigidBody, Vector
 from ..model.parts.joints import UNIT, Fixed, Free, Joint, Placement, Planar, Prismatic, Revolute, Spherical
 from ..model.parts.link import Link
 from ..model.parts.look import Look
+from ..model.parts.loop import Loop
+from ..model.parts.strut import Point
 from .tree import Mass, Pose, Tree, TreeJoint, merged, unit_axis
 
 _WITH_AXIS = {"revolute": Revolute, "prismatic": Prismatic}
@@ -73,9 +75,10 @@ class _Group:
 
 @dataclass
 class Conversion:
-    """Links, and notes for the user."""
+    """Links, what closes their loops, and notes for the user."""
 
     links: list[Link] = field(default_factory=list)
+    loops: list[Loop] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -114,10 +117,48 @@ def arm_links(
         parents.append(numbers[owner])
         out.links.append(link)
     out.links = seated(out.links, parents)
+    out.loops = _loops(tree, groups, numbers, ends, out)
     looks = [_placed(pose, look, "base") for _, pose, look in base.looks]
     if looks:
         out.links[0] = replace(out.links[0], looks=[*looks, *out.links[0].looks])
     return out
+
+
+def _loops(
+    tree: Tree, groups: Mapping[str, _Group], numbers: Mapping[str, int], ends: Mapping[str, Pose], out: Conversion
+) -> list[Loop]:
+    """The loops whose bodies both are of the arm."""
+    carriers = {body: name for name, group in groups.items() for body in group.places}
+    made = []
+    for loop in tree.loops:
+        if off := [body for body, _ in (loop.a, loop.b) if body not in carriers]:
+            out.notes.append(f"the constraint '{loop.name}': '{off[0]}' is held, or not of the arm")
+            continue
+        places = []
+        for body, pose in (loop.a, loop.b):
+            name = carriers[body]
+            seen, n = groups[name].places[body] @ pose, numbers[name]
+            places.append(_place(out.links[n], n, ends[name], seen) if n >= 0 else (Point("world"), seen))
+        (a, inboard), (b, there) = places
+        joint = {"fixed": Fixed, "spherical": Spherical}[loop.kind]
+        held = joint(inboard=_placement(inboard), outboard=_placement(there.inverse))
+        made.append(Loop(a, b, held, name=_named(loop.name, out)))
+    return made
+
+
+def _place(link: Link, n: int, end: Pose, seen: Pose) -> tuple[Point, Pose]:
+    """The place of a link that moves with a frame which is seen from the link's first body, and the frame seen from
+    there: the origin, or of a beam the slice beside it."""
+    own = Pose(rotation=end.rotation).seen(seen)
+    if link.beam is None:
+        return Point(n, "origin"), own
+    start = np.array(link.hub.end if link.hub else (0.0, 0.0, 0.0))
+    x = float(own.position[0] - start[0])
+    if x <= 0:
+        return Point(n, "origin"), own
+    if x >= link.beam.length * (1 - 1e-6):
+        return Point(n), end.seen(seen)
+    return Point(n, x), Pose(start + np.array([x, 0.0, 0.0])).seen(own)
 
 
 def _groups(tree: Tree, path: Sequence[TreeJoint], tips: Sequence[str]) -> dict[str, _Group]:

@@ -1,5 +1,6 @@
 """MJCF files to trees, by MuJoCo's own compiler."""
 
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -8,13 +9,13 @@ import numpy as np
 
 from .._check import Array
 from ..model.parts.look import Look
-from .tree import BALL_FRICTION, Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour
+from .tree import BALL_FRICTION, Looks, Mass, Omissions, Pose, Tree, TreeJoint, TreeLoop, hex_colour
 from .urdf import parse_xml, read_text
 
 #: a model's count of each feature that an arm does not have
 _COUNTS = {
-    "nu": "actuators", "neq": "equality constraints", "ntendon": "tendons", "nsensor": "sensors", "nkey": "keyframes",
-    "nflex": "flexible objects", "nplugin": "plugins",
+    "nu": "actuators", "ntendon": "tendons", "nsensor": "sensors", "nkey": "keyframes", "nflex": "flexible objects",
+    "nplugin": "plugins",
 }  # fmt: skip
 
 
@@ -71,13 +72,15 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path())
     for count, words in _COUNTS.items():
         if n := int(getattr(model, count, 0)):
             left_out.append((f"{n} {words if n > 1 else words[:-1]}", ""))
+    found = [_loop(mujoco, model, k, named) for k in range(model.neq)]
+    left_out += [("constraints (equality) that are no connect or weld", name) for name, loop in found if loop is None]
     if model.ngeom:
         left_out.append(("shapes to touch (geoms), but for the inertia that they give", ""))
     looks = _looks(mujoco, model, folder, [named("body", k) for k in range(model.nbody)], left_out)
     if model.opt.density or model.opt.viscosity:
         left_out.append(("the fluid around it (option density, viscosity)", ""))
     given = tuple(model.opt.gravity.tolist()) if gravity is None else gravity
-    return Tree(bodies, joints, given, left_out, looks)
+    return Tree(bodies, joints, given, left_out, looks, [loop for _, loop in found if loop is not None])
 
 
 def _joint(
@@ -107,6 +110,26 @@ def _joint(
         limits = (None, limits[1] if limits[1] is not None and limits[1] < np.pi else None)
     place = Pose(at.position + at.rotation @ pos, at.rotation)
     return TreeJoint(name, kind, parent, child, place, model.jnt_axis[i].copy(), Pose(-pos), springs, *limits)
+
+
+def _loop(mujoco: ModuleType, model: Any, k: int, named: Callable[[str, int], str]) -> tuple[str, TreeLoop | None]:
+    """The name of an equality constraint, and what it closes: of active ones that connect or weld bodies or sites."""
+    kinds = {mujoco.mjtEq.mjEQ_CONNECT: "spherical", mujoco.mjtEq.mjEQ_WELD: "fixed"}
+    name, kind = named("equality", k), kinds.get(mujoco.mjtEq(int(model.eq_type[k])))
+    ids = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    if kind is None or not model.eq_active0[k]:
+        return name, None
+    if mujoco.mjtObj(int(model.eq_objtype[k])) == mujoco.mjtObj.mjOBJ_SITE:
+        a, b = (
+            (named("body", int(model.site_bodyid[i])), Pose(model.site_pos[i].copy(), _rotation(model.site_quat[i])))
+            for i in ids
+        )
+    else:
+        first, second, turn = model.eq_data[k][:3].copy(), model.eq_data[k][3:6].copy(), np.eye(3)
+        if kind == "fixed":  # places on the second and the first body, turn of the second
+            first, second, turn = second, first, _rotation(model.eq_data[k][6:10])
+        a, b = (named("body", ids[0]), Pose(first, turn)), (named("body", ids[1]), Pose(second))
+    return name, TreeLoop(name, kind, a, b)
 
 
 def _rotation(quaternion: Array) -> Array:

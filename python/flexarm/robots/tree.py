@@ -122,16 +122,27 @@ class TreeJoint:
         return self.origin @ self.outboard
 
 
+@dataclass(frozen=True)
+class TreeLoop:
+    """What closes a loop: frames on two bodies meet ("fixed"), or their origins do ("spherical")."""
+
+    name: str
+    kind: str
+    a: tuple[str, Pose]  #: a body, and the frame in the body's
+    b: tuple[str, Pose]
+
+
 @dataclass
 class Tree:
-    """Bodies by name, joints, omissions of the file (item, owner), and the looks of bodies, each with its pose in the
-    body's frame."""
+    """Bodies by name, joints, omissions of the file (item, owner), the looks of bodies, each with its pose in the
+    body's frame, and what closes loops."""
 
     bodies: dict[str, Mass]
     joints: list[TreeJoint]
     gravity: tuple[float, float, float]
     left_out: Omissions = field(default_factory=list)
     looks: Looks = field(default_factory=dict)
+    loops: list[TreeLoop] = field(default_factory=list)
     root: str = field(init=False)
     above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint of each body to its parent
     below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: the joints of each body to its children

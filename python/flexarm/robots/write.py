@@ -17,6 +17,9 @@ from .segments import Segmented, locked_frequencies, mass_of, place_in, segmente
 from .tree import Mass, Pose, RobotWarning, realisable
 
 WORLD = "world"  #: name of the base in both formats
+#: what closes a loop, and where along the joint's axis
+_LOOPS = {"fixed": ("weld", (0.0,)), "spherical": ("connect", (0.0,)), "revolute": ("connect", (0.0, 1.0))}
+_HINGE = 0.1  # of the longest link: how far apart the two balls of a hinge are
 _SMALL = 1e-12  # kg, kg m^2: least mass and inertia, for programs that refuse zero
 
 
@@ -164,6 +167,9 @@ def mjcf(cut: Segmented, whole: Chain) -> str:
         elements[k], ends[k] = element, Pose(_at_end(link))
     for k, tip in cut.tips.items():
         ET.SubElement(elements[k], "site", name=tip, pos=_numbers(ends[k].position))
+    closed = [held for k in range(len(whole.loops)) for held in _mjcf_loop(k, cut, whole, elements)]
+    if closed:
+        ET.SubElement(root, "equality").extend(closed)
     lines = [_mjcf_strut(k, cut, whole, elements) for k in range(len(whole.struts))]
     if lines:
         ET.SubElement(root, "tendon").extend([line for line, _ in lines])
@@ -173,6 +179,28 @@ def mjcf(cut: Segmented, whole: Chain) -> str:
         actuator.extend([ET.Element("general", force) for _, force in lines])
     ET.indent(root)
     return _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _mjcf_loop(k: int, cut: Segmented, whole: Chain, elements: Mapping[int, ET.Element]) -> list[ET.Element]:
+    """Writes the sites of a loop, and returns its constraints: a weld, a ball, or two balls on the axis of a hinge."""
+    loop, name = whole.loops[k], whole.loop_names[k]
+    kind, points = _LOOPS.get(loop.joint.type, ("", ()))
+    if not kind:
+        raise ValueError(
+            f"loop '{name}': a {loop.joint.type} joint: MJCF closes loops by balls, hinges and fixed joints; leave it "
+            "out, or cut the loop at another joint"
+        )
+    size = _HINGE * max(float(np.linalg.norm(_at_end(link))) for link in whole.links)
+    out = []
+    for i, along in enumerate(points):
+        sites: dict[str, str] = {}
+        for side, (link, on, x, at), (_, axes) in zip("12", whole._closing[k], loop._core, strict=True):
+            n, origin = (-1, np.zeros(3)) if link < 0 else place_in(cut, whole, link, on, x)
+            sites[f"site{side}"] = f"{name} {i} {side}"
+            pos, quat = _numbers(origin + at + along * size * axes[:, 2]), _numbers(_quaternion(axes))
+            ET.SubElement(elements[n], "site", name=sites[f"site{side}"], pos=pos, quat=quat)
+        out.append(ET.Element(kind, sites, name=f"{name} {i}" if i else name))
+    return out
 
 
 def _mjcf_strut(
@@ -363,12 +391,13 @@ _URDF = {**_BOTH, "stiffness": "springs, but for Gazebo", "reflected_inertia": "
 
 def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_mjcf."""
-    arm.refuse_loops("to_mjcf")
     cut = segmented(arm, segments)
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
     ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
     slack = _note("the end of a tendon's damping where it is slack", ropes)
+    soft = [name for name, x in zip(arm.loop_names, arm.loops, strict=True) if x.stiffness or x.angular_stiffness]
     left_out = missing_features(cut, _MJCF) + name + slack + _note("contacts", arm.contact_names)
+    left_out += _note("the stiffness of loops (MuJoCo's constraints give way by solref)", soft)
     return _written(path, ".xml", mjcf(cut, arm), cut, left_out)
 
 

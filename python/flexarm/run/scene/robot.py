@@ -79,8 +79,9 @@ def from_mjcf(
 
     As of `from_urdf`, with bodies for links: hinges, slides, balls (Spherical) and free joints, their anchors, springs,
     damping, armature (as reflected inertia) and friction loss. A body with several joints gives links without mass
-    between them. All coordinates are zero in the model's `qpos0`, and quaternions 1 0 0 0; a free joint's position is
-    told from there, in the axes that its body has there. It needs `pip install 'flexarm[mjcf]'`.
+    between them. Active constraints that connect or weld become loops. All coordinates are zero in the model's `qpos0`,
+    and quaternions 1 0 0 0; a free joint's position is told from there, in the axes that its body has there. It needs
+    `pip install 'flexarm[mjcf]'`.
 
     Args:
         path: of the file; its includes are read from its folder.
@@ -109,7 +110,7 @@ def _arm(
     try:
         tree = read(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
         made = arm_links(tree, tip, flexible, stops, springs)
-        arm = Arm(made.links, tree.gravity)
+        arm = Arm(made.links, tree.gravity, loops=made.loops)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
     if made.notes:
