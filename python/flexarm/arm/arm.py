@@ -228,9 +228,10 @@ class Arm(Chain):
         There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
         or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. A loop
         becomes a weld (Fixed), a connect (Spherical), or two on its axis (Revolute). Contacts are left out: MuJoCo's
-        have other laws. A tree of links becomes one of bodies, with a site "NAME tip" on each link that carries no other; `from_mjcf` reads its
-        links branch after branch. A free joint becomes one of MJCF, if it sits on the world, its moving side is at the
-        link's origin, and its freedoms have the same numbers; otherwise it becomes three slides and a ball.
+        have other laws. A tree of links becomes one of bodies, with a site "NAME tip" on each link that carries no
+        other; `from_mjcf` reads its links branch after branch. A free joint becomes one of MJCF, if it sits on the
+        world, its moving side is at the link's origin, and its freedoms have the same numbers; otherwise it becomes
+        three slides and a ball.
 
         Args:
             path: where to write it; None: nowhere.
@@ -240,8 +241,8 @@ class Arm(Chain):
             The text of the file.
 
         Raises:
-            ValueError: loops of other joints; a ball whose damping or reflected inertia differs from axis to axis; a beam that is
-                curved at rest; bad arguments.
+            ValueError: loops of other joints; a ball whose damping or reflected inertia differs from axis to axis; a
+                beam that is curved at rest; bad arguments.
 
         Warns:
             RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
