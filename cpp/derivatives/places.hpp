@@ -211,7 +211,9 @@ class Places {
       rest(by.point);
       const double scale = shift(by.point, by, k);
       balance_here(by.point, needed, applied);
-      out.segment(k * n, n) = (needed - applied - here) * (scale > 0.0 ? 1.0 / scale : 0.0);
+      VectorXd part = (needed - applied - here) * (scale > 0.0 ? 1.0 / scale : 0.0);
+      clear_fixed(by.point, part);  // no move of theirs
+      out.segment(k * n, n) = part;
     }
     return out;
   }

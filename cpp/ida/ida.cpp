@@ -449,8 +449,9 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
   if (!parameters.empty()) refuse_contact_friction(*problem.arm, "the derivatives of a run");
   if (!parameters.empty()) refuse_loops(*problem.arm, "the derivatives of a run");
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
-  refuse_contact_friction(*problem.arm, "\"ida\", beside dry friction of joints,");
-  refuse_loops(*problem.arm, "\"ida\", beside dry friction of joints,");
+  const std::string beside = "\"ida\", beside dry friction of joints (which \"gauss\" and \"implicit\" run),";
+  refuse_contact_friction(*problem.arm, beside);
+  refuse_loops(*problem.arm, beside);
   return simulate_with_friction(problem, t, part, control, parameters);
 }
 

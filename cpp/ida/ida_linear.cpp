@@ -24,12 +24,16 @@ void put_loops(const IdaSystem& s, const Eigen::MatrixXd& E, const Eigen::Matrix
   for (int r = 0; r < m; ++r) {
     const auto g = s.G.col(s.rows[static_cast<std::size_t>(r)]);
     const int y = nq + nv + r, drift = y + m;
-    at(y, drift) = at(drift, y) = kEased * g.squaredNorm() / cj;  // at singular positions rows depend on others
+    double by_rates = 0.0, by_forces = 0.0;
     for (int k = 0; k < nv; ++k) {
       const int i = s.ws.free[static_cast<std::size_t>(k)];
       at(nq + k, y) = -g[i];
       at(drift, nq + k) = g[i];
+      by_rates += s.yielding[i] * g[i] * g[i];
+      by_forces += g[i] * g[i] / s.ws.M(i, i);
     }
+    at(y, drift) = kEased * by_rates / cj;  // at singular positions rows depend on others
+    at(drift, y) = kEased * by_forces / cj;
     for (int k = 0; k < nq; ++k) {
       const int i = s.free_q[static_cast<std::size_t>(k)];
       double by_drift = 0.0, by_q = 0.0, rate_by_q = 0.0;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import flexarm as fa
@@ -113,20 +114,72 @@ def test_a_loop_whose_conditions_depend_on_each_other() -> None:
     check(run, {"mass": PARTS["mass"]}, {"q": 1e-7, "v": 1e-7})
 
 
-def test_where_a_loop_is_changes_the_motion() -> None:
-    """The foot of the rocker moves: the start is assembled for each, and so does its change by the parameter."""
+@pytest.mark.parametrize("named", [None, {"crank": 0.8}], ids=str)
+@pytest.mark.parametrize("turns", [False, True])
+def test_the_start_follows_what_closes_the_loops(named: Any, turns: bool) -> None:
+    """The foot of the rocker moves, and the start is assembled for each."""
 
     def run(base: float = 0.6) -> fa.Result:
-        arm = four_bar(base=base)
-        return fa.simulate(arm, T, start(arm), integrator="implicit", step=1e-3, rtol=1e-13)
+        motion = fa.Motion([0, T[-1]], [0.8, 1.2], [1.0, 0], [0, 0])
+        drive = {"crank": motion} if turns else {}
+        arm, method = four_bar(base=base), fa.Implicit(step=1e-3, rtol=1e-13)
+        return fa.simulate(arm, T, named, drive=drive, integrator=method)
 
-    expected = derivative(lambda x: run(x).q, 0.6, 1e-3)
-    result = run()
-    paths = ["link.2.joint.inboard.position.0", *(f"q0.{i}" for i in range(3))]
-    found = result.sensitivities(paths)
-    by_start = derivative(lambda x: start(four_bar(base=x)), 0.6, 1e-3)
-    total = found.q[0] + np.einsum("k,kti->ti", by_start, found.q[1:])
-    np.testing.assert_allclose(total, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    path, result = "link.2.joint.inboard.position.0", run()
+    expected, found = derivative(lambda x: run(x).q, 0.6, 1e-3), result.sensitivities([path]).q[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    weights = np.random.default_rng(1).standard_normal(result.q.shape)
+    assert result.gradient({"q": weights}, [path])[path] == pytest.approx((weights * found).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("path", ["drive.crank.scale", "drive.crank.offset"])
+def test_rates_and_places_follow_a_motion(path: str) -> None:
+    def run(scale: float = 1.0, offset: float = 0.0) -> fa.Result:
+        at = np.array([0.8, 1.2]) * scale + offset
+        motion = fa.Motion([0, T[-1]], at.tolist(), [2.0 * scale, 0], [0, 0])
+        return fa.simulate(four_bar(), T, drive={"crank": motion}, integrator=fa.Gauss(step=5e-3, rtol=1e-13))
+
+    scales = path.endswith("scale")
+    expected = derivative(lambda x: (run(x) if scales else run(1.0, x)).q, float(scales), 1e-3)
+    found = run().sensitivities([path]).q[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_start_in_numbers_does_not_follow_a_loop() -> None:
+    arm = four_bar()
+    result = fa.simulate(arm, T, start(arm), integrator="implicit", step=1e-3)
+    with refuses("'link.2.joint.inboard.position.0'", "q0", "loop 0", "name joints"):
+        result.sensitivities(["link.2.joint.inboard.position.0"])
+
+
+def test_derivatives_need_no_way_to_the_loops_from_zero() -> None:
+    """Bennett's linkage, which nothing closes from zero."""
+    long, short, twist = 0.4, 0.3, np.pi / 3
+    other = np.arcsin(short * np.sin(twist) / long)
+
+    def link(length: float, turn: float, name: str) -> fa.Link:
+        body = fa.RigidBody(length, (length / 2, 0, 0), (1e-3, length**3 / 12, length**3 / 12), (length, 0, 0))
+        return fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=(turn, 0, 0))), body, name=name)
+
+    hinge = fa.Revolute("z", inboard=fa.Placement(rotation=(twist, 0, 0)),
+                        outboard=fa.Placement((short, 0, 0), (other, 0, 0)))  # fmt: skip
+    links = [link(long, 0, "a"), link(short, twist, "b"), link(long, other, "c")]
+    arm = fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge)])
+    q0, t = arm.assemble([1.0, 2.5, 1.0]), np.linspace(0, 0.1, 11)
+    method = fa.Implicit(1e-3, rtol=1e-13)
+
+    def run(mass: float = short) -> fa.Result:
+        body = replace(links[1].hub, mass=mass)
+        changed = fa.Arm([links[0], replace(links[1], hub=body), links[2]], arm.gravity, loops=arm.loops)
+        return fa.simulate(changed, t, q0, integrator=method)
+
+    expected = derivative(lambda x: run(x).q, short, 1e-3)
+    found = run().sensitivities(["link.b.hub.mass"]).q[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    batch = fa.simulate_batch(arm, t, q0, parameters={"link.b.hub.mass": [short, 0.31]}, integrator=method)
+    np.testing.assert_allclose(batch.q[1], run(0.31).q, atol=1e-12)
+    rolled = fa.rollout(arm, q0[None], step=1e-3, nstep=100)
+    np.testing.assert_allclose(rolled.q[0, -1], run().q[-1], atol=1e-9)
 
 
 def test_compliant_loops_have_derivatives_by_every_integrator() -> None:

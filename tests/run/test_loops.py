@@ -279,6 +279,15 @@ def test_step_by_step_is_the_same_run() -> None:
     assert np.array_equal(sim.q, end)
 
 
+def test_where_ida_cannot_run_it_is_not_chosen() -> None:
+    arm = four_bar(coulomb=0.1)
+    drive = {"crank": fa.Torque(lambda t: np.sin(20 * t))}
+    run = fa.simulate(arm, T, closed(arm), drive=drive)
+    assert run.stats["integrator"] == "gauss"
+    with refuses("loops", "dry friction", "gauss"):
+        fa.simulate(arm, T, closed(arm), drive=drive, integrator="ida")
+
+
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6])
 def test_ida_takes_steps_on_loops_of_beams_as_on_open_chains(rtol: float) -> None:
     arm = four_bar(bends=True)

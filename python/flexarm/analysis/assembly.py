@@ -34,6 +34,10 @@ class Mobility(NamedTuple):
     redundant: int
 
 
+class OpenLoops(ValueError):
+    """A start that leaves rigid loops open."""
+
+
 class Closure:
     """What rigid loops of an arm hold: g, positions over the arm's length, and its Jacobian."""
 
@@ -182,7 +186,7 @@ def closed_start(
         if np.abs(gaps := closure.gaps(q)).max() > CLOSED:
             raise ValueError(f"{closure.worst(gaps, '')}; take arm.assemble {remedy}")
     except ValueError as e:
-        raise ValueError(f"{names[0]}: {e}") from None
+        raise OpenLoops(f"{names[0]}: {e}") from None
     try:
         v = v if given[1] else closure.moving(q, v, fixed)
         J = closure.jacobian(q)

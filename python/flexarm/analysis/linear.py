@@ -405,13 +405,13 @@ def linearize(
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
     F, u, names = np.vstack([turns, point.X]), slice(2 * nv, None), np.array(arm.coordinates)
     if by is not None:
-        own, S, back = _independent(arm, reduced(arm, Closure(arm), q0, v0, by.forces, ~locked, loads))
-        A, B, C = back @ F[:, : 2 * nv] @ S, back @ F[:, u], Y[:, : 2 * nv] @ S
+        own, S = _independent(arm, reduced(arm, Closure(arm), q0, v0, by.forces, ~locked, loads))
     else:
         own = np.flatnonzero(~locked)
-        keep = np.concatenate([own, own + nv])
-        A, B, C = F[np.ix_(keep, keep)], F[keep, u], Y[:, keep]
+        S = np.eye(2 * nv)[:, np.concatenate([own, own + nv])]
         reaction = arm._core.inverse_dynamics(q0, v0, a0, *loads)
+    keep = np.concatenate([own, own + nv])
+    A, B, C = F[keep, : 2 * nv] @ S, F[keep, u], Y[:, : 2 * nv] @ S
     return LinearModel(
         *(A, B, C, Y[:, u], (*map(str, names[own]), *(f"rate {c}" for c in names[own]))),
         *(tuple(i.label for i in columns), tuple(label for o in read for label in o.labels)),
@@ -420,9 +420,9 @@ def linearize(
     )
 
 
-def _independent(arm: Chain, r: Reduced) -> tuple[NDArray[np.int_], Array, Array]:
-    """Coordinates that the others of an arm with loops follow, elastic ones before joints: their rates; [theta; v] by
-    them and their rates, (2 nv, 2 n), and back, for motions that loops let be."""
+def _independent(arm: Chain, r: Reduced) -> tuple[NDArray[np.int_], Array]:
+    """Coordinates that the others of an arm with loops follow, elastic ones before joints: their rates; and [theta; v]
+    by them and their rates, (2 nv, 2 n), along motions that the loops let be."""
     import scipy.linalg as la  # slow to import
 
     n, size = r.T.shape[1], np.sqrt(r.M.diagonal())
@@ -433,8 +433,4 @@ def _independent(arm: Chain, r: Reduced) -> tuple[NDArray[np.int_], Array, Array
     inverse = np.linalg.inv(r.T[own])
     z = np.hstack([inverse, np.zeros((n, n))])
     w = np.hstack([-inverse @ r.N[own] @ inverse, inverse])
-    S = np.vstack([r.T @ z, r.T @ w + r.N @ z])
-    to_z = r.of(np.eye(arm.nv))
-    zero = np.zeros_like(to_z)
-    back = np.vstack([r.T[own] @ np.hstack([to_z, zero]), np.hstack([r.N[own] @ to_z, r.T[own] @ to_z])])
-    return own, S, back
+    return own, np.vstack([r.T @ z, r.T @ w + r.N @ z])

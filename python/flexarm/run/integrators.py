@@ -7,9 +7,12 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, ClassVar
 
+import numpy as np
+
 import flexarm._core as _core
 
 from .._check import choice, positive, whole, within
+from ..arm.arm import Arm
 from ..model.acting.drive import Motion, Torque
 from .perturbed import Parameter, core_parameters
 from .problem import Problem
@@ -202,9 +205,16 @@ def asks_functions(of: Any) -> bool:
     return any(not isinstance(x.law, (tuple, _core.PiecewisePolynomial)) for x in laws)
 
 
+def beyond_ida(arm: Arm) -> bool:
+    """Whether dry friction of joints stands beside loops or contacts with friction, which "ida" cannot run."""
+    rubs = any(np.any(link.joint.coulomb) or np.any(link.joint.stiction) for link in arm.links)
+    return rubs and bool(arm.loops or arm.rubbing)
+
+
 def named(of: Any, integrator: str | Integrator | None, options: Mapping[str, Any]) -> str | Integrator:
     """The integrator as given; where none is, "gauss", which chooses its steps; or "ida", if an option of it is given,
-    such as rtol, if a force is a Python function, whose leaps it finds, or if the arm has more than 60 coordinates.
+    such as rtol, if a force is a Python function, whose leaps it finds, or if the arm has more than 60 coordinates; but
+    not where it cannot run.
 
     Args:
         of: a Setup or Scene.
@@ -214,7 +224,8 @@ def named(of: Any, integrator: str | Integrator | None, options: Mapping[str, An
     given = {k for k, x in options.items() if x is not None}
     if given & set(_OWN["ida"]):
         return "ida"
-    return "gauss" if given & set(_OWN["gauss"]) or (of.arm.nv <= DENSE and not asks_functions(of)) else "ida"
+    chosen = given & set(_OWN["gauss"]) or (of.arm.nv <= DENSE and not asks_functions(of))
+    return "gauss" if chosen or beyond_ida(of.arm) else "ida"
 
 
 def integrator_on(of: Any, options: Mapping[str, Any]) -> Integrator:

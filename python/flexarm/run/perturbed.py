@@ -3,7 +3,7 @@ smaller. The derivative of the equations of motion by a parameter, at a given st
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array
+from ..analysis.assembly import OpenLoops
 from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, can_vary, drive_name, numbered, value_at
 from .problem import Problem
-from .start import start
+from .start import moved, start
 
 
 class Neighbour(NamedTuple):
@@ -93,8 +94,8 @@ _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one pass
 
 
 def problems(
-    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | str | None, v0: Array | None, tau: Array | None,
-    by: Difference = FOURTH, of: tuple[Setup, Mapping[str, Array]] | None = None,
+    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Any, v0: Array | None, tau: Array | None,
+    by: Difference = FOURTH, of: tuple[Setup, Mapping[str, Array]] | None = None, starts: bool = True,
 ) -> list[Parameter]:  # fmt: skip
     """The neighbours of a problem by each parameter.
 
@@ -105,14 +106,22 @@ def problems(
         by: the differences.
         of: the setup that `setup` was made of, and by which values (1, ...) of parameters: these are the values then,
             such as the scale of a drive, which is 1 in `setup` itself.
+        starts: as of Problem.
 
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
     """
     check_paths(parameters)
-    begin = start_of(setup, float(np.ravel(t)[0]), q0, v0, tau)
-    word = q0 if isinstance(q0, str) else None
-    return [_parameter(setup, path, t, begin, tau, by, of, word) for path in parameters]
+    first, still = float(np.ravel(t)[0]), {"q0": setup.arm.zero, "v0": np.zeros(setup.arm.nv)}
+    begin = start_of(setup, first, q0, v0, tau) if starts else still
+    ties = starts and setup.arm.constrained
+    follows = isinstance(q0, str) or (ties and (q0 is None or isinstance(q0, Mapping))), ties and v0 is None
+
+    def problem(near: Variation, i: int, alike: Problem | None = None) -> tuple[Problem, Setup]:
+        made = near.scenario(i)
+        return (alike, made) if alike else (_begun(near, i, t, begin, q0, follows, tau, starts), made)
+
+    return [_parameter(setup, path, begin, by, of, problem) for path in parameters]
 
 
 def check_paths(parameters: Sequence[str], least: int = 0) -> None:
@@ -120,7 +129,7 @@ def check_paths(parameters: Sequence[str], least: int = 0) -> None:
         raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
 
 
-def start_of(setup: Setup, t: float, q0: Array | str | None, v0: Array | None, tau: Array | None) -> dict[str, Array]:
+def start_of(setup: Setup, t: float, q0: Any, v0: Array | None, tau: Array | None) -> dict[str, Array]:
     """q0 and v0 in numbers, at time t (s)."""
     arm = setup.arm
     q = start(arm, q0, setup.drive, setup.loads, t, tau, setup.control)
@@ -135,8 +144,8 @@ def _has_kinks(arm: Arm) -> bool:
 
 
 def _parameter(
-    setup: Setup, path: str, t: ArrayLike, begin: dict[str, Array], tau: Array | None, by: Difference,
-    of: tuple[Setup, Mapping[str, Array]] | None, word: str | None,
+    setup: Setup, path: str, begin: dict[str, Array], by: Difference, of: tuple[Setup, Mapping[str, Array]] | None,
+    problem: Callable[..., tuple[Problem, Setup]],
 ) -> Parameter:  # fmt: skip
     value, scale = _value(setup, path, begin)
     others: dict[str, Array] = {}
@@ -154,9 +163,14 @@ def _parameter(
             offsets = h * np.array(steps)
             try:
                 near = Variation(setup, {**others, path: value + offsets}, once=True)
-                found = [_problem(near, 0, t, begin, tau, word)]
+                found = [problem(near, 0)]
                 alike = found[0][0] if path.startswith("sensor.") else None  # sensors take no part in a run
-                found += [_problem(near, i, t, begin, tau, word, alike) for i in range(1, len(steps))]
+                found += [problem(near, i, alike) for i in range(1, len(steps))]
+            except OpenLoops as e:
+                raise ValueError(
+                    f"parameters: '{path}' = {value} moves what loops hold, which a q0 in numbers does not follow "
+                    f"(leave q0 out, or name joints, as in q0 = {{'crank': 0.5}}): {e}"
+                ) from None
             except ValueError as e:
                 why = why or e
                 continue
@@ -166,23 +180,25 @@ def _parameter(
     raise ValueError(f"parameters: '{path}' = {value} cannot be varied: {why}") from None
 
 
-def _problem(
-    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None,
-    alike: Problem | None = None,
-) -> tuple[Problem, Setup]:  # fmt: skip
-    """`word`: the balance that it begins in, which is its own. `alike`: the problem, if it is known."""
+def _begun(
+    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], q0: Any, follows: tuple[bool, bool],
+    tau: Array | None, starts: bool,
+) -> Problem:  # fmt: skip
+    """A neighbour. `begin`: the start of the run in numbers; `follows`: whether its q0 and its v0 are its own, of the
+    balance or the closed loops that it has."""
     made = near.scenario(i)
-    if alike is not None:
-        return alike, made
-    out = Problem(made.arm, t, word, None, tau, made.drive, made.loads, made.control, None)
-    begin = begin if word is None else {**begin, "q0": out.start["q0"].copy()}
+    if not follows[0]:
+        ties = starts and made.arm.constrained
+        q, v = begin.values()
+        q0 = moved(made.arm, q, v, made.drive, float(np.ravel(t)[0]))[0] if ties else None
+    out = Problem(made.arm, t, q0, None, tau, made.drive, made.loads, made.control, None, starts=starts)
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
-    for name, value in begin.items():
-        rows = near.initial(name, value[None])
+    for (name, value), own in zip(begin.items(), follows, strict=True):
+        rows = near.initial(name, (out.start[name].copy() if own else value)[None])
         free = np.ones(value.size, dtype=bool)
         free[given[name]] = False
         out.start[name][free] = rows[i % len(rows)][free]
-    return out, made
+    return out
 
 
 def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:

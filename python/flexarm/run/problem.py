@@ -30,7 +30,8 @@ _LOOKS = 201  # at a command
 
 
 class Problem(Acts):
-    """A run before it begins: its arguments, checked, as the core takes them.
+    """A run before it begins: its arguments, checked, as the core takes them. Where it `starts`, loops are closed; if
+    not, its caller says where a run begins.
 
     Attributes:
         controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes them, and
@@ -41,7 +42,8 @@ class Problem(Acts):
     tell: Callable[[RunWarning], None] | None = None
 
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
-                 events: Any, remembered: dict[int, _core.Remembered] | None = None) -> None:  # fmt: skip
+                 events: Any, remembered: dict[int, _core.Remembered] | None = None, *,
+                 starts: bool = True) -> None:  # fmt: skip
         times = _output_times(t)
         acting = control
         if isinstance(q0, str) and q0 == "held":
@@ -56,9 +58,10 @@ class Problem(Acts):
         if follow:
             said["q0"] = [i for key in q0 or () for i in arm.joint_rates(key)]
         self._start_motions(said)
-        self.start["q0"], self.start["v0"] = closed_start(
-            arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
-        )
+        if starts:
+            self.start["q0"], self.start["v0"] = closed_start(
+                arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
+            )
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
         found = read_events(events)
         self.asked_events = [f for f, *_ in found]

@@ -154,7 +154,7 @@ class Source:
 
     setup: Setup
     t: Array
-    q0: Array | str | None
+    q0: Array | Mapping[Any, Any] | str | None
     v0: Array | None
     tau: Array | None
     integrate: Callable[..., dict[str, Any]]

@@ -60,15 +60,16 @@ def _integrate(
 
 
 def source(
-    setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
-    integrator: str | Integrator | None = None, events: Any = None, alive: Any = None, of: Any = None, **options: Any,
+    setup: Setup, t: ArrayLike, q0: ArrayLike | Mapping[Any, Any] | str | None, v0: ArrayLike | None,
+    tau: ArrayLike | None = None, *, integrator: str | Integrator | None = None, events: Any = None,
+    alive: Any = None, of: Any = None, **options: Any,
 ) -> Source:  # fmt: skip
     """The source of a run, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
     if not isinstance(integrator, Integrator) or options:
         integrator = integrator_of(named(setup, integrator, options), **options)
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
-    q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
+    q = q0 if q0 is None or isinstance(q0, str) else dict(q0) if isinstance(q0, Mapping) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=integrator, alive=alive)
     return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, of, events)
 
@@ -172,7 +173,8 @@ def simulate(
             loops, or `fa.RK4(step)`; or `fa.Ida(...)`, SUNDIALS IDA, variable step and order. A name, "gauss",
             "implicit", "rk4" or "ida", stands for the object with its defaults. None is "ida" where rtol, atol,
             max_order or linear_solver are given, where a torque, a voltage, a load or a reference is a Python function,
-            whose leaps it finds, or the arm has more than 60 coordinates; else "gauss". `Result.stats` tells.
+            whose leaps it finds, or the arm has more than 60 coordinates, unless it cannot run (joints with dry
+            friction beside loops, or beside contacts with friction); else "gauss". `Result.stats` tells.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
@@ -249,7 +251,7 @@ def simulated(
             out = _integrate(run, chosen, show)
     out["stats"] = {"integrator": chosen.name, **out["stats"]}
     result = run.result(out)
-    result._source = source(setup, run.times, arm._posed(q0), v0, tau, integrator=chosen, events=events)
+    result._source = source(setup, run.times, q0, v0, tau, integrator=chosen, events=events)
     result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
     for warning in _judged(run, out, result, chosen):
         if type(warning) not in already:

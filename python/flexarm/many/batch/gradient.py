@@ -224,8 +224,8 @@ class _Rolls:
     def near(self, arm: Arm) -> _Near:
         paths = {path: components(Setup(arm), path, {}) for path in self.paths}
         single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
-        found = problems(Setup(arm), single, self.times, None, None, None)
-        problem = Problem(arm, self.times, None, None, None, {}, (), (), None)
+        found = problems(Setup(arm), single, self.times, None, None, None, starts=False)
+        problem = Problem(arm, self.times, None, None, None, {}, (), (), None, starts=False)
         return _Near(arm, problem.core, paths, {p.path: p for p in found})
 
     def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:
@@ -254,7 +254,8 @@ class _Rolls:
         if len(ends):
 
             def near(path: str, step: float) -> Parameter:
-                return problems(Setup(of.arm), [path], self.times, None, None, None, FOURTH._replace(step=step))[0]
+                by = FOURTH._replace(step=step)
+                return problems(Setup(of.arm), [path], self.times, None, None, None, by, starts=False)[0]
 
             by += [(switches * repeated(tape, partial(near, path), of.problem, options)).sum()
                    for path in of.neighbours]  # fmt: skip

@@ -19,7 +19,7 @@ from ...arm.arm import Arm
 from ...arm.variation import Setup
 from ...loop import loops
 from ...model.acting.control import Controller
-from ...model.acting.drive import is_patch
+from ...model.acting.drive import is_patch, is_strut
 from ...run.integrators import Integrator
 from ...run.problem import Problem
 from ...run.steps import FAST_JOINTS, Pace, Struck, beyond_explicit, failed_steps, switches_too_often
@@ -58,7 +58,7 @@ def problems_of(
 
     def made(k: int, s: Setup) -> Problem:
         try:
-            return Problem(s.arm, t, None, None, None, s.drive, s.loads, s.control, events, remembered)
+            return Problem(s.arm, t, None, None, None, s.drive, s.loads, s.control, events, remembered, starts=False)
         except ValueError as e:
             if len(setups) == 1:
                 raise
@@ -73,8 +73,8 @@ def problems_of(
 
 def _differ_in_arms(setups: Sequence[Setup]) -> bool:
     """Whether only the arms differ, and no action depends on them."""
-    drive = setups[0].drive
-    if any(is_patch(key) for key in drive):
+    drive, arm = setups[0].drive, setups[0].arm
+    if any(is_patch(key) or is_strut(arm, key) for key in drive):
         return False
     same = all(s.drive is drive or all(s.drive[k] is drive[k] for k in drive) for s in setups)
     return same and not any(s.loads or s.control for s in setups)
