@@ -13,7 +13,7 @@ namespace flexarm {
 namespace {
 
 constexpr int kKrylov = 10;       // vectors
-constexpr double kEased = 1e-12;  // of the size of rows of loops
+constexpr double kEased = 1e-9;  // of the size of rows of loops
 constexpr double kGood = 0.3;     // error of the preconditioner alone, in parts of the solution
 
 /// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix. dg/dt changes by the

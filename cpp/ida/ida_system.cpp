@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kDependent = 1e-9;  // parts of a row of loops that others do not have: below, it depends on them
 
-constexpr double kStiff = 1e-6;      // how far an elastic coordinate yields to the loops, beside one of a joint
+constexpr double kStiff = 1e-6;  // how far an elastic coordinate yields to the loops, beside one of a joint
 
 constexpr double kOpen = 1e4;  // tolerances by which a row may be open (m, or rad)
 constexpr double kLeastOpen = 1e-9;

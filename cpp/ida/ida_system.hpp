@@ -42,8 +42,8 @@ class ChainInverse {
 };
 
 /// State y = [q; v] of the free coordinates and rates; of arms with loops [q; v; y; m], in the stabilised form of index
-/// 2 (Gear, Gupta & Leimkuhler 1985): dq/dt = E (v + W G m), M dv/dt = .. + G y, g = 0, dg/dt = 0. W lets joints close the
-/// loops, and elastic coordinates hardly, as these would have to bend stiff beams.
+/// 2 (Gear, Gupta & Leimkuhler 1985): dq/dt = E (v + W G m), M dv/dt = .. + G y, g = 0, dg/dt = 0. W lets joints close
+/// the loops, and elastic coordinates hardly, as these would have to bend stiff beams.
 struct IdaSystem : System {
   Eigen::VectorXd dq;                  // rates of all coordinates
   std::optional<DenseJacobian> dense;  // one of the two

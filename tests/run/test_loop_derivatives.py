@@ -166,7 +166,7 @@ def test_derivatives_need_no_way_to_the_loops_from_zero() -> None:
     links = [link(long, 0, "a"), link(short, twist, "b"), link(long, other, "c")]
     arm = fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge)])
     q0, t = arm.assemble([1.0, 2.5, 1.0]), np.linspace(0, 0.1, 11)
-    method = fa.Implicit(1e-3, rtol=1e-13)
+    method = fa.Gauss(1e-2, rtol=1e-13)
 
     def run(mass: float = short) -> fa.Result:
         body = replace(links[1].hub, mass=mass)
@@ -175,11 +175,11 @@ def test_derivatives_need_no_way_to_the_loops_from_zero() -> None:
 
     expected = derivative(lambda x: run(x).q, short, 1e-3)
     found = run().sensitivities(["link.b.hub.mass"]).q[0]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
     batch = fa.simulate_batch(arm, t, q0, parameters={"link.b.hub.mass": [short, 0.31]}, integrator=method)
     np.testing.assert_allclose(batch.q[1], run(0.31).q, atol=1e-12)
     rolled = fa.rollout(arm, q0[None], step=1e-3, nstep=100)
-    np.testing.assert_allclose(rolled.q[0, -1], run().q[-1], atol=1e-9)
+    np.testing.assert_allclose(rolled.q[0, -1], run().q[-1], atol=1e-5)
 
 
 def test_compliant_loops_have_derivatives_by_every_integrator() -> None:

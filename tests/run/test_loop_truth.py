@@ -203,7 +203,8 @@ def test_two_windows_go_through_their_singular_positions(options: dict[str, Any]
     up = np.array([1, -1, 1, -1, 1])
     run = fa.simulate(arm, case["t"], np.pi / 2 * up, -1.0 * up, **options)
     closed(arm, run, 1e-11)
-    np.testing.assert_allclose(np.pi / 2 - run.q[:, 0], case["angle"], atol=far(options) + 1e-5)
+    off = 2e-4 if options.get("integrator") == "ida" else far(options)  # Newton's matrix is singular there
+    np.testing.assert_allclose(np.pi / 2 - run.q[:, 0], case["angle"], atol=off + 1e-5)
 
 
 @every_run

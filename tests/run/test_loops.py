@@ -299,6 +299,39 @@ def test_ida_takes_steps_on_loops_of_beams_as_on_open_chains(rtol: float) -> Non
     np.testing.assert_allclose(run.q, fa.simulate(arm, T, q).q, atol=10 * rtol)
 
 
+@pytest.mark.parametrize("size", [1e-3, 100.0])
+def test_ida_runs_loops_of_beams_of_any_size(size: float) -> None:
+    def bent(length: float) -> fa.Beam:
+        section = fa.Rectangle(0.01 * size, 0.02 * size)
+        return fa.Beam(length * size, section, STEEL, {"bending_y": 2}, "legendre", "exact", kelvin_voigt=1e-5 * size)
+
+    links = [fa.Link(fa.Revolute("z"), beam=bent(x), name=name) for name, x in LENGTHS.items()]
+    arm = fa.Arm(links, G, loops=[fa.Loop((0.7 * size, 0, 0), "rocker", fa.Revolute("z"), name="foot")])
+    q, t = closed(arm), np.linspace(0, 0.5 * np.sqrt(size), 11)
+    run, other = (fa.simulate(arm, t, q, integrator=x) for x in ("ida", "gauss"))
+    joints = [arm.coordinate_of(arm.joint_rate(name)) for name in LENGTHS]
+    np.testing.assert_allclose(run.q[:, joints], other.q[:, joints], atol=1e-4)
+
+
+def test_a_linkage_that_folds_flat_keeps_its_energy() -> None:
+    """Bennett's, whose conditions are redundant, and some of which hold nothing where it is flat."""
+    long, short, twist = 0.4, 0.3, np.pi / 3
+    other = np.arcsin(short * np.sin(twist) / long)
+    turns = {"a": (long, 0.0), "b": (short, twist), "c": (long, other)}
+    links = [fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=(turn, 0, 0))), bar(length), name=name)
+             for name, (length, turn) in turns.items()]  # fmt: skip
+    hinge = fa.Revolute("z", inboard=fa.Placement(rotation=(twist, 0, 0)),
+                        outboard=fa.Placement((short, 0, 0), (other, 0, 0)))  # fmt: skip
+    arm = fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge, name="close")])
+    q = arm.assemble([1.0, 2.5, 1.0])
+    assert arm.mobility(q).redundant == 3
+    run = fa.simulate(arm, np.linspace(0, 0.4, 401), q, integrator="implicit", step=2.5e-4)
+    energy = np.sum(run.energy(), axis=0)
+    assert np.ptp(run.q[:, 0]) > 0.5 and run.q[:, 0].min() < 0 < run.q[:, 0].max()  # through the flat position
+    assert np.ptp(energy) < 2e-3 * np.ptp(run.energy()[0])
+    assert np.abs(run.loop("close").force).max() < 200
+
+
 def test_what_does_not_know_loops_refuses_them() -> None:
     arm = four_bar(damping=0.1)
     q = closed(arm)

@@ -177,10 +177,11 @@ def test_a_simulation_step_by_step_takes_forces_of_struts() -> None:
         fa.Simulation(crane(), fa.Implicit(1e-3)).set_drive("rope", 1.0)
 
 
-def test_batches_vary_and_drive_struts() -> None:
-    values = {"strut.lift.stiffness": [3e3, 4e3, 5e3], "drive.lift.scale": [1.0, 0.5, 2.0]}
+@pytest.mark.parametrize("scales", [[1.0, 0.5, 2.0], None], ids=["scaled", "as it is"])
+def test_batches_vary_and_drive_struts(scales: list[float] | None) -> None:
+    values = {"strut.lift.stiffness": [3e3, 4e3, 5e3]} | ({"drive.lift.scale": scales} if scales else {})
     batch = fa.simulate_batch(crane(), T, parameters=values, drive=PUSH, integrator="implicit", step=1e-3)
-    for k, (stiffness, scale) in enumerate(zip(*values.values(), strict=True)):
+    for k, (stiffness, scale) in enumerate(zip(values["strut.lift.stiffness"], scales or [1.0] * 3, strict=True)):
         arm = crane(replace(LIFT, stiffness=stiffness), ROPE)
         drive = {**PUSH, "lift": PUSH["lift"].scaled(scale)}
         alone = fa.simulate(arm, T, drive=drive, integrator="implicit", step=1e-3)

@@ -15,7 +15,8 @@ using flexarm::lanes::Shift;
 using flexarm::lanes::TiedPoint;
 
 constexpr double kEased = 1e-11;     // of C's diagonal, added to it, as rows may depend on others
-constexpr double kFaint = 1e-8;      // parts of the largest of that diagonal: rows that move less are hardly moved
+constexpr double kFaint = 1e-3;      // parts of the largest of that diagonal, added to each: a row that hardly moves is
+                                     // eased by more than the rounding of the others
 constexpr int kUneased = 2;          // refinements that take it off again
 constexpr double kProjected = 1e-8;  // the same where states are moved onto loops: none is moved far in directions in
                                      // which the arm is nearly singular
