@@ -12,9 +12,9 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kKrylov = 10;       // vectors
+constexpr int kKrylov = 10;      // vectors
 constexpr double kEased = 1e-9;  // of the size of rows of loops
-constexpr double kGood = 0.3;     // error of the preconditioner alone, in parts of the solution
+constexpr double kGood = 0.3;    // error of the preconditioner alone, in parts of the solution
 
 /// The rows and columns of loops. Of a quaternion E^T E is a quarter of the unit matrix. dg/dt changes by the
 /// coordinates half as much as d^2 g/dt^2 = G^T a + v^T H v does by the rates (with balls, nearly).
