@@ -18,6 +18,7 @@ import flexarm._core as _core
 from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .contact import Contact
+from .cylinder import cylinders, tie, tube
 from .link import Link
 from .loop import Loop
 from .part import as_table
@@ -116,9 +117,19 @@ class Chain:
         self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
         self._name()
         self._make()
+        if len(self._tubes) < sum(s.mass is not None for s in self.struts):
+            more, ties = cylinders(self)
+            self.links, self.loops = (*self.links, *more), (*self.loops, *ties)
+            self._name()
+            self._make()
 
     def _name(self) -> None:
-        self._numbers = _numbers(self.links)
+        self._numbers = numbers = _numbers(self.links)
+        rods = [s.name for s in self.struts if s.mass is not None and s.name in numbers]
+        #: numbers of the links that are tubes of cylinders, each ahead of its rod
+        self._tubes: list[int] = [k for name in rods for k in numbers.get(tube(name), ())]
+        #: how many links it was given; those of cylinders follow them
+        self.own: int = min(self._tubes, default=len(self.links))
         #: name of each strut and tendon: its own, or "strut 0" and so on
         self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
         #: name of each contact: its own, or "contact 0" and so on
@@ -143,7 +154,8 @@ class Chain:
             (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
         )
 
-        taken = dict.fromkeys((*self._numbers, *self.names, *self.joint_names), "a link or a joint")
+        known = {*self._numbers, *self.names, *self.joint_names}.difference(rods if self._tubes else ())
+        taken = dict.fromkeys(known, "a link or a joint")
         for group, names, one in (
             ("struts", self.strut_names, "a strut"), ("contacts", self.contact_names, "a contact"),
             ("loops", self.loop_names, "a loop"),
@@ -163,7 +175,8 @@ class Chain:
         #: length at which the spring of each strut and tendon has no force (m)
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
-        if any(s.length is None for s in self.struts):
+        self._zero = np.array(self._core.zero)
+        if any(s.length is None or s.mass is not None for s in self.struts):
             still, undriven = np.zeros(self._core.nv), np.zeros(len(self.struts))
             at_zero = self._core.strut_motion(self._core.zero, still, undriven)[0][:, 0].tolist()
             for k, s in enumerate(self.struts):
@@ -172,6 +185,9 @@ class Chain:
             lengths = zip(self.struts, at_zero, strict=True)
             self.rest_lengths = tuple(x if s.length is None else s.length for s, x in lengths)
             self._core = self._core_arm()
+            for k, s in enumerate(self.struts):
+                if s.mass is not None and self._tubes:
+                    self._zero[self._core.first_q(self._link(s.name))] = at_zero[k]
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
@@ -263,11 +279,13 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
+        own, ties = self.links[: self.own], {tie(s.name) for s in self.struts if s.mass is not None}
+        out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in own]}
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
                 out[name] = found
-        return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", self.loops)) if x}
+        loops = tuple(x for x in self.loops if x.name not in ties)
+        return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", loops)) if x}
 
     def _alike(
         self: _Kind,
@@ -295,6 +313,13 @@ class Chain:
         loops: Sequence[Loop],
     ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
+        if of._tubes:  # cylinders follow their struts
+            ties = {tie(s.name) for s in of.struts if s.mass is not None}
+            for one, other in ((links[of.own :], of.links[of.own :]), (loops, of.loops)):
+                for x, y in zip(one, other, strict=True):
+                    if x is not y and (isinstance(y, Link) or y.name in ties):
+                        raise ValueError(f"'{y.name}': is of a cylinder: change its strut")
+            return cls(links[: of.own], gravity, struts, contacts, [x for x in loops if x.name not in ties])
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
             return cls(links, gravity, struts, contacts, loops)
         out = cls.__new__(cls)
@@ -372,8 +397,9 @@ class Chain:
             raise ValueError(self.in_names(str(e))) from None
 
     def _link(self, link: Any, field: str = "link") -> int:
-        """The index of a link, given by its number, its name or its joint's. Only this function reads links."""
-        n = len(self.links)
+        """The index of a link, given by its number, its name or its joint's; -1 is the last that is no cylinder. Only
+        this function reads links."""
+        n, own = len(self.links), self.own
         if isinstance(link, str):
             found = self._numbers.get(link, ())
             if len(found) == 1:
@@ -381,17 +407,18 @@ class Chain:
             if found:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
-            own = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
-            for what, names in own:
+            others = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
+            for what, names in others:
                 if link in names:
-                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint")
+                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if what == "strut" else ""
+                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint{hint}")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
             raise ValueError(f"{field} = {link!r}: no link and no joint has this name; {hint}")
-        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
-            raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
-        return int(link) % n
+        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -own <= link < n:
+            raise ValueError(f"{field} = {link!r}: must be from {-own} to {n - 1}")
+        return int(link) + (own if link < 0 else 0)
 
     def _strut(self, strut: Any, field: str = "strut") -> int:
         """The index of a strut or tendon, given by its number or its name."""
@@ -444,7 +471,7 @@ class Chain:
     @property
     def ends(self) -> list[int]:
         """The links that carry no other one on their end: the last one of a chain."""
-        return [k for k in range(len(self.links)) if (k, None) not in self.seats]
+        return [k for k in range(self.own) if (k, None) not in self.seats[: self.own]]
 
     def path(self, link: int | str = -1) -> list[int]:
         """The links from the world to this one."""
@@ -556,8 +583,9 @@ class Chain:
 
     @property
     def zero(self) -> Array:
-        """All coordinates zero, except the quaternions of balls: 1 0 0 0; (nq,)."""
-        return np.array(self._core.zero)
+        """All coordinates zero, except the quaternions of balls, 1 0 0 0, and the lengths of cylinders, which are those
+        of this place; (nq,)."""
+        return self._zero.copy()
 
     def patch_column(self, link: Any, patch: Any, field: str = "") -> int:
         """The column of `patch_matrix` that belongs to a link's patch."""
