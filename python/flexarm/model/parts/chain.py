@@ -129,7 +129,7 @@ class Chain:
         #: numbers of the links that are tubes of cylinders, each ahead of its rod
         self._tubes: list[int] = [k for name in rods for k in numbers.get(tube(name), ())]
         #: how many links it was given; those of cylinders follow them
-        self.own: int = min(self._tubes, default=len(self.links))
+        self._own: int = min(self._tubes, default=len(self.links))
         #: name of each strut and tendon: its own, or "strut 0" and so on
         self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
         #: name of each contact: its own, or "contact 0" and so on
@@ -279,7 +279,7 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        own, ties = self.links[: self.own], {tie(s.name) for s in self.struts if s.mass is not None}
+        own, ties = self.links[: self._own], {tie(s.name) for s in self.struts if s.mass is not None}
         out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in own]}
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
@@ -315,11 +315,11 @@ class Chain:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
         if of._tubes:  # cylinders follow their struts
             ties = {tie(s.name) for s in of.struts if s.mass is not None}
-            for one, other in ((links[of.own :], of.links[of.own :]), (loops, of.loops)):
+            for one, other in ((links[of._own :], of.links[of._own :]), (loops, of.loops)):
                 for x, y in zip(one, other, strict=True):
                     if x is not y and (isinstance(y, Link) or y.name in ties):
                         raise ValueError(f"'{y.name}': is of a cylinder: change its strut")
-            return cls(links[: of.own], gravity, struts, contacts, [x for x in loops if x.name not in ties])
+            return of._alike(links[: of._own], gravity, struts, contacts, [x for x in loops if x.name not in ties])  # type: ignore[return-value]
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
             return cls(links, gravity, struts, contacts, loops)
         out = cls.__new__(cls)
@@ -399,7 +399,7 @@ class Chain:
     def _link(self, link: Any, field: str = "link") -> int:
         """The index of a link, given by its number, its name or its joint's; -1 is the last that is no cylinder. Only
         this function reads links."""
-        n, own = len(self.links), self.own
+        n, own = len(self.links), self._own
         if isinstance(link, str):
             found = self._numbers.get(link, ())
             if len(found) == 1:
@@ -471,7 +471,7 @@ class Chain:
     @property
     def ends(self) -> list[int]:
         """The links that carry no other one on their end: the last one of a chain."""
-        return [k for k in range(self.own) if (k, None) not in self.seats[: self.own]]
+        return [k for k in range(self._own) if (k, None) not in self.seats[: self._own]]
 
     def path(self, link: int | str = -1) -> list[int]:
         """The links from the world to this one."""
@@ -915,7 +915,10 @@ class Chain:
 
     def refuse_loops(self, what: str, rigid: bool = False) -> None:
         """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
+        rods = {tie(s.name): s.name for s in self.struts if s.mass is not None}
         for name, loop in zip(self.loop_names, self.loops, strict=True):
+            if name in rods:
+                raise ValueError(f"{what}: does not know cylinders, such as '{rods[name]}', a strut with a mass")
             if loop.rigid or not rigid:
                 kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
                 raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")

@@ -106,7 +106,7 @@ def _drives(file: SceneFile, arm: Arm) -> dict[Any, Any]:
     found: dict[Any, Any] = {}
     for k, drive in enumerate(file.drive):
         if len(drive.laws) != 1:
-            raise ValueError(f"drive[{k}]: needs link and one of motion, spin_up, torque")
+            raise ValueError(f"drive[{k}]: needs link or strut, and one of motion, spin_up, torque")
         if isinstance(drive, StrutDrive) and drive.strut not in arm.strut_names:
             known = ", ".join(arm.strut_names) or "none"
             raise ValueError(f"drive[{k}].strut = {drive.strut!r}: must be the name of a strut or tendon, of {known}")
