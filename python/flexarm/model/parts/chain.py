@@ -328,7 +328,7 @@ class Chain:
         out.contacts, out.contact_names = tuple(contacts), of.contact_names
         out.loops, out.loop_names = tuple(loops), of.loop_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
-        out.coordinates, out.parents = of.coordinates, of.parents
+        out.coordinates, out.parents, out._tubes, out._own = of.coordinates, of.parents, [], of._own
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
         out._make()
         return out

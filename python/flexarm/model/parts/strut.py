@@ -62,7 +62,7 @@ class Point(Part):
 
 @dataclass(frozen=True)
 class Strut(Part):
-    """A massless line between two points with a force along it: a cylinder, a spring, a strut.
+    """A straight line between two points with a force along it: a cylinder, a spring, a strut.
 
     It pushes its points apart with force - stiffness (l - length) - damping dl/dt, where l is their distance (m).
 
