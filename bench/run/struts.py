@@ -67,9 +67,10 @@ def boom(of: Boom, modes: int = 0) -> fa.Arm:
         return fa.Point(OF[link], at="origin", offset=(x, y, 0))
 
     struts = [
-        fa.Strut(point(c.a), point(c.b), stiffness=c.stiffness, damping=c.damping, length=rest, name=name, mass=rod or None)
+        fa.Strut(point(c.a), point(c.b), stiffness=c.stiffness, damping=c.damping, length=rest, name=name,
+                 mass=rod or None)
         for c, rest, name, rod in zip(of.cylinders, of.rest, NAMES, of.rods, strict=True)
-    ]
+    ]  # fmt: skip
     return fa.Arm([link(0), link(1)], gravity=(0, -GRAVITY, 0), struts=struts)
 
 

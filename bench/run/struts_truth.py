@@ -119,8 +119,8 @@ class Boom:
         for mass, (link, *at) in zip(self.rods, (c.b for c in self.cylinders), strict=True):
             p, by = self.point((link, *at), q)
             knee = self.point((link, 0.0, 0.0), q)[0]
-            bent = -((v[: link + 1].sum() ** 2) * (p - knee)) - link * v[0] ** 2 * knee  # acceleration at constant rates
-            M, force = M + mass * by.T @ by, force - mass * by.T @ (bent + [0.0, GRAVITY])
+            inward = v[: link + 1].sum() ** 2 * (p - knee) + link * v[0] ** 2 * knee  # acceleration at constant rates
+            M, force = M + mass * by.T @ by, force - mass * by.T @ (np.array([0.0, GRAVITY]) - inward)
         a = np.linalg.solve(M, force)
         return np.concatenate([v, a])
 

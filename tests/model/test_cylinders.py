@@ -49,6 +49,9 @@ def test_cylinders_follow_their_points(strut: fa.Strut) -> None:
         pose[:4] += rng.uniform(-0.6, 0.6, 4)
         q = arm.assemble(pose)
         assert q[:4] == pytest.approx(pose[:4], abs=1e-12)
+        named = {"boom": pose[0], "jib": pose[3]}
+        assert arm.pose(named) == pytest.approx(arm.assemble(named, hold=["boom", "jib"]), abs=1e-12)
+        assert arm.pose(named | {"lift": 0.77})[5] == 0.77
         assert q[[5, 7]] == pytest.approx(arm.strut_motion(q)[0], abs=1e-14)
         v = arm.assemble(q, np.r_[rng.normal(size=4), np.zeros(4)], hold=["boom", "jib"])[1]
         assert v[[5, 7]] == pytest.approx(arm.strut_motion(q, v)[1], abs=1e-11)
@@ -57,7 +60,8 @@ def test_cylinders_follow_their_points(strut: fa.Strut) -> None:
 def test_a_cylinder_in_space_turns_about_two_axes() -> None:
     body = fa.RigidBody(1.0, (0.3, 0, 0), (0.01, 0.02, 0.02), (0.6, 0, 0))
     links = [fa.Link(fa.Revolute("z"), body, name="base"), fa.Link(fa.Revolute("y"), body, name="boom")]
-    for a, two in (((0.2, -0.7, 0.4), True), (("base", "origin"), False), (fa.Point("base", offset=(0, 0, -0.4)), False)):
+    below = fa.Point("base", offset=(0, 0, -0.4))
+    for a, two in (((0.2, -0.7, 0.4), True), (("base", "origin"), False), (below, False)):
         jack = fa.Strut(a, fa.Point("boom", "origin", (0.3, 0, 0.05)), mass=1.0, name="jack")
         arm = fa.Arm(links, struts=[jack])
         assert arm["jack mount"].joint.nv == 1 + two
@@ -72,7 +76,8 @@ def test_an_arm_with_cylinders_is_rebuilt_with_them() -> None:
     arm = crane(LIFT, FOLD, loops=[pin])
     table = arm.to_dict()
     assert (len(table["link"]), len(table["strut"]), len(table["loop"])) == (2, 2, 1)
-    for other in (fa.Arm.from_dict(table), pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm), arm._alike(arm.links, arm.gravity)):
+    again = fa.Arm.from_dict(table), pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm)
+    for other in (*again, arm._alike(arm.links, arm.gravity)):
         assert other == arm and other.names == arm.names and np.array_equal(other.zero, arm.zero)
     values = {"strut.lift.mass": np.array([3.0]), "strut.fold.b.offset.0": np.array([0.25]),
               "link.boom.beam.length": np.array([1.1]), "loop.pin.stiffness": np.array([2e5])}  # fmt: skip
@@ -96,7 +101,7 @@ def test_an_arm_with_cylinders_is_rebuilt_with_them() -> None:
         (lambda: crane(replace(LIFT, a=("boom", "origin"), b="jib")), ("struts[0].a", "boom", "mass = 2")),
         (lambda: crane(replace(LIFT, a=("boom", 0.0), b="jib")), ("struts[0].a", "boom", "mass = 2")),
         (lambda: crane(LIFT, loops=[fa.Loop("jib", (1.6, 0, 0), fa.Spherical(), name="lift end")]), ("'lift end'",)),
-        (lambda: fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.5, 0, 0), (0.1, 0.1, 0.1), (1, 0, 0)), name="boom")],
+        (lambda: fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)), name="boom")],
                         struts=[fa.Strut((1, 0, 0), "boom", length=1.0, mass=1.0, name="lift")]),
          ("struts[0]", "mass = 1", "length is zero")),
     ],

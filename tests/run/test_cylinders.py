@@ -105,7 +105,8 @@ def test_prescribed_lengths_move_the_arm_as_triangles_have_it(name: str, options
     for cylinder, law in moved().items():
         line = run.strut(cylinder)
         np.testing.assert_allclose((line.length, line.rate), law(T)[:2], atol=1e-9)
-    wanted = np.array([np.linalg.solve(truth.strut_jacobian(x).T, truth.inverse(x, y, z)) for x, y, z in zip(q, v, a)])
+    rows = zip(q, v, a, strict=True)
+    wanted = np.array([np.linalg.solve(truth.strut_jacobian(x).T, truth.inverse(x, y, z)) for x, y, z in rows])
     forces = np.column_stack([run.tau[:, arm.joint_rate(x)] for x in ("lift", "fold")])
     np.testing.assert_allclose(forces, wanted, atol=1e-6 * np.abs(wanted).max())
     own = np.array([truth.strut_motion(x, y)[:, 2] for x, y in zip(q, v, strict=True)])
@@ -133,7 +134,8 @@ class Plane:
     def stretch(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lengths, rates and springs' forces of the lines, (2, 3); the Jacobian of their lengths."""
         rows, by = [], []
-        for (a, b), (k, c, rest, force) in zip(self.lines, ((2e3, 40.0, 1.2, 0.0), (0.0, 0.0, 0.0, 150.0)), strict=True):
+        own = (2e3, 40.0, 1.2, 0.0), (0.0, 0.0, 0.0, 150.0)
+        for (a, b), (k, c, rest, force) in zip(self.lines, own, strict=True):
             (p, on_p, _), (r, on_r, _) = self.place(*a, q, v), self.place(*b, q, v)
             length = np.linalg.norm(r - p)
             by.append((r - p) @ (on_r - on_p) / length)
@@ -147,7 +149,7 @@ class Plane:
         force = by.T @ (lines[:, 2] + np.array(push(lines))) - [0.0, 3.0 * v[1]]
         for rod, at, mass in self.bodies:
             _, J, bias = self.place(rod, at, q, v)
-            M, force = M + mass * J.T @ J, force - mass * J.T @ (bias + [0.0, 9.81])
+            M, force = M + mass * J.T @ J, force - mass * J.T @ (bias + np.array([0.0, 9.81]))
         return np.r_[v, np.linalg.solve(M, force)]
 
     def run(self, t: np.ndarray, push: Callable[[float, np.ndarray], Any], y: np.ndarray) -> np.ndarray:
@@ -306,7 +308,8 @@ def test_small_motions_are_those_of_a_line() -> None:
     kp, kv, led = 3e5, 2e3, 1.1
     arm, line = beams(), beams(True, stiffness=kp, damping=kv, length=led)
     q = line.equilibrium()
-    rest = fa.simulate(arm, [0, 1e-3], "equilibrium", drive={"lift": fa.Motion([0, 1], [line.strut_motion(q)[0][0]] * 2)})
+    still = fa.Motion([0, 1], [line.strut_motion(q)[0][0]] * 2)
+    rest = fa.simulate(arm, [0, 1e-3], "equilibrium", drive={"lift": still})
     np.testing.assert_allclose(rest.q[0, : line.nq], q, atol=1e-9)
     assert rest.strut("lift").force[0] == pytest.approx(line.strut_motion(q)[2][0], rel=1e-7)
     loop = fa.closed_loop(arm, fa.PD(kp, kv, "lift", reference=led), rest.q[0], loads=None)
@@ -389,9 +392,10 @@ def test_what_cannot_drive_a_line_or_does_not_know_cylinders_names_them() -> Non
     rope = fa.Arm(line.links, struts=[fa.Tendon([(0, 1, 0), "boom"], stiffness=1.0, name="rope")])
     with refuses("drive of 'rope'", "Torque"):
         fa.simulate(rope, T, drive={"rope": fa.Motion([0, 1], [1.0, 1.1])})
+    known: Any = {"force_noise": 1.0, "q_std": 1e-2, "v_std": 1e-2}
     for refused in (
         lambda: arm.inverse_dynamics(arm.zero, np.zeros(arm.nv), np.zeros(arm.nv)),
-        lambda: fa.KalmanFilter(arm, [fa.sensors.Encoder(0, noise=1e-3)], 1e-3, force_noise=1.0, q_std=1e-2, v_std=1e-2),
+        lambda: fa.KalmanFilter(arm, [fa.sensors.Encoder(0, noise=1e-3)], 1e-3, **known),
         lambda: fa.simulate(arm, T, START, control=fa.MPC(reference=0.0, rate=100.0, horizon=1.0)),
         lambda: fa.simulate(arm, T, "held", control=pds()),
         lambda: fa.lqr(arm),

@@ -18,7 +18,7 @@ import flexarm._core as _core
 from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .contact import Contact
-from .cylinder import cylinders, tie, tube
+from .cylinder import cylinders, stretched, tie, tube
 from .link import Link
 from .loop import Loop
 from .part import as_table
@@ -117,7 +117,7 @@ class Chain:
         self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
         self._name()
         self._make()
-        if len(self._tubes) < sum(s.mass is not None for s in self.struts):
+        if len(self._tubes) < len(self._rods):
             more, ties = cylinders(self)
             self.links, self.loops = (*self.links, *more), (*self.loops, *ties)
             self._name()
@@ -125,9 +125,11 @@ class Chain:
 
     def _name(self) -> None:
         self._numbers = numbers = _numbers(self.links)
-        rods = [s.name for s in self.struts if s.mass is not None and s.name in numbers]
+        #: names of the struts that are cylinders, and of the loops that close them
+        self._rods: list[str] = [s.name for s in self.struts if s.mass is not None and s.name is not None]
+        self._ties: list[str] = [tie(name) for name in self._rods]
         #: numbers of the links that are tubes of cylinders, each ahead of its rod
-        self._tubes: list[int] = [k for name in rods for k in numbers.get(tube(name), ())]
+        self._tubes: list[int] = [k for x in self._rods if x in numbers for k in numbers.get(tube(x), ())]
         #: how many links it was given; those of cylinders follow them
         self._own: int = min(self._tubes, default=len(self.links))
         #: name of each strut and tendon: its own, or "strut 0" and so on
@@ -154,7 +156,7 @@ class Chain:
             (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
         )
 
-        known = {*self._numbers, *self.names, *self.joint_names}.difference(rods if self._tubes else ())
+        known = {*self._numbers, *self.names, *self.joint_names}.difference(self._rods if self._tubes else ())
         taken = dict.fromkeys(known, "a link or a joint")
         for group, names, one in (
             ("struts", self.strut_names, "a strut"), ("contacts", self.contact_names, "a contact"),
@@ -279,12 +281,12 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        own, ties = self.links[: self._own], {tie(s.name) for s in self.struts if s.mass is not None}
+        own = self.links[: self._own]
         out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in own]}
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
                 out[name] = found
-        loops = tuple(x for x in self.loops if x.name not in ties)
+        loops = tuple(x for x in self.loops if x.name not in self._ties)
         return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", loops)) if x}
 
     def _alike(
@@ -314,12 +316,13 @@ class Chain:
     ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
         if of._tubes:  # cylinders follow their struts
-            ties = {tie(s.name) for s in of.struts if s.mass is not None}
-            for one, other in ((links[of._own :], of.links[of._own :]), (loops, of.loops)):
-                for x, y in zip(one, other, strict=True):
-                    if x is not y and (isinstance(y, Link) or y.name in ties):
-                        raise ValueError(f"'{y.name}': is of a cylinder: change its strut")
-            return of._alike(links[: of._own], gravity, struts, contacts, [x for x in loops if x.name not in ties])  # type: ignore[return-value]
+            mine = [*zip(links[of._own :], of.links[of._own :], strict=True)]
+            ties: Any = [(x, y) for x, y in zip(loops, of.loops, strict=True) if y.name in of._ties]
+            for x, y in (*mine, *ties):
+                if x is not y:
+                    raise ValueError(f"'{y.name}': is of a cylinder; change its strut")
+            kept = [x for x in loops if x.name not in of._ties]
+            return of._alike(links[: of._own], gravity, struts, contacts, kept)  # type: ignore[return-value]
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
             return cls(links, gravity, struts, contacts, loops)
         out = cls.__new__(cls)
@@ -328,7 +331,8 @@ class Chain:
         out.contacts, out.contact_names = tuple(contacts), of.contact_names
         out.loops, out.loop_names = tuple(loops), of.loop_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
-        out.coordinates, out.parents, out._tubes, out._own = of.coordinates, of.parents, [], of._own
+        out.coordinates, out.parents = of.coordinates, of.parents
+        out._rods, out._ties, out._tubes, out._own = [], [], [], of._own
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
         out._make()
         return out
@@ -600,7 +604,8 @@ class Chain:
         return self.patches.index((n, int(patch) % count))
 
     def pose(self, joints: Mapping[Any, Any]) -> Array:
-        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`.
+        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`; cylinders that are
+        not named are where their points are.
 
         The dictionary itself may stand for q in all methods, and for q0 in `simulate`.
 
@@ -637,7 +642,7 @@ class Chain:
                 turn_by = given[len(slides) :]
                 q[at] = turn_by if len(turn_by) == 4 else _quaternion(turn_by)
         self.check_balls("joints", q)
-        return q
+        return stretched(self, q, np.isin(np.arange(self.nv), list(seen)))
 
     @contextmanager
     def _pointing_to_pose(self, field: str = "q") -> Iterator[None]:
@@ -915,10 +920,10 @@ class Chain:
 
     def refuse_loops(self, what: str, rigid: bool = False) -> None:
         """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
-        rods = {tie(s.name): s.name for s in self.struts if s.mass is not None}
         for name, loop in zip(self.loop_names, self.loops, strict=True):
-            if name in rods:
-                raise ValueError(f"{what}: does not know cylinders, such as '{rods[name]}', a strut with a mass")
+            if name in self._ties:
+                rod = self._rods[self._ties.index(name)]
+                raise ValueError(f"{what}: does not know cylinders, such as '{rod}', a strut with a mass")
             if loop.rigid or not rigid:
                 kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
                 raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._check import Array
 from .beam import RigidBody
@@ -40,7 +41,7 @@ def cylinders(arm: Any) -> tuple[list[Link], list[Loop]]:
 def _links(arm: Any, k: int) -> list[Link]:
     strut, (a, b) = arm.struts[k], arm._fastened[k]
     n, on, x, offset = a
-    of = None if n < 0 else arm.links[n]
+    of: Any = None if n < 0 else arm.links[n]
     if on == "origin" and of.beam is None:
         offset = offset - sum((np.array(body.end) for body in (of.hub, of.tip) if body is not None), np.zeros(3))
     elif on == "origin" or (on == "slice" and not x):
@@ -51,14 +52,13 @@ def _links(arm: Any, k: int) -> list[Link]:
     ways = _directions(arm, a, b)
     length = float(np.linalg.norm(ways[0]))
     if not length > 0.0:
-        raise ValueError(f"struts[{k}]: mass = {strut.mass:g}: its length is zero at q = zero, where it has no direction")
+        raise ValueError(f"struts[{k}]: mass = {strut.mass:g}: its length is zero at q = zero: it has no direction")
     R, turn, slide = _axes(ways[0] / length, ways)
-    swing = {"inboard": Placement(offset, R.tolist()), "name": tube(strut.name)}
-    joint: Joint = Axes(("rz", "ry"), **swing) if turn is None else Revolute(turn, **swing)
-    seat = {"parent": "world" if n < 0 else n, "at": x if on == "slice" else None}
+    place, name = Placement(offset, R.tolist()), tube(strut.name)
+    joint: Joint = Revolute(turn, inboard=place, name=name) if turn else Axes(("rz", "ry"), inboard=place, name=name)
     rod = RigidBody(strut.mass, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     return [
-        Link(joint, name=tube(strut.name), **seat),
+        Link(joint, name=name, parent="world" if n < 0 else n, at=x if on == "slice" else None),
         Link(Prismatic(slide, name=strut.name), rod, name=strut.name),
     ]
 
@@ -68,12 +68,12 @@ def _directions(arm: Any, a: Any, b: Any) -> Array:
     drawn = np.random.default_rng(0).uniform(-0.5, 0.5, (_SAMPLES, arm.nq))
     q = np.vstack([arm._core.zero, arm._core.zero + drawn])
     (p, R), (end, _) = arm._point_frame(q, a), arm._point_frame(q, b)
-    return np.einsum("nji,nj->ni", R, end - p)
+    return np.asarray(np.einsum("nji,nj->ni", R, end - p))
 
 
 def _axes(along: Array, ways: Array) -> tuple[Array, str | None, str]:
-    """The axes (columns) of a joint that lets a cylinder follow all ways, its axis, None if it needs two, and that along
-    which the rod slides."""
+    """The axes (columns) of a joint that lets a cylinder follow all ways; the one about which it turns, None where that
+    takes two; and the one along which the rod slides."""
     _, size, Vt = np.linalg.svd(ways)
     if size[2] > _FLAT * size[0]:
         aside = np.cross(along, np.eye(3)[np.abs(along).argmin()])
@@ -95,22 +95,20 @@ def _axes(along: Array, ways: Array) -> tuple[Array, str | None, str]:
     return np.column_stack([normal, along, np.cross(normal, along)]), "x", "y"
 
 
-def stretched(arm: Any, q: Array, held: Array) -> Array:
+def stretched(arm: Any, q: Array, held: NDArray[np.bool_]) -> Array:
     """q with the cylinders where their points are, but for rates that are held (nv,)."""
     out = q.copy()
-    for k, strut in enumerate(arm.struts):
-        if strut.mass is None or strut.name not in arm.names:
-            continue
-        mount, rod = (arm._link(x) for x in (tube(strut.name), strut.name))
-        turns, (slide,) = arm.joint_rates(mount), arm.joint_rates(rod)
+    for mount in arm._tubes:
+        name, joint, along = arm.names[mount + 1], arm.links[mount].joint, arm.links[mount + 1].joint.axis
+        turns, (slide,) = arm.joint_rates(mount), arm.joint_rates(mount + 1)
         if held[turns].any():
             continue
         bare = out.copy()
         bare[[arm.coordinate_of(i) for i in (*turns, slide)]] = 0.0
-        p, R = arm._core.frame(bare, rod, None)
-        way = R.T @ (arm._point_frame(out, arm._fastened[k][1])[0] - p)
-        axis, along = (np.array(UNIT[x]) for x in (getattr(arm.links[mount].joint, "axis", "z"), arm.links[rod].joint.axis))
-        out[arm.coordinate_of(turns[0])] = np.arctan2(way @ np.cross(axis, along), way @ along)
+        p, R = arm._core.frame(bare, mount + 1, None)
+        way = R.T @ (arm._point_frame(out, arm._fastened[arm._strut(name)][1])[0] - p)
+        forth, about = np.array(UNIT[along]), np.array(UNIT[getattr(joint, "axis", "z")])
+        out[arm.coordinate_of(turns[0])] = np.arctan2(way @ np.cross(about, forth), way @ forth)
         for i in turns[1:]:  # about y, from x towards -z
             out[arm.coordinate_of(i)] = -np.arctan2(way[2], np.hypot(way[0], way[1]))
         if not held[slide]:

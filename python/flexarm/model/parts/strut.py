@@ -73,9 +73,9 @@ class Strut(Part):
         force: constant, with which it pushes (N); negative: it pulls. `simulate(drive={name: Torque(...)})` adds to it.
         name: such as "lift", in place of "strut 0" and so on, by its number in the arm. No dots, no number; different
             from the names of the arm's links and joints.
-        mass: of a cylinder's rod, which slides in a tube without mass (kg), a point at b. Then the cylinder is a link of
-            the arm, whose joint is its length (m), and both have its name: motions, torques, controllers and sensors
-            take it as any joint, and a loop ties the rod to b. None: a line without mass.
+        mass: of a cylinder's rod (kg), a point at b, which slides in a tube without mass. The cylinder is a link of the
+            arm then, of this name, whose joint is its length (m): motions, torques, controllers and sensors take it as
+            any joint. A loop ties the rod to b. None: a line without mass.
     """
 
     a: Point | str | int | Sequence[Any]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..._check import Array, array, choice, known_keys, number
 from ...arm.arm import Arm
 from ...model.acting.control import control_laws
-from ...model.acting.drive import Motion, SpinUp, is_strut
+from ...model.acting.drive import Motion, SpinUp
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import read, read_file
 from ..integrators import INTEGRATORS
