@@ -642,7 +642,7 @@ class Chain:
                 turn_by = given[len(slides) :]
                 q[at] = turn_by if len(turn_by) == 4 else _quaternion(turn_by)
         self.check_balls("joints", q)
-        return stretched(self, q, np.isin(np.arange(self.nv), list(seen)))
+        return stretched(self, q, np.isin(np.arange(self.nv), list(seen))) if self._tubes else q
 
     @contextmanager
     def _pointing_to_pose(self, field: str = "q") -> Iterator[None]:
