@@ -210,9 +210,12 @@ def poles(f: Feature) -> float:
     v = f.turn * np.eye(a.nv)[0]
     loop = fa.closed_loop(a, control, f.pose and a.pose(f.pose), v, lock=locked, **given(fa.closed_loop, scene))
     period, hold = loop.period or 4e-3, loop.q
-    tau = a.inverse_dynamics(hold, v, np.zeros(a.nv), **scene) + f.drag * np.sign(v)
     small = 1e-5 * np.ones(a.nv)
     small[locked] = 0
+    if a.constrained:  # which rests without forces
+        tau, small = np.zeros(a.nv), a.assemble(hold, small)[1]
+    else:
+        tau = a.inverse_dynamics(hold, v, np.zeros(a.nv), **scene) + f.drag * np.sign(v)
     parts, count = 8, 4 * len(loop.poles)  # filters of sensors see the arm at output times
     t = period / parts * np.arange(parts * count + 1)
     if control:

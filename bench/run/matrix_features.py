@@ -55,6 +55,15 @@ def tied(m: float, rich: bool) -> fa.Arm:
     return fa.Arm(arm(m, rich).links, struts=[spring, rope])
 
 
+def lifted(m: float, r: Any, rich: bool) -> Scene:
+    """The same, on a cylinder from the world, whose length a PD leads."""
+    jack = fa.Strut((0.1, -0.2, 0), (0, 0.3), damping=2, name="jack", mass=0.2)
+    made = fa.Arm(arm(m, rich).links, struts=[jack])
+    length = float(made.strut_motion(made.zero)[0][0])
+    led = fa.Motion([0, T[-1]], [length, length + 0.05], [0, 0], [0, 0]) if isinstance(r, fa.Motion) else length
+    return {"arm": made, "control": fa.PD(4e3, 60.0, "jack", reference=led)}
+
+
 def closed(m: float, rich: bool) -> fa.Arm:
     """The same, whose tip two rigid links join to the world: a four-bar."""
     (stem,) = arm(m, rich).links
@@ -239,6 +248,7 @@ def features() -> list[Feature]:
         Feature("follower load", lambda m, r, x: {"loads": [fa.Load(force=(-3, 2, 0), axes="section")]}, "dead load"),
         Feature("load by its state", lambda m, r, x: {"loads": [fa.Load(force=pull)], **SPUN}, "event"),
         Feature("strut and tendon", lambda m, r, x: {"arm": tied(m, x), **SPUN}, "event"),
+        Feature("cylinder", lifted, "PD", sensors=[fa.sensors.Encoder(0, noise=1.0)]),
         Feature("contact", lambda m, r, x: {"arm": touching(m, x), **SPUN}, "event", pose={0: 0.21}),
         Feature("contact with friction", lambda m, r, x: {"arm": touching(m, x, coulomb=0.5), **SPUN}, "contact",
                 pose={0: 0.21}),

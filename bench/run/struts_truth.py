@@ -53,13 +53,14 @@ class Cylinder:
 class Boom:
     """Its state: the angle of the boom over the ground, that of the jib against the boom, and their rates. The
     cylinders' springs are at rest at `start`; besides, they push by `forces`, either numbers (nt, 2), linear between
-    `times` (s), or a function of time."""
+    `times` (s), or a function of time. `rods`: point masses at their ends b (kg)."""
 
     sections: tuple[Section, Section]
     cylinders: tuple[Cylinder, ...]
     start: tuple[float, float]
     times: tuple[float, ...]
     forces: Any = field(repr=False)
+    rods: tuple[float, float] = (0.0, 0.0)
 
     def point(self, at: tuple[int, float, float], q: Any) -> tuple[Array, Array]:
         """Its place, and how that changes with the angles, (2, 2)."""
@@ -114,7 +115,13 @@ class Boom:
         far = two.mass * c * np.cos(q[0] + q[1])
         weight = GRAVITY * np.array([(one.mass * one.com + two.mass * L) * np.cos(q[0]) + far, far])
         f, J = self.push(t, q, v)
-        a = np.linalg.solve([[m11, m12], [m12, m22]], J.T @ f - bias - weight)
+        M, force = np.array([[m11, m12], [m12, m22]]), J.T @ f - bias - weight
+        for mass, (link, *at) in zip(self.rods, (c.b for c in self.cylinders), strict=True):
+            p, by = self.point((link, *at), q)
+            knee = self.point((link, 0.0, 0.0), q)[0]
+            inward = v[: link + 1].sum() ** 2 * (p - knee) + link * v[0] ** 2 * knee  # acceleration at constant rates
+            M, force = M + mass * by.T @ by, force - mass * by.T @ (np.array([0.0, GRAVITY]) - inward)
+        a = np.linalg.solve(M, force)
         return np.concatenate([v, a])
 
     def run(self, t: Array, rtol: float = 1e-12) -> Array:

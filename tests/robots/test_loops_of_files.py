@@ -77,6 +77,7 @@ def test_a_loop_on_a_flexible_link_sits_on_its_slice(tmp_path: Path) -> None:
     closed = arm.pose(dict(zip(arm.names, q, strict=True)))
     np.testing.assert_allclose(arm.loop_motion(closed)[0], 0, atol=1e-12)
 
+
 TURNED = fa.Placement((0, 0, 0), (0, 0, -1.4))
 
 
@@ -114,3 +115,30 @@ def test_what_mjcf_has_not_of_loops_is_told() -> None:
         bars(fa.Prismatic("x")).to_mjcf()
     with warns(fa.errors.RobotWarning, "solref", "foot"):
         bars(fa.Revolute("z"), stiffness=1e6, angular_stiffness=1e3).to_mjcf()
+
+
+def test_a_cylinder_is_a_slide_in_a_file(tmp_path: Path) -> None:
+    """Whose rod a constraint ties to its point; beside MuJoCo's accelerations."""
+    body = fa.RigidBody(5.0, (0.5, 0, 0), (0.1, 0.5, 0.5), (1, 0, 0))
+    top = fa.Point("boom", "origin", (0.6, 0.05, 0))
+    jack = fa.Strut((0.3, -0.4, 0), top, stiffness=900, length=0.6, mass=2.0, name="jack")
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), body, name="boom")], (0, -9.81, 0), [jack])
+    arm.to_mjcf(tmp_path / "arm.xml")
+    with warns(fa.errors.RobotWarning, "1 tendon"):
+        read = fa.from_mjcf(tmp_path / "arm.xml")
+    assert set(read.names) == set(arm.names) and read.loop_names == ("jack end",)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data, M = mujoco.MjData(model), np.zeros((3, 3))
+    q = arm.assemble({"boom": 0.3})
+    data.qpos[[model.joint(name).qposadr[0] for name in ("boom joint", "jack mount", "jack")]] = q
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos).max() < 1e-10
+    for k, unit in enumerate(np.eye(3)):
+        mujoco.mj_mulM(model, data, M[k], unit)
+    J = data.efc_J.reshape(-1, 3)
+    held = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+    force = np.concatenate([data.qfrc_passive - data.qfrc_bias, np.zeros(len(J))])
+    a = np.linalg.lstsq(held, force, rcond=1e-10)[0][:3]
+    a = a[[model.joint(name).dofadr[0] for name in ("boom joint", "jack mount", "jack")]]
+    found = arm.forward_dynamics(q, np.zeros(3), np.zeros(3))
+    np.testing.assert_allclose(found, a, atol=1e-8 * np.abs(a).max())

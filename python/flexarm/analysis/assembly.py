@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .._check import Array, array
 from ..model.parts.chain import Chain
+from ..model.parts.cylinder import stretched
 from .rates import coordinate_sizes, displaced, elastic_rates, locked_rates, reach
 
 CLOSED = 1e-9  # of the arm's length, and of a turn (rad): a start that is as near counts as closed
@@ -94,6 +95,7 @@ class Closure:
     def assembled(self, q: Array, held: NDArray[np.bool_]) -> Array:
         """The nearest q at which all is closed to rounding; beams bend only where joints alone do not close it. Where
         steps from q lead nowhere, as from a dead centre, starts beside it are tried."""
+        q = stretched(self.arm, q, held)
         joints, start, found = ~held & ~elastic_rates(self.arm), q, q
         for aside in (0.0, *_ASIDE):
             found = start if not aside else self._beside(start, aside, joints)

@@ -42,7 +42,7 @@ class Arm(Chain):
             one before, or on that of its `parent`.
         gravity: world axes (m/s^2).
         struts: struts and tendons between points of the links and of the world. `arm.struts` has the struts ahead of
-            the tendons, numbered from 0.
+            the tendons, numbered from 0. Those with a mass are two more links each, behind `links`; see Strut.
         contacts: spheres and points of links that touch surfaces of the world or of other links, numbered from 0.
         loops: joints that close loops, between places of two links, or of a link and the world, numbered from 0.
 

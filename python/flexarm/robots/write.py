@@ -209,6 +209,7 @@ def _mjcf_strut(
     """Writes the sites of a strut or tendon, and returns its tendon and its actuator: a control of 1 is a driven force
     of 1 N."""
     strut, name, rest = whole.struts[k], whole.strut_names[k], whole.rest_lengths[k]
+    name = f"{name} spring" if name in whole.names else name  # of a cylinder, whose joint has its name
     spring = {"stiffness": _numbers(strut.stiffness), "damping": _numbers(strut.damping)}
     free = _numbers([0.0, rest] if strut.tension_only else rest)
     line = ET.Element("spatial", {"name": name, **spring, "springlength": free})

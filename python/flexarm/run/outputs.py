@@ -162,6 +162,8 @@ class Rows:
         k = self.arm._strut(strut)
         known = self.driven is None or np.isfinite(self.driven).all()
         length, rate, force = self.arm.strut_motion(self.q, self.v, self.driven if known else None)
+        if self.arm.struts[k].mass is not None:
+            force[:, k] += self.tau[:, self.arm.joint_rate(self.arm.strut_names[k])]
         return StrutMotion(length[:, k], rate[:, k], force[:, k] if known else np.full(len(length), np.nan))
 
     def contact(self, contact: int | str = -1) -> ContactMotion:

@@ -154,7 +154,8 @@ def simulate(
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
             or a Motion, whose reaction is then in `Result.tau`. By the name of a strut or tendon: a Torque that adds to
-            its force, or tension (N). By ("patch", link, patch): a piezo patch's Voltage.
+            its force, or tension (N); of a strut with a mass a Motion, too, of its length (m). By ("patch", link,
+            patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
             FeedForward, LinearController) are part of the equations; those with a rate (Sampled, LinearController,

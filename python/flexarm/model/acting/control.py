@@ -143,7 +143,8 @@ class PD(Controller):
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: the joint (-1 is the last), and its freedom if it has several; or link = (link, freedom).
+        link, freedom: the joint (-1 is the last), and its freedom if it has several; or link = (link, freedom); or the
+            name of a strut with a mass, whose q is its length (m).
         reference: of q (rad, m): a number, samples (t, r), linear in between, a callable t -> r, or a Motion, whose
             rate is then followed, too.
         reference_rate: of dq/dt (rad/s, m/s), likewise; None: the rate of a Motion, else zero.

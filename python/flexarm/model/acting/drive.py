@@ -299,7 +299,8 @@ def is_patch(key: Any) -> bool:
 
 
 def is_strut(arm: Chain, key: Any) -> bool:
-    return isinstance(key, str) and key in arm.strut_names
+    """Whether it names a strut without a joint of its own."""
+    return isinstance(key, str) and key in arm.strut_names and key not in arm.names
 
 
 def split_drives(arm: Chain, drive: Any) -> tuple[Any, dict[Any, Any], dict[str, Any]]:

@@ -133,7 +133,10 @@ class Push(Load):
     def __init__(self, arm: Chain, strut: str, law: Any) -> None:
         self.strut, where = arm._strut(strut), f"drive of '{strut}'"
         if not isinstance(law, Torque):
-            raise ValueError(f"{where} = {law!r}: must be a Torque, which adds to its force or tension")
+            raise ValueError(
+                f"{where} = {law!r}: must be a Torque, which adds to its force or tension; a Motion "
+                "is for a strut with a mass, fa.Strut(..., mass=...)"
+            )
         sense = arm.struts[self.strut].sense
         self.where, self.constant, self.by_state = where, law.constant, False
         self._steady = np.array([sense * law(0.0), *[0.0] * 5]) if law.constant else None

@@ -18,6 +18,7 @@ import flexarm._core as _core
 from ..._check import Array, array, batch, finite, instance, number
 from .beam import Beam
 from .contact import Contact
+from .cylinder import cylinders, stretched, tie, tube
 from .link import Link
 from .loop import Loop
 from .part import as_table
@@ -116,9 +117,21 @@ class Chain:
         self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
         self._name()
         self._make()
+        if len(self._tubes) < len(self._rods):
+            more, ties = cylinders(self)
+            self.links, self.loops = (*self.links, *more), (*self.loops, *ties)
+            self._name()
+            self._make()
 
     def _name(self) -> None:
-        self._numbers = _numbers(self.links)
+        self._numbers = numbers = _numbers(self.links)
+        #: names of the struts that are cylinders, and of the loops that close them
+        self._rods: list[str] = [s.name for s in self.struts if s.mass is not None and s.name is not None]
+        self._ties: list[str] = [tie(name) for name in self._rods]
+        #: numbers of the links that are tubes of cylinders, each ahead of its rod
+        self._tubes: list[int] = [k for x in self._rods if x in numbers for k in numbers.get(tube(x), ())]
+        #: how many links it was given; those of cylinders follow them
+        self._own: int = min(self._tubes, default=len(self.links))
         #: name of each strut and tendon: its own, or "strut 0" and so on
         self.strut_names: tuple[str, ...] = tuple(s.name or f"strut {k}" for k, s in enumerate(self.struts))
         #: name of each contact: its own, or "contact 0" and so on
@@ -143,7 +156,8 @@ class Chain:
             (n, self._at(k, n, link.at)) for k, (n, link) in enumerate(zip(self.parents, self.links, strict=True))
         )
 
-        taken = dict.fromkeys((*self._numbers, *self.names, *self.joint_names), "a link or a joint")
+        known = {*self._numbers, *self.names, *self.joint_names}.difference(self._rods if self._tubes else ())
+        taken = dict.fromkeys(known, "a link or a joint")
         for group, names, one in (
             ("struts", self.strut_names, "a strut"), ("contacts", self.contact_names, "a contact"),
             ("loops", self.loop_names, "a loop"),
@@ -163,7 +177,8 @@ class Chain:
         #: length at which the spring of each strut and tendon has no force (m)
         self.rest_lengths: tuple[float, ...] = tuple(0.0 if s.length is None else s.length for s in self.struts)
         self._core = self._core_arm()
-        if any(s.length is None for s in self.struts):
+        self._zero = np.array(self._core.zero)
+        if any(s.length is None or s.mass is not None for s in self.struts):
             still, undriven = np.zeros(self._core.nv), np.zeros(len(self.struts))
             at_zero = self._core.strut_motion(self._core.zero, still, undriven)[0][:, 0].tolist()
             for k, s in enumerate(self.struts):
@@ -172,6 +187,9 @@ class Chain:
             lengths = zip(self.struts, at_zero, strict=True)
             self.rest_lengths = tuple(x if s.length is None else s.length for s, x in lengths)
             self._core = self._core_arm()
+            for k, s in enumerate(self.struts):
+                if s.mass is not None and self._tubes:
+                    self._zero[self._core.first_q(self._link(s.name))] = at_zero[k]
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
@@ -263,11 +281,13 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
+        own = self.links[: self._own]
+        out: dict[str, Any] = {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in own]}
         for kind, name in ((Strut, "strut"), (Tendon, "tendon")):
             if found := [s.to_dict() for s in self.struts if isinstance(s, kind)]:
                 out[name] = found
-        return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", self.loops)) if x}
+        loops = tuple(x for x in self.loops if x.name not in self._ties)
+        return out | {k: as_table(x) for k, x in (("contact", self.contacts), ("loop", loops)) if x}
 
     def _alike(
         self: _Kind,
@@ -295,6 +315,14 @@ class Chain:
         loops: Sequence[Loop],
     ) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
+        if of._tubes:  # cylinders follow their struts
+            mine = [*zip(links[of._own :], of.links[of._own :], strict=True)]
+            ties: Any = [(x, y) for x, y in zip(loops, of.loops, strict=True) if y.name in of._ties]
+            for x, y in (*mine, *ties):
+                if x is not y:
+                    raise ValueError(f"'{y.name}': is of a cylinder; change its strut")
+            kept = [x for x in loops if x.name not in of._ties]
+            return of._alike(links[: of._own], gravity, struts, contacts, kept)  # type: ignore[return-value]
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
             return cls(links, gravity, struts, contacts, loops)
         out = cls.__new__(cls)
@@ -304,6 +332,7 @@ class Chain:
         out.loops, out.loop_names = tuple(loops), of.loop_names
         out._numbers, out.names, out.joint_names = of._numbers, of.names, of.joint_names
         out.coordinates, out.parents = of.coordinates, of.parents
+        out._rods, out._ties, out._tubes, out._own = [], [], [], of._own
         out.seats = tuple((parent, out._at(k, parent, x)) for k, (parent, x) in enumerate(of.seats))
         out._make()
         return out
@@ -372,8 +401,9 @@ class Chain:
             raise ValueError(self.in_names(str(e))) from None
 
     def _link(self, link: Any, field: str = "link") -> int:
-        """The index of a link, given by its number, its name or its joint's. Only this function reads links."""
-        n = len(self.links)
+        """The index of a link, given by its number, its name or its joint's; -1 is the last that is no cylinder. Only
+        this function reads links."""
+        n, own = len(self.links), self._own
         if isinstance(link, str):
             found = self._numbers.get(link, ())
             if len(found) == 1:
@@ -381,17 +411,18 @@ class Chain:
             if found:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
-            own = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
-            for what, names in own:
+            others = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
+            for what, names in others:
                 if link in names:
-                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint")
+                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if what == "strut" else ""
+                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint{hint}")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
             raise ValueError(f"{field} = {link!r}: no link and no joint has this name; {hint}")
-        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
-            raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
-        return int(link) % n
+        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -own <= link < n:
+            raise ValueError(f"{field} = {link!r}: must be from {-own} to {n - 1}")
+        return int(link) + (own if link < 0 else 0)
 
     def _strut(self, strut: Any, field: str = "strut") -> int:
         """The index of a strut or tendon, given by its number or its name."""
@@ -444,7 +475,7 @@ class Chain:
     @property
     def ends(self) -> list[int]:
         """The links that carry no other one on their end: the last one of a chain."""
-        return [k for k in range(len(self.links)) if (k, None) not in self.seats]
+        return [k for k in range(self._own) if (k, None) not in self.seats[: self._own]]
 
     def path(self, link: int | str = -1) -> list[int]:
         """The links from the world to this one."""
@@ -556,8 +587,9 @@ class Chain:
 
     @property
     def zero(self) -> Array:
-        """All coordinates zero, except the quaternions of balls: 1 0 0 0; (nq,)."""
-        return np.array(self._core.zero)
+        """All coordinates zero, except the quaternions of balls, 1 0 0 0, and the lengths of cylinders, which are those
+        of this place; (nq,)."""
+        return self._zero.copy()
 
     def patch_column(self, link: Any, patch: Any, field: str = "") -> int:
         """The column of `patch_matrix` that belongs to a link's patch."""
@@ -572,7 +604,8 @@ class Chain:
         return self.patches.index((n, int(patch) % count))
 
     def pose(self, joints: Mapping[Any, Any]) -> Array:
-        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`.
+        """q (nq,) with the named joints at the given values, and all other coordinates as in `zero`; cylinders that are
+        not named are where their points are.
 
         The dictionary itself may stand for q in all methods, and for q0 in `simulate`.
 
@@ -609,7 +642,7 @@ class Chain:
                 turn_by = given[len(slides) :]
                 q[at] = turn_by if len(turn_by) == 4 else _quaternion(turn_by)
         self.check_balls("joints", q)
-        return q
+        return stretched(self, q, np.isin(np.arange(self.nv), list(seen))) if self._tubes else q
 
     @contextmanager
     def _pointing_to_pose(self, field: str = "q") -> Iterator[None]:
@@ -888,6 +921,9 @@ class Chain:
     def refuse_loops(self, what: str, rigid: bool = False) -> None:
         """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
         for name, loop in zip(self.loop_names, self.loops, strict=True):
+            if name in self._ties:
+                rod = self._rods[self._ties.index(name)]
+                raise ValueError(f"{what}: does not know cylinders, such as '{rod}', a strut with a mass")
             if loop.rigid or not rigid:
                 kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
                 raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")

@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 from ..._check import choice, finite_number, plain
-from .part import Finite, NotNegative, Part, Place, read_name
+from .part import Finite, NotNegative, Part, Place, Positive, read_name
 
 WORLD = "world"
 PLACES = ("end", "origin")
@@ -62,7 +62,7 @@ class Point(Part):
 
 @dataclass(frozen=True)
 class Strut(Part):
-    """A massless line between two points with a force along it: a cylinder, a spring, a strut.
+    """A straight line between two points with a force along it: a cylinder, a spring, a strut.
 
     It pushes its points apart with force - stiffness (l - length) - damping dl/dt, where l is their distance (m).
 
@@ -73,6 +73,9 @@ class Strut(Part):
         force: constant, with which it pushes (N); negative: it pulls. `simulate(drive={name: Torque(...)})` adds to it.
         name: such as "lift", in place of "strut 0" and so on, by its number in the arm. No dots, no number; different
             from the names of the arm's links and joints.
+        mass: of a cylinder's rod (kg), a point at b, which slides in a tube without mass. The cylinder is a link of the
+            arm then, of this name, whose joint is its length (m): motions, torques, controllers and sensors take it as
+            any joint. A loop ties the rod to b. None: a line without mass.
     """
 
     a: Point | str | int | Sequence[Any]
@@ -83,6 +86,7 @@ class Strut(Part):
     length: NotNegative | None = None
     force: Finite = 0.0
     name: str | None = None
+    mass: Positive | None = None
     tension_only: ClassVar[bool] = False
     sense: ClassVar[float] = 1.0  #: of a driven force: it pushes
 
@@ -90,6 +94,8 @@ class Strut(Part):
         read_name(self.name)
         self._set("a", Point.of("a", self.a))
         self._set("b", Point.of("b", self.b))
+        if self.mass is not None and self.name is None:
+            raise ValueError(f"mass = {self.mass:g}: a cylinder needs a name, by which it is driven")
 
     @property
     def points(self) -> tuple[Any, ...]:
@@ -125,6 +131,7 @@ class Tendon(Part):
     tension_only: bool = True
     name: str | None = None
     sense: ClassVar[float] = -1.0
+    mass: ClassVar[None] = None
 
     def _made(self) -> None:
         read_name(self.name)

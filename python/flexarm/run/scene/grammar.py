@@ -116,15 +116,17 @@ class StrutDrive:
 
     Args:
         strut: the strut or tendon: its name.
+        motion: of a strut with a mass: its length (m), as of a joint's drive.
         torque: the force (N) that is added to that of a strut, or the tension that is added to that of a tendon.
     """
 
     strut: str
-    torque: Torque
+    motion: Motion | None = None
+    torque: Torque | None = None
 
     @property
     def laws(self) -> list[Any]:
-        return [self.torque]
+        return [law for law in (self.motion, self.torque) if law is not None]
 
     @property
     def key(self) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..._check import Array, array, choice, known_keys, number
 from ...arm.arm import Arm
 from ...model.acting.control import control_laws
-from ...model.acting.drive import Motion, SpinUp, is_strut
+from ...model.acting.drive import Motion, SpinUp
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import read, read_file
 from ..integrators import INTEGRATORS
@@ -106,8 +106,8 @@ def _drives(file: SceneFile, arm: Arm) -> dict[Any, Any]:
     found: dict[Any, Any] = {}
     for k, drive in enumerate(file.drive):
         if len(drive.laws) != 1:
-            raise ValueError(f"drive[{k}]: needs link and one of motion, spin_up, torque")
-        if isinstance(drive, StrutDrive) and not is_strut(arm, drive.strut):
+            raise ValueError(f"drive[{k}]: needs link or strut, and one of motion, spin_up, torque")
+        if isinstance(drive, StrutDrive) and drive.strut not in arm.strut_names:
             known = ", ".join(arm.strut_names) or "none"
             raise ValueError(f"drive[{k}].strut = {drive.strut!r}: must be the name of a strut or tendon, of {known}")
         if drive.key in found:
