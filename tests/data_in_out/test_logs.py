@@ -169,7 +169,7 @@ def test_topics_and_joints_that_are_not_clear_are_refused(tmp_path: Path) -> Non
     with refuses("/joint_states", "1 numbers of position", "2 joints"):
         fa.Data.load(bag(tmp_path / "short", StoragePlugin.MCAP, short))
     (tmp_path / "short" / "metadata.yaml").unlink()  # as where the recorder was killed
-    with refuses("short", "metadata.yaml", "short.mcap"):
+    with refuses("short", "metadata.yaml", ".mcap"):
         fa.Data.load(tmp_path / "short")
     with refuses("key", "/wrench"):
         fa.Data.load("x.csv", key="/wrench")

@@ -120,10 +120,10 @@ def _from_file(source: Any, key: str | None, take: Callable[..., D]) -> tuple[D,
     path = Path(source)
     suffix = path.suffix.lower()
     known = (*TEXT, *files.HDF5, *files.MAT, *files.NPZ, *logs.LOGS)
-    logged = suffix in logs.LOGS or path.is_dir()
+    logged = suffix in logs.LOGS or (path / "metadata.yaml").exists()
     if suffix not in known and not logged:
-        told = f"must end in {', '.join(known)}, or be the folder of a bag of ROS 2; or give a pandas DataFrame"
-        raise ValueError(f"path = {str(path)!r}: {told}")
+        bag = "be the folder of a bag of ROS 2, with metadata.yaml"
+        raise ValueError(f"path = {str(path)!r}: must end in {', '.join(known)}, or {bag}; or give a pandas DataFrame")
     if key is not None and suffix not in (*files.HDF5, *files.MAT) and not logged:
         raise ValueError(f"key = {key!r}: only HDF5, .mat and logs of ROS 2 have groups, variables and topics")
     with readable("data", path, "a whole log of ROS 2" if logged else f"a table of columns ({suffix})"):

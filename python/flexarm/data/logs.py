@@ -26,9 +26,6 @@ def read_log(path: Path, key: str | None) -> Raw:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as e:
         raise ImportError(f"logs of ROS 2 need rosbags ({e}): pip install 'flexarm[ros]'") from None
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        inside = ", ".join(sorted(x.name for x in path.iterdir() if x.suffix in LOGS)) or "none of those"
-        raise Refused(f"is a folder without metadata.yaml: give its file, {' or '.join(LOGS)}; there is {inside}")
     # bags before ROS 2 Iron hold no definitions of their messages
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as log:
         types = {topic: str(of.msgtype) for topic, of in log.topics.items() if of.msgcount}
