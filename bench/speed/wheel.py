@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
+import os
 import re
 import subprocess
 import sys
@@ -25,9 +26,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "contributing.md"
 #: What it is, and the patterns of its files; the first that fits counts.
 ROWS = {
     "the extension `_core`: the whole library, with SUNDIALS": ["flexarm/_core.*.so", "flexarm/_core.*.pyd"],
-    "Python, with the stubs of `_core`": ["flexarm/*.py", "flexarm/*.pyi", "flexarm/py.typed"],
-    "scenes, measured data, meshes": ["flexarm/scenes/*", "flexarm/*.csv", "flexarm/*.npz", "flexarm/*.h5"],
     "examples": ["flexarm/examples/*"],
+    "Python, with the stubs of `_core`": ["flexarm/*.py", "flexarm/*.pyi", "flexarm/py.typed"],
+    "scenes, measured data, the viewer's page": ["flexarm/scenes/*", "flexarm/identify/validate/*", "flexarm/view/*"],
     "C++: the static libraries": ["flexarm/*.a", "flexarm/*.lib"],
     "C: `libflexarm_c`": ["flexarm/*flexarm_c*"],
     "C++ and C: headers": ["flexarm/include/*"],
@@ -41,7 +42,7 @@ def contents(wheel: Path) -> list[str]:
     """A row for each kind of file: files, size unpacked and in the wheel (kB)."""
     rows: dict[str, list[int]] = {name: [0, 0, 0] for name in ROWS}
     with zipfile.ZipFile(wheel) as whole:
-        for file in whole.infolist():
+        for file in (x for x in whole.infolist() if not x.is_dir()):
             fits = [name for name, patterns in ROWS.items() if any(fnmatch.fnmatch(file.filename, p) for p in patterns)]
             if not fits:
                 raise SystemExit(f"{file.filename}: falls into no row")
@@ -52,29 +53,37 @@ def contents(wheel: Path) -> list[str]:
             for name, (n, size, packed) in [*rows.items(), ("**all**", total)] if n]  # fmt: skip
 
 
-def install(wheel: Path) -> tuple[float, str]:
-    """Seconds of pip in a new environment, and what it brings besides flexarm."""
+def install(wheel: Path) -> tuple[float, float, int]:
+    """Seconds of pip in a new environment, on the clock and of the processor; and how many packages it brings."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         pip = [str(Path(folder) / "bin" / "python"), "-m", "pip", "--disable-pip-version-check"]
-        began = perf_counter()
+        began, used = perf_counter(), process_times()
         subprocess.run([*pip, "install", "-q", str(wheel)], check=True)
-        seconds = perf_counter() - began
+        seconds, used = perf_counter() - began, process_times() - used
         subprocess.run([pip[0], "-c", "import flexarm; flexarm.load('ist')"], check=True)
         listed = subprocess.run([*pip, "list", "--format=freeze"], check=True, capture_output=True, text=True).stdout
         packages = [x for x in re.findall(r"^([\w.-]+)==", listed, re.M) if x not in ("pip", "setuptools", "flexarm")]
-        return seconds, f"{len(packages)} packages"
+        return seconds, used, len(packages)
+
+
+def process_times() -> float:
+    """Of the processes that this one has started and that have ended (s)."""
+    now = os.times()
+    return now.children_user + now.children_system
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("wheel", type=Path)
     wheel = parser.parse_args().wheel.resolve()
-    seconds, others = install(wheel)
+    rows = contents(wheel)
+    seconds, used, others = install(wheel)
     tags = wheel.name.split("-", 2)[2].removesuffix(".whl")
-    told = f"`{tags}`: {wheel.stat().st_size / 1e6:.1f} MB, installed in {seconds:.0f} s with {others} from the index."
+    size = f"`{tags}`: {wheel.stat().st_size / 1e6:.1f} MB"
+    told = f"{size}, installed with {others} packages of others in {seconds:.0f} s, {used:.0f} s of a processor."
     head = ["| what | files | unpacked (kB) | in the wheel (kB) |", "|-|-|-|-|"]
-    replace_table(PAGE, "bench/speed/wheel.py", "\n".join([*head, *contents(wheel), "", told]))
+    replace_table(PAGE, "bench/speed/wheel.py", "\n".join([*head, *rows, "", told]))
 
 
 if __name__ == "__main__":
