@@ -138,13 +138,21 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
 
   arm.def(
       "forward_derivatives",
-      [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
-         const std::vector<Load>& places, const Vectors& wrenches) {
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& tau, const std::vector<Load>& places,
+         const Vectors& wrenches) {
+        const int n = self.nv();
+        Answers by_q(q, {n, self.nq()}), by_v(q, {n, n}), by_tau(q, {n, n});
         const auto lent = self.lend<ForwardDerivatives>({{}, places}, true);
         ForwardDerivatives& d = *lent;
         Wrenches{places, wrenches}.tell(d);
-        for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), self, q.transpose()); });
-        return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
+        for_states(self, count(q), n, [&](Eigen::Index k) {
+          const auto qk = rows(q).row(k);
+          check(d(self, qk.transpose(), rows(v).row(k).transpose(), rows(tau).row(k).transpose()), self, qk);
+          by_q[k] = d.dq;
+          by_v[k] = d.dv;
+          by_tau[k] = d.dtau;
+        });
+        return py::make_tuple(by_q.all(), by_v.all(), by_tau.all());
       },
       py::arg("q"), py::arg("v"), py::arg("tau"), no_loads, no_wrenches);
 

@@ -9,12 +9,14 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import flexarm as fa
 import numpy as np
+import pages
 import pytest
 from arms import random_arm, random_state
 
@@ -250,6 +252,29 @@ def test_the_c_interface_steps_as_python_does(runner: Path, tmp_path: Path) -> N
     assert b"drive = 99" in c.flexarm_error()
     c.flexarm_free_simulation(simulation)
     c.flexarm_free_scene(loaded)
+
+
+def test_what_ros2_control_calls_is_a_sampled_law(runner: Path, tmp_path: Path) -> None:
+    """The example's loop of read and write, against `simulate` with its controller."""
+    hub, beam = fa.RigidBody(0.5, inertia=(2e-3,) * 3), fa.Beam(**ROD, modes={"bending_y": 2}, damping_ratio=0.01)
+    links = [fa.Link(fa.Revolute("z", name=name), hub, beam, fa.RigidBody(0.2)) for name in ("shoulder", "elbow")]
+    arm, step = fa.Arm(links), {"integrator": "implicit", "step": 1e-3}
+    fa.Scene(arm, t=np.array([0.0, 1.0]), options=step).compile(tmp_path / "arm.json")
+    elbow, loop = arm.joint_rate("elbow"), (runner.parent / "ros2_control", tmp_path / "arm.json")
+    name, q, _, v, _ = run(*loop, "elbow", elbow, "0.3").stdout.split()
+    law = fa.Sampled(lambda t, y: 2.0 * (0.1 - y[:1]) - 0.2 * y[1:], 1000.0, [("joint", 1), ("rate", 1)], [1])
+    want = fa.simulate(arm, np.linspace(0, 0.3, 301), control=law, **step)
+    assert name == "elbow"
+    np.testing.assert_allclose([float(q), float(v)], [want.q[-1, elbow], want.v[-1, elbow]], rtol=1e-6)
+    done = run(*loop, "wrist", 99, ok=False)
+    assert done.returncode == 1 and "wrist" in done.stderr and "rate = 99" in done.stderr
+
+
+def test_the_page_shows_what_is_compiled() -> None:
+    page, example = (ROOT / path for path in ("docs/cpp.md", "cpp/examples/ros2_control.cpp"))
+    shown = [b for b in pages.blocks(page) if b.not_run and example.name in b.not_run]
+    text = example.read_text(encoding="utf-8")
+    assert len(shown) == 1 and textwrap.indent(shown[0].text, "  ") in text
 
 
 def test_computed_torque_runs_as_in_python(runner: Path, tmp_path: Path) -> None:

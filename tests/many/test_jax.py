@@ -120,3 +120,38 @@ def test_bad_input() -> None:
     jax.config.update("jax_enable_x64", False)
     with refuses("jax.config.update('jax_enable_x64', True)"):
         rollout(ARM, Q0, V0, TAU, step=STEP)
+
+
+def test_a_sampled_law_and_dry_friction() -> None:
+    """Each sample is a call; the joint sticks at first, then slides: by the gains, against runs with the law in
+    `simulate`, a little apart."""
+    joint = fa.Revolute("z", coulomb=0.02, stiction=0.03)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.5, (0.1, 0, 0), (0.01,) * 3))])
+    samples, steps, step = 10, 5, 2e-3
+
+    def law(gains: object, q: object, v: object, k: int) -> object:
+        return gains[0] * (0.004 * k - q) - gains[1] * v
+
+    @jax.jit
+    def ends(gains: object) -> object:
+        q, v = jnp.zeros(1), jnp.zeros(1)
+        for k in range(samples):
+            tau = jnp.broadcast_to(law(gains, q, v, k), (steps, 1))
+            rows = rollout(arm, q, v, tau, step=step)
+            q, v = rows[0][-1], rows[1][-1]
+        return q[0] + 0.1 * v[0]
+
+    def simulated(gains: np.ndarray) -> float:
+        def at(t: float, y: np.ndarray) -> np.ndarray:
+            return np.array([law(gains, y[0], y[1], round(t / (steps * step)))])
+
+        control = fa.Sampled(at, 1 / (steps * step), [("joint", 0), ("rate", 0)], [0])
+        run = fa.simulate(arm, step * np.arange(samples * steps + 1), control=control, integrator="implicit", step=step)
+        return float(run.q[-1, 0] + 0.1 * run.v[-1, 0])
+
+    gains = np.array([5.0, 0.3])
+    value, slope = jax.value_and_grad(ends)(gains)
+    assert float(value) == pytest.approx(simulated(gains), abs=1e-6)
+    for k, by in enumerate(np.eye(2)):
+        near = (simulated(gains + 1e-3 * by) - simulated(gains - 1e-3 * by)) / 2e-3
+        assert float(slope[k]) == pytest.approx(near, rel=2e-2)

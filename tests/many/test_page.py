@@ -21,3 +21,8 @@ def test_numbers_of_the_page(page_of_docs: Callable[[str], Ran]) -> None:
         assert names["masses"].grad.shape == (5,) and abs(names["masses"].grad).min() > 0
     if "by_tau" in names:
         assert names["by_tau"].shape == (100, names["arm"].nv) and np.isfinite(names["by_mass"])
+    if "plan" in names:
+        planned = names["plan"].value(names["x"])[: names["n"]].T
+        np.testing.assert_allclose(names["same"].q[0], planned, atol=1e-6)
+        missed = names["fine"].q[0, -1, names["motors"]] - names["goal"][names["motors"]]
+        assert 1e-3 < np.abs(missed).max() < 0.02

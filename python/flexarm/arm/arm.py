@@ -22,6 +22,7 @@ from ..model.parts.chain import Chain
 from ..model.parts.tables import ArmFile, read_file
 from ..robots import write as robot_files
 from ..view import view
+from . import casadi
 
 METHODS = ("ab", "ci")
 
@@ -219,6 +220,32 @@ class Arm(Chain):
         return finite("bias", self._core.inverse_dynamics(q, v, np.zeros_like(v)))
 
     # -- to other programs ---------------------------------------------------------------------------------------------
+
+    def to_casadi(self, *, step: float | None = None, integrator: Any = None, columns: int = 1) -> Any:
+        """The arm's equations as a function of CasADi (`pip install 'flexarm[casadi]'`) with exact Jacobians, for
+        optimal control of one's own.
+
+        Without step and integrator it is accelerations = f(q, v, tau), as of `forward_dynamics`; with them
+        x_next = f(x, u), a step that begins anew, with x = [q; v] and u = tau held over it, as of `step_derivatives`.
+        Its arguments are matrices of N columns, each a state by itself: a whole horizon is one call. Jacobians are
+        sparse, and IPOPT's. Second derivatives are differences of them; "hessian_approximation": "limited-memory" of
+        IPOPT does without.
+
+        Args:
+            step: length of the step (s), here or in the integrator.
+            integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; None with a step: "implicit".
+            columns: N.
+
+        Returns:
+            casadi.Callback. Keep it as long as you use expressions of it: CasADi does not.
+
+        Raises:
+            ValueError: bad arguments; with a step, also balls, dry friction and contacts with friction.
+            ImportError: without CasADi.
+        """
+        if step is None and integrator is None:
+            return casadi.accelerations(self, columns, self.forward_dynamics)
+        return casadi.steps(self, columns, step, integrator)
 
     def to_mjcf(self, path: str | Path | None = None, segments: int = 10) -> str:
         """The arm as an MJCF file for MuJoCo, its beams as rigid segments on springs.
@@ -442,20 +469,21 @@ class Arm(Chain):
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> linear.Derivatives:
-        """Exact da/dq (nv, nq), da/dv and da/dtau (nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and `.dtau`.
+        """Exact da/dq (..., nv, nq), da/dv and da/dtau (..., nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and
+        `.dtau`.
 
         From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv, with M^-1
         by the articulated-body method's factors (Eq. 92-96). O(N^2). Columns of a ball's quaternion do not depend on
         its length.
 
         Args:
-            q: (nq,). v, tau: (nv,); tau is zero if None.
+            q: (..., nq). v, tau: (..., nv); tau is zero if None.
             loads, t: external forces and moments, with their values at time t (s).
 
         Raises:
             ValueError: bad shapes or values, or a singular mass matrix.
         """
-        q, v, tau = self._single(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
+        q, v, tau = self._batch(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
         return linear.forward_derivatives(self, q, v, tau, at_time(self, loads, t))
 
     def linearize(

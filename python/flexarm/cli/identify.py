@@ -23,7 +23,7 @@ _EXAMPLE = "such as 'link.0.tip.mass', with a start '=0.1', or with a start and 
 
 def arguments(p: argparse.ArgumentParser) -> None:
     options.scene(p)
-    p.add_argument("data", metavar="DATA", nargs="+", help="measured runs: CSV, HDF5, .mat or .npz files")
+    p.add_argument("data", metavar="DATA", nargs="+", help="measured runs: CSV, HDF5, .mat, .npz, logs of ROS 2")
     p.add_argument("-p", "--parameter", metavar="PATH[=START[:LOW:HIGH]]", action="append", required=True,
                    help=f"what is sought, {_EXAMPLE}; repeat for each")  # fmt: skip
     p.add_argument("--output", metavar="COLUMN=WHAT", action="append",

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._check import Array, choice, positive
-from . import files, text
+from . import files, logs, text
 from .signal import DataWarning, check_times
 from .store.files import Refused, readable
 from .units import heading, unit, unit_of
@@ -59,21 +59,26 @@ class Loaded:
                 .mat: variables or the fields of a structure; up to MATLAB 7.3.
                 .npz: arrays. In the last three, a matrix x is columns x_0, x_1, ..., dates count in s from the first,
                 and one number or word alone is left out.
+                .mcap, .db3, or the folder of a bag: a topic of a log of ROS 2 (pip install 'flexarm[ros]'), in SI.
+                sensor_msgs/JointState has columns position/JOINT, velocity/JOINT and effort/JOINT, others the paths of
+                their numbers, such as wrench/force/x. Times are those of the headers, else of the log, since the
+                log's beginning; those of a simulated clock stay as they are.
                 A DataFrame's index gives the times where it has a name, or holds dates or durations.
             columns: names to keep (as in the heading, with or without the unit); None: all.
             time: the name of the times; None: "t", "time", "timestamp", or the only column in seconds.
             rate: samples a second (Hz), where there are no times: they begin at 0.
             units: units by name that count instead of the heading's, such as {"tau_m": "N m"}; "" is none.
-            key: the group of a HDF5 file, or the variable of a .mat; None: all there is.
+            key: the group of a HDF5 file, or the variable of a .mat; None: all there is. The topic of a log; None:
+                the only one of joints, or of all.
             missing: of nan, inf and empty cells: "error", or "drop" the rows with one in any column kept.
 
         Returns:
             Data: `.t`, `["name"]`, `.units`, in the order of the file.
 
         Raises:
-            ValueError: no such file, another kind or a damaged one; columns missing, of different lengths, alike; lines
-                with another number of cells; no numbers, nan (all with row or line, and column); times that do not
-                increase; unknown units.
+            ValueError: no such file, another kind, one that is damaged or cut short; no such topic; columns missing, of
+                different lengths, alike; lines with another number of cells; no numbers, nan (all with row or line, and
+                column); times that do not increase; unknown units.
             (DataWarning: gaps in time, with the longest, where; arrays of a file that are no columns (complex, text,
             three axes, sparse, links), with the reason, unless `columns` says that this is meant.)
         """
@@ -114,18 +119,22 @@ def _from_file(source: Any, key: str | None, take: Callable[..., D]) -> tuple[D,
         raise ValueError(f"path = {source!r}: must be a path, or a pandas DataFrame")
     path = Path(source)
     suffix = path.suffix.lower()
-    known = (*TEXT, *files.HDF5, *files.MAT, *files.NPZ)
-    if suffix not in known:
-        raise ValueError(f"path = {str(path)!r}: must end in {', '.join(known)}; or give a pandas DataFrame")
-    if key is not None and suffix not in (*files.HDF5, *files.MAT):
-        raise ValueError(f"key = {key!r}: only HDF5 and .mat have groups and variables")
-    with readable("data", path, f"a table of columns ({suffix})"):
+    known = (*TEXT, *files.HDF5, *files.MAT, *files.NPZ, *logs.LOGS)
+    logged = suffix in logs.LOGS or (path / "metadata.yaml").exists()
+    if suffix not in known and not logged:
+        bag = "be the folder of a bag of ROS 2, with metadata.yaml"
+        raise ValueError(f"path = {str(path)!r}: must end in {', '.join(known)}, or {bag}; or give a pandas DataFrame")
+    if key is not None and suffix not in (*files.HDF5, *files.MAT) and not logged:
+        raise ValueError(f"key = {key!r}: only HDF5, .mat and logs of ROS 2 have groups, variables and topics")
+    with readable("data", path, "a whole log of ROS 2" if logged else f"a table of columns ({suffix})"):
         if suffix in TEXT:
             table = text.read_table(path)
             gets = [partial(table.column, k) for k in range(len(table.headings))]
             heads = [(h, u, g) for (h, u), g in zip(text.columns_of(table), gets, strict=True)]
             return take(heads, lambda k: f"line {table.lines[k]}", path.name), {}
-        if suffix in files.HDF5:
+        if logged:
+            raw = logs.read_log(path, key)
+        elif suffix in files.HDF5:
             raw = files.read_hdf5(path, key)
         else:
             raw = files.read_mat(path, key) if suffix in files.MAT else files.read_npz(path)
