@@ -121,6 +121,17 @@ def test_a_linear_model_is_that_of_differences_along_the_loops(moves: bool) -> N
         assert (np.abs(found - wanted) <= 2e-6 * np.maximum(size, 1)).all()
 
 
+def test_an_equilibrium_of_beams_that_stretch_is_found_from_afar() -> None:
+    steps = {"bending_y": 2, "extension": 1}
+    links = [fa.Link(fa.Revolute("z"), beam=replace(beam(x), modes=steps), name=name) for name, x in LENGTHS.items()]
+    arm, stiff = fa.Arm(links, G, loops=[FOOT]), four_bar(bends=True)
+    low, other = (x.equilibrium(turned(x, 0.5)) for x in (arm, stiff))
+    joints = [arm.coordinates.index(f"{name} revolute") for name in LENGTHS]
+    same = [stiff.coordinates.index(f"{name} revolute") for name in LENGTHS]
+    np.testing.assert_allclose(low[joints], other[same], atol=1e-6)
+    assert np.abs(arm.loop_motion(low)[0]).max() < 1e-12
+
+
 @pytest.mark.parametrize("rate", [0.0, 1.0, 5.0])
 def test_a_linear_model_out_of_balance_is_that_of_differences(rate: float) -> None:
     """Of a rigid four-bar, whose crank is its one freedom."""

@@ -87,6 +87,14 @@ class Closure:
             q, g = new, g_new
         return q
 
+    def closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
+        """As `near`; beams bend only where joints alone do not close it."""
+        for movable in (free & ~elastic_rates(self.arm), free):
+            q = self.near(q, movable)
+            if np.abs(self.gaps(q)).max() <= _TO_ROUNDING:
+                break
+        return q
+
     def _beside(self, q: Array, size: float, free: NDArray[np.bool_]) -> Array:
         """Positions beside q: the same ones each time."""
         step = np.where(free, np.random.default_rng(1).uniform(-size, size, len(free)) / self.sizes, 0.0)
@@ -99,13 +107,11 @@ class Closure:
         joints, start, found = ~held & ~elastic_rates(self.arm), q, q
         for aside in (0.0, *_ASIDE):
             found = start if not aside else self._beside(start, aside, joints)
-            for free in (joints, ~held):
-                found = self.near(found, free)
-                left = self.gaps(found)
-                if np.abs(left).max() <= _TO_ROUNDING:
-                    return found
-                if not aside:
-                    q = found
+            found = self.closed(found, ~held)
+            if np.abs(self.gaps(found)).max() <= _TO_ROUNDING:
+                return found
+            if not aside:
+                q = found
             if not joints.any():
                 break
         left = self.gaps(q)

@@ -173,7 +173,7 @@ class _OnLoops(_Balance):
         return self.closure.sizes * (E.T @ q)
 
     def moved(self, q: Array, E: Array, step: Array) -> Array:
-        return self.closure.near(displaced(self.arm, q, E, self.T @ step), self.free)
+        return self.closure.closed(displaced(self.arm, q, E, self.T @ step), self.free)
 
     def worst(self, q: Array, r: Array) -> tuple[float, str]:
         forces = self.M @ self.T @ r
