@@ -116,7 +116,8 @@ class Closure:
                 break
         left = self.gaps(q)
         rank = np.linalg.matrix_rank(self.jacobian(q)[:, ~held] / self.sizes[~held], 1e-6) if (~held).any() else 0
-        why = "no joint is left to close it" if not (~held).any() else "the links do not reach"
+        reach_or_meet = "its axes do not meet" if self.turns[np.abs(left).argmax()] else "the links do not reach"
+        why = reach_or_meet if (~held).any() else "no joint is left to close it"
         if rank and np.abs(left).max() < 1e-3:
             why = "it is in a dead centre, or nearly"
         raise ValueError(
