@@ -132,6 +132,18 @@ def test_an_equilibrium_of_beams_that_stretch_is_found_from_afar() -> None:
     assert np.abs(arm.loop_motion(low)[0]).max() < 1e-12
 
 
+@pytest.mark.parametrize("stiffness", [1e4, 1e7])
+def test_an_equilibrium_on_compliant_loops_is_found_from_afar(stiffness: float) -> None:
+    soft = four_bar(fa.Loop((0.7, 0, 0), "rocker", fa.Spherical(), stiffness=stiffness), bends=True)
+    stiff = four_bar(bends=True)
+    start = turned(stiff, 0.5)
+    low, other = soft.equilibrium(start), stiff.equilibrium(start)
+    force = -stiffness * soft.loop_motion(low)[0]
+    assert np.linalg.norm(force) < 3 * 9.81 * sum(link.mass for link in soft.links)
+    np.testing.assert_allclose(low, other, atol=100 / stiffness)
+    assert soft.energy(low, np.zeros(9))[1] <= soft.energy(other, np.zeros(9))[1] + 1e-9
+
+
 @pytest.mark.parametrize("rate", [0.0, 1.0, 5.0])
 def test_a_linear_model_out_of_balance_is_that_of_differences(rate: float) -> None:
     """Of a rigid four-bar, whose crank is its one freedom."""

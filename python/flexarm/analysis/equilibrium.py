@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite
 from ..model.parts.chain import Chain
+from ..model.parts.loop import Loop
 from .assembly import Closure, assemble, closed_start
 from .closed import carried, tangent
 from .rates import coordinate_sizes, displaced, elastic_rates, locked_rates
@@ -424,6 +426,22 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     return q
 
 
+def _holds(loop: Loop) -> bool:
+    """Whether nothing of it gives way."""
+    return loop.stiffness is None and loop.angular_stiffness is None
+
+
+def _with_rigid_loops(arm: Chain, q: Array, tau: Array, lock: Iterable[Any] | None, loads: Any) -> Array | None:
+    """The equilibrium with all loops rigid, which is near that with stiff ones; None where there is none."""
+    still: dict[str, Any] = {"stiffness": None, "damping": 0.0, "angular_stiffness": None, "angular_damping": 0.0}
+    loops = [replace(x, **still) for x in arm.loops]
+    try:
+        rigid = arm._alike(arm.links, arm.gravity, loops=loops)
+        return equilibrium(rigid, q, tau, lock, loads)
+    except ValueError:
+        return None
+
+
 def equilibrium(
     arm: Chain, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any
 ) -> Array:
@@ -436,6 +454,10 @@ def equilibrium(
         q0 = assemble(arm, q0, None, lock or ())
     b = _balance_of(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
+    if wrong and any(not _holds(x) for x in arm.loops):
+        near = _with_rigid_loops(arm, q0, forces, lock, loads)
+        again, failed = (found, wrong) if near is None else balance(b, near, descend=True)
+        found, wrong = (found, wrong) if failed else (again, "")
     if not wrong and b.perhaps_unstable:
         found = _stable(b, q0, found, q is not None)
     if wrong:
