@@ -200,7 +200,8 @@ def closed_start(
         v = v if given[1] else closure.moving(q, v, fixed)
         J = closure.jacobian(q)
         if np.abs(rates := J @ v).max() > CLOSED * max(1.0, float(np.abs(J * v).max(initial=0.0))):
-            raise ValueError(f"{closure.worst(rates, '/s')}; take q0, v0 = arm.assemble(q0, v0), {remedy}")
+            both = ", ".join(names)
+            raise ValueError(f"{closure.worst(rates, '/s')}; take {both} = arm.assemble({both}), {remedy}")
     except ValueError as e:
         raise ValueError(f"{names[1]}: {e}") from None
     return q, v
