@@ -19,7 +19,7 @@ import numpy as np
 from .._check import Array, positive
 from .._console import progress_bar
 from ..arm.variation import Setup, value_at
-from ..model.acting.drive import Motion, split_drives
+from ..model.acting.drive import Motion, Torque, split_drives
 from ..model.parts.beam import STRAINS
 from ..run.integrators import Gauss
 from ..run.perturbed import start_of
@@ -39,9 +39,9 @@ from .states import embed
 
 _SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
-_STEP_SHARE = 1 / 30  # of the estimated error: tolerance of the steps of the richer model
-_LOOSE, _TIGHT, _LEAST = 1e-4, 1e-7, 1e-10  # bounds of the tolerances of steps
-_FINER = 1 / 30  # of the run's own tolerance: that of steps of a negligible error
+_LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
+_MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
+_FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
 _ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot be told
 _AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
 _TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
@@ -52,17 +52,39 @@ class _TooLong(Exception):
     """The richer run takes more time than it may."""
 
 
+class _TooLoose(Exception):
+    """The steps of the richer run may miss as much as it is off the run. `tolerance`: that of its next ones."""
+
+    def __init__(self, tolerance: float) -> None:
+        super().__init__(tolerance)
+        self.tolerance = tolerance
+
+
 def _scene_of(result: Result) -> Scene:
     """The scene that a result was made of."""
     of = result._made()
-    if of.tau is not None and np.any(of.tau):
-        raise ValueError("tau: no error is found under constant forces; give them as drive={link: fa.Torque(value)}")
     if len(result.t) < 2:
         raise ValueError(f"t: the result has {len(result.t)} times; an error is found of two or more")
     s = of.setup
-    for refuse in (s.arm.refuse_rubbing, s.arm.refuse_loops):
-        refuse("the error of a run")
-    return Scene(s.arm, dict(s.drive), tuple(s.loads), result.t, of.q0, of.v0, {}, "run", (), tuple(s.control))
+    s.arm.refuse_rubbing("the error of a run")
+    s.arm.refuse_loops("the error of a run", rigid=True)
+    drive = _driven(s, of.tau)
+    return Scene(s.arm, drive, tuple(s.loads), result.t, of.q0, of.v0, {}, "run", (), tuple(s.control))
+
+
+def _driven(setup: Setup, tau: Array | None) -> dict[Any, Any]:
+    """The drives of a run, with its constant forces."""
+    arm, drive = setup.arm, dict(setup.drive)
+    keys = {arm.joint_rate(key): key for key in split_drives(arm, drive)[0]}
+    owner = {arm._core.first(k) + j: (k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)}
+    for i in () if tau is None else np.flatnonzero(tau).tolist():
+        if i not in owner or arm.coordinate_of(i) < 0:
+            what = "elastic coordinates by their numbers" if i not in owner else "a ball"
+            raise ValueError(f"tau[{i}] = {tau[i]:g}: no error is found under constant forces on {what}; give a load")
+        law = drive.get(key := keys.get(i, owner[i]))
+        if not isinstance(law, Motion):
+            drive[key] = Torque(float(tau[i])) if law is None else law.moved(float(tau[i]))
+    return drive
 
 
 @dataclass
@@ -103,14 +125,14 @@ class _Estimating:
         rich, size = self.richer()
         by = self.result._source.integrator
         own = by.tolerance if isinstance(by, Gauss) and not by.fixed else None
-        fine = max(_LEAST, _TIGHT if own is None else min(own * _FINER, _LOOSE))
         if rich == self.models.given:
+            fine = _TIGHT if own is None else max(own * _FINER, _LEAST)
             found = self.finely(self.result.t, fine)
             return self.told(rich, self.worst(self.measure.values(found)), found, {}, fine, asked)
+        # an error that is estimated too small or too large gives shorter steps than are needed, or a second run
         scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
-        coarse = float(np.clip(size * scale * _STEP_SHARE, _TIGHT, _LOOSE))
-        fine = min(fine, coarse)
-        back, off, rich = self.richest(rich, coarse)
+        back, off, rich, coarse = self.richest(rich, float(np.clip(size * scale, _TIGHT, _LOOSE)))
+        fine = max(_TIGHT, _SHARE * coarse) if own is None else min(own, max(own * _FINER, _SHARE * coarse))
         used = np.flatnonzero(back.tau.any(axis=1))
         times, at = np.unique(np.concatenate([self.result.t, back.t[used]]), return_inverse=True)
         self.tell("the same model in finer steps")
@@ -169,6 +191,9 @@ class _Estimating:
 
         def loss(run: Result) -> tuple[float, dict[str, Array]]:
             off = self.worst(self.measure.values(run))
+            size = abs(off.of(off.values) - off.of(self.own)) / self.length(off.unit)
+            if size < _ABOVE * _MISSED * tolerance and tolerance > _TIGHT:
+                raise _TooLoose(max(size, _TIGHT))
             found.append(off)
             return 0.0, {"q": self.weights(at, run, off)}
 
@@ -213,21 +238,30 @@ class _Estimating:
             columns.append((ends[0] - ends[1]) / 2e-6)
         return np.array(columns).T
 
-    def richest(self, rich: Model, tolerance: float) -> tuple[ByForces, _Off, Model]:
-        """The backward run of the richer model; of one without the fastest strains, where that takes very long."""
+    def richest(self, rich: Model, tolerance: float) -> tuple[ByForces, _Off, Model, float]:
+        """The backward run of the richer model, or of one without the fastest strains, where that takes very long; and
+        the tolerance of its steps, which may become smaller than is asked for."""
         seconds = max(_PATIENCE[0] * float(self.result.stats.get("wall_time", 0.0)), _PATIENCE[1])
         slow = self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in _FAST})
         why = ""
-        for model in dict.fromkeys((rich, slow)):
+        models = list(dict.fromkeys((rich, slow)))
+        while models:
+            model = models[0]
             self.tell("the richer model, and back")
-            self.runs += 2
+            self.runs += 1
             try:
-                return *self.backwards(self.models.at(model, {}), tolerance, seconds), model
+                out = *self.backwards(self.models.at(model, {}), tolerance, seconds), model, tolerance
+                self.runs += 1
+                return out
+            except _TooLoose as e:
+                tolerance = e.tolerance
+                continue
             except _TooLong:
                 why = f"was given up after {seconds:.2g} s"
             except RunStopped as e:
                 why = f"cannot be run: {e}"
             self.reasons.append(f"the richer model, {self.models.label(model)}, {why}")
+            models.pop(0)
         raise ValueError(f"no error is found: {self.reasons[-1]}")
 
     def finely(self, times: Array, tolerance: float) -> Result:
@@ -290,7 +324,7 @@ class _Estimating:
         self, rich: Model, off: _Off, fine: Result, parts: Mapping[tuple[str, str, int], float], missed: float,
         asked: Mapping[str, float],
     ) -> ErrorEstimate:  # fmt: skip
-        """The estimate. `missed`: by the steps of its runs, of the arm's length or an angle."""
+        """The estimate. `missed`: the tolerance of the steps of its runs, of the arm's length or an angle."""
         unit, place, own, finer = off.unit, off.place, self.own, self.measure.values(fine)
 
         def over_time(a: Mapping[str, Array], b: Mapping[str, Array]) -> Array:
@@ -302,7 +336,7 @@ class _Estimating:
         merged: dict[tuple[str, str], float] = {("arm", "steps"): steps}
         for (where, what, _), part in parts.items():
             merged[where, what] = merged.get((where, what), 0.0) + part
-        least = _ABOVE * missed * self.length(unit)
+        least = _ABOVE * _MISSED * missed * self.length(unit)
         self.judge(largest, sum(merged.values()), parts, least)
         sources = [ErrorSource(*key, x, x / largest if largest else 0.0) for key, x in merged.items()]
         return ErrorEstimate(
