@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,18 +30,20 @@ from ..run.simulation import SimulationError, simulated, source
 from .decisions import keys
 from .enrich import enriched, moving_strains
 from .error_estimate import ErrorEstimate, ErrorSource
-from .indicators import response
+from .indicators import elastic, response
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
-from .models import Model, Models
+from .models import BeamModel, Model, Models
 from .pieces import leaps
-from .states import embed
+from .states import embed, some_rows
 
 _SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
 _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
 _FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
+_DETUNED = 0.01  # of a frequency: what polynomials may miss of it
+_SWINGS, _LOOKS = 0.3, 41  # of the estimated error: vibrations above it need the frequency; rows at which that is looked for
 _ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot be told
 _AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
 _TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
@@ -147,33 +149,57 @@ class _Estimating:
     # -- the richer model --------------------------------------------------------------------------------------------
 
     def richer(self) -> tuple[Model, float]:
-        """The richer model, with strains that matter, and the estimated error over the span."""
+        """The richer model: of strains that matter, no poorer than the run's; and the estimated error over the span."""
         models = self.models
         try:
             reached = moving_strains(models)
         except ValueError:  # a load that follows from the state
             reached = None
 
-        def more(k: int, counts: Iterable[int]) -> tuple[int, ...]:
-            return tuple(map(max, counts, models.given.counts(k)))
+        def more(k: int, b: BeamModel) -> BeamModel:
+            return replace(b, counts=tuple(map(max, b.counts, models.given.counts(k))))
 
-        rich = enriched(models, 0, reached)
-        rich = models.rebased(rich.each(lambda k, b: replace(b, counts=more(k, b.counts))))
+        rich = models.rebased(enriched(models, 0, reached)).each(more)
         at = models.at(rich, {})
         shares, size = response(at, self.result, self.measure)
         by_strain: dict[tuple[int, int], float] = {}
         for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
             by_strain[k, s] = by_strain.get((k, s), 0.0) + share
         small = {key for key, share in by_strain.items() if share < _SMALL * size}
-        return self.without(rich, small), size
+        moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
+        return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
+
+    def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
+        """With one shape more of these strains (link, strain), in another basis than the scene's: to have the frequencies
+        of n clamped-free modes, n + 2 polynomials are too few."""
+        each = enumerate(beam.counts)
+        return replace(beam, counts=tuple(n + (beam.basis is not None and (link, s) in strains) for s, n in each))
+
+    def vibration(self) -> dict[tuple[int, int], float]:
+        """By link and strain of several shapes: what a frequency of the last of them that is a little off would change
+        the quantity over the run, over the span. Its rate tells its vibration apart from what it bears."""
+        run, arm = self.result, self.scene.arm
+        M, (K, D) = np.diag(arm._core.mass_matrix(run.q[0])), map(np.diag, elastic(arm))
+        size = self.measure.sense(self.scene, run.q[(rows := some_rows(len(run.t), _LOOKS))])
+        out: dict[tuple[int, int], float] = {}
+        for i, (k, s, number) in enumerate(keys(arm)):
+            if number > 1 and number == self.models.given.counts(k)[s]:
+                w, rate = np.sqrt(K[i] / M[i]), 0.5 * D[i] / M[i]
+                lasts = min(float(np.ptp(run.t)), 1.0 / rate if rate > 0.0 else np.inf)
+                away = np.zeros((len(rows), arm.nv))
+                away[:, i] = np.abs(run.v[:, i]).max() / w
+                out[k, s] = size(away) * min(1.0, _DETUNED * w * lasts)
+        return out
 
     def without(self, rich: Model, strains: Iterable[tuple[int, int]]) -> Model:
-        """The model without further strains (link, strain) that the scene's own has none of."""
+        """The model without further strains (link, strain) that the scene's own has none of, and with hardly more
+        shapes than that of the others."""
         out = set(strains)
         given = self.models.given
 
-        def change(k: int, b: Any) -> Any:
-            kept = [n if given.counts(k)[s] or (k, s) not in out else 0 for s, n in enumerate(b.counts)]
+        def change(k: int, b: BeamModel) -> BeamModel:
+            few = (m and m + (b.basis is not None) for m in given.counts(k))
+            kept = (min(n, m) if (k, s) in out else n for s, (n, m) in enumerate(zip(b.counts, few, strict=True)))
             return replace(b, counts=tuple(kept))
 
         return rich.each(change)
