@@ -37,7 +37,7 @@ from .models import BeamModel, Model, Models
 from .pieces import leaps
 from .states import embed, some_rows
 
-_SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
+_SMALL = 0.003  # of the estimated response of all strains: those of a smaller one are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
 _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
@@ -134,7 +134,8 @@ class _Estimating:
         # an error that is estimated too small or too large gives shorter steps than are needed, or a second run
         scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
         back, off, rich, coarse = self.richest(rich, float(np.clip(size * scale, _TIGHT, _LOOSE)))
-        fine = max(_TIGHT, _SHARE * coarse) if own is None else min(own, max(own * _FINER, _SHARE * coarse))
+        fine = max(_SHARE * coarse, _TIGHT if own is None else own * _FINER)
+        fine = min(fine, coarse / 3, own or fine)
         used = np.flatnonzero(back.tau.any(axis=1))
         times, at = np.unique(np.concatenate([self.result.t, back.t[used]]), return_inverse=True)
         self.tell("the same model in finer steps")
@@ -165,7 +166,8 @@ class _Estimating:
         by_strain: dict[tuple[int, int], float] = {}
         for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
             by_strain[k, s] = by_strain.get((k, s), 0.0) + share
-        small = {key for key, share in by_strain.items() if share < _SMALL * size}
+        least = _SMALL * sum(share for (k, _), share in by_strain.items() if k >= 0)
+        small = {key for key, share in by_strain.items() if share < least}
         moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
         return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
 
@@ -218,8 +220,8 @@ class _Estimating:
         def loss(run: Result) -> tuple[float, dict[str, Array]]:
             off = self.worst(self.measure.values(run))
             size = abs(off.of(off.values) - off.of(self.own)) / self.length(off.unit)
-            if size < _ABOVE * _MISSED * tolerance and tolerance > _TIGHT:
-                raise _TooLoose(max(size, _TIGHT))
+            if size < tolerance and tolerance > _TIGHT:
+                raise _TooLoose(max(0.5 * size, _TIGHT))
             found.append(off)
             return 0.0, {"q": self.weights(at, run, off)}
 

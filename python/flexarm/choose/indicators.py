@@ -219,7 +219,10 @@ def _lacking(rich: Scene, result: Result, variants: Mapping[Any, Arm]) -> tuple[
 def _response(scene: Scene, run: Result, forces: Array) -> Array:
     """Motions (nt, nv, m) of the linearised arm under forces (nt, nv, m), from rest."""
     arm, n = scene.arm, scene.arm.nv
-    M, (K, D) = arm._core.mass_matrix(run.q[len(run.t) // 2]), elastic(arm)
+    k, still = len(run.t) // 2, np.zeros(n)
+    loads = at_time(arm, [*scene.loads, *pushes(arm, scene.drive)], float(run.t[k]))
+    M, (by_q, D) = arm._core.mass_matrix(run.q[k]), arm._core.inverse_derivatives(run.q[k], still, still, *loads)
+    K = np.asarray(by_q @ arm._core.rates(run.q[k], still)[2])
     rates = [arm.coordinate_of(i) for i in range(n)]
     for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
         by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])
