@@ -131,9 +131,9 @@ class _Estimating:
             fine = _TIGHT if own is None else max(own * _FINER, _LEAST)
             found = self.finely(self.result.t, fine)
             return self.told(rich, self.worst(self.measure.values(found)), found, {}, fine, asked)
-        # an error that is estimated too small or too large gives shorter steps than are needed, or a second run
+        # a wrong estimate of the error costs shorter steps than are needed, or a second run
         scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
-        back, off, rich, coarse = self.richest(rich, float(np.clip(size * scale, _TIGHT, _LOOSE)))
+        back, off, rich, coarse = self.richest(rich, float(np.clip(0.5 * size * scale, _TIGHT, _LOOSE)))
         fine = max(_SHARE * coarse, _TIGHT if own is None else own * _FINER)
         fine = min(fine, coarse / 3, own or fine)
         used = np.flatnonzero(back.tau.any(axis=1))

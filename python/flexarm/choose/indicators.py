@@ -103,17 +103,17 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
         return 1.0
     run = embed(result, arm, some_rows(len(result.t), most_rows))
     n, span = len(out), float(run.t[-1] - run.t[0])
-    elastic, eye = elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
+    beams, eye = elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
     mean: Array
     mean_a = np.gradient(run.v, run.t, axis=0)  # not of fast vibration
     rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
     stiffening: Array = np.zeros((n, n))  # of loads and spin, at their largest
     for K, _, _ in rows:
-        w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
+        w, Z = np.linalg.eigh(0.5 * (K + K.T) - beams)
         positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
         stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
     M0 = rows[0][1]
-    norm = np.linalg.cholesky(np.block([[elastic + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
+    norm = np.linalg.cholesky(np.block([[beams + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
     state: Array = np.linalg.inv(norm)  # columns of unit energy
     most, fast = 1.0, 0.0
     for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
