@@ -6,10 +6,9 @@ Runs the arms of bench/run/zoo at three tolerances each, and N drawn scenes; est
 compares it with the true one, the distance from a much richer model: of bending four shapes more than the estimate
 takes, of torsion two, of shear and extension as many, in all beams; exact rotation, rotary inertia. Truth is "ida" at
 rtol 1e-10 where that model has at most 18 coordinates and takes a second of a drawn scene, else "gauss" at a tolerance
-of 1e-8; the table tells of how many. The effectivity
-is the estimate over the true error. Processor times of all threads, over the smaller one of two of the run. --keep: rows
-are kept in the file, and those that it has are not made again; without new ones in --seconds, it tells what it has.
---truth: so are the truths.
+of 1e-8; the table tells of how many. The effectivity is the estimate over the true error. Processor times of all
+threads, over the smaller one of two of the run. --keep: rows are kept in the file, and those that it has are not made
+again; without new ones in --seconds, it tells what it has. --truth: so are the truths.
 """
 
 from __future__ import annotations

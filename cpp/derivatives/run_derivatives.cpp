@@ -303,9 +303,9 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 }
 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
-                const Rows& by_a, const Rows& by_tau, int threads) {
+                const Rows& by_a, const Rows& by_tau, int threads, bool rough) {
   refuse_contact_friction(*of.arm, kRuns);
-  Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
+  Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads, rough);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);
   const Index n = places.n, m = places.m;

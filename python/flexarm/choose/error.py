@@ -43,7 +43,8 @@ _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
 _FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
 _DETUNED = 0.01  # of a frequency: what polynomials may miss of it
-_SWINGS, _LOOKS = 0.3, 41  # of the estimated error: vibrations above it need the frequency; rows at which that is looked for
+_SWINGS = 0.3  # of the estimated error: what a missed frequency may change
+_LOOKS = 41  # rows at which that is looked for
 _ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot be told
 _AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
 _TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
@@ -79,13 +80,15 @@ def _driven(setup: Setup, tau: Array | None) -> dict[Any, Any]:
     arm, drive = setup.arm, dict(setup.drive)
     keys = {arm.joint_rate(key): key for key in split_drives(arm, drive)[0]}
     owner = {arm._core.first(k) + j: (k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)}
-    for i in () if tau is None else np.flatnonzero(tau).tolist():
+    for i, force in enumerate([] if tau is None else tau.tolist()):
+        if not force:
+            continue
         if i not in owner or arm.coordinate_of(i) < 0:
             what = "elastic coordinates by their numbers" if i not in owner else "a ball"
-            raise ValueError(f"tau[{i}] = {tau[i]:g}: no error is found under constant forces on {what}; give a load")
+            raise ValueError(f"tau[{i}] = {force:g}: no error is found under constant forces on {what}; give a load")
         law = drive.get(key := keys.get(i, owner[i]))
         if not isinstance(law, Motion):
-            drive[key] = Torque(float(tau[i])) if law is None else law.moved(float(tau[i]))
+            drive[key] = Torque(force) if law is None else law.moved(force)
     return drive
 
 
@@ -172,8 +175,8 @@ class _Estimating:
         return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
 
     def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
-        """With one shape more of these strains (link, strain), in another basis than the scene's: to have the frequencies
-        of n clamped-free modes, n + 2 polynomials are too few."""
+        """With one shape more of these strains (link, strain), in another basis than the scene's: n + 2 polynomials are
+        too few to have the frequencies of n clamped-free modes."""
         each = enumerate(beam.counts)
         return replace(beam, counts=tuple(n + (beam.basis is not None and (link, s) in strains) for s, n in each))
 
