@@ -317,7 +317,7 @@ class Source:
 
     def by_forces(self, loss: Loss, workers: int | None = None, look: Look = None) -> ByForces:
         """Derivatives of a number by forces that act at any time of the run, and by its start, by the adjoint method,
-        about: with slopes at two places of each step, which is most of its time.
+        about: of arms without balls with slopes at two places of each step.
 
         Raises:
             ValueError: no derivatives go through, as of `gradient`; a controller whose slopes are not known.
@@ -325,7 +325,8 @@ class Source:
         run, result, tape, core = self._taped(look, 0.5)
         if not all(map(_slopes_known, run.sampled)):
             raise ValueError("control: the adjoint method does not know the memory of sensors, nor that of an MPC")
-        _, _, found = self._backwards(loss, run, result, tape, core, workers or cores(), rough=True)
+        rough = self.setup.arm.nq == self.setup.arm.nv  # balls turn within a step
+        _, _, found = self._backwards(loss, run, result, tape, core, workers or cores(), rough)
         q0, v0, _, applied, _, held, _ = found
         nv = self.setup.arm.nv
         pushed = (np.vstack([applied, held]) * _below_limits(tape, run))[:, :nv]
