@@ -264,7 +264,7 @@ def told(x: dict[str, Any]) -> list[str]:
 
 def table_of_zoo(found: Rows) -> str:
     cells = [[*told(x), f"{x['top']}, {100 * x['share']:.0f} %", "yes" if x["reliable"] else x["reason"],
-              f"{x['cost']:.0f}"] for x in found if "largest" in x]  # fmt: skip
+              f"{x['cost']:.1f}"] for x in found if "largest" in x]  # fmt: skip
     head = "| arm, tolerance | estimate (m) | true (m) | effectivity | largest source | reliable | time, in runs |"
     return lines(head, cells)
 
@@ -274,7 +274,6 @@ def table_of_drawn(found: Rows) -> str:
     e = np.array([effectivity(x) for x in done])
     sure = np.array([x["reliable"] for x in done], dtype=bool)
     near = (e >= 1 / GOOD) & (e <= GOOD)
-    long = [x["cost"] for x in done if x["seconds"] > 0.02]
     parts = [abs(x["added"] - x["largest"]) < 0.1 * x["largest"] for x in done if x["reliable"]]
     counts = {
         "drawn": len(found),
@@ -290,8 +289,11 @@ def table_of_drawn(found: Rows) -> str:
         "median effectivity": f"{np.median(e):.3f}",
         "5 % and 95 % of effectivities": f"{np.quantile(e, 0.05):.2f}, {np.quantile(e, 0.95):.2f}",
         "of the reliable, parts add up to the largest error within 10 %": sum(parts),
-        "median time, in runs": f"{np.median([x['cost'] for x in done]):.0f}",
-        "the same, of runs above 20 ms": f"{np.median(long):.0f} (of {len(long)})" if long else "-",
+        **{
+            f"median time, in runs, {word}": f"{np.median(times):.1f} (of {len(times)})"
+            for word, low, high in (("below 5 ms", 0.0, 5e-3), ("from 5 to 20 ms", 5e-3, 2e-2), ("above", 2e-2, np.inf))
+            if (times := [x["cost"] for x in done if low <= x["seconds"] < high])
+        },
     }
     return lines("| drawn scenes | |", [[k, str(v)] for k, v in counts.items()])
 
@@ -347,6 +349,7 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="write the table and the figure of docs/error.md")
     args = parser.parse_args()
     kept = json.loads(args.keep.read_text()) if args.keep and args.keep.exists() else {}
+    fa.load(ARMS["boom"]).run(error=True)  # loads libraries
     for name, found in rows(args.only, args.drawn, kept, args.seconds, Truths(args.truth)):
         kept[name] = found
         for x in found:
