@@ -344,7 +344,8 @@ inline Index place_before(const Tape& tape, Index entry) {
 class Ahead {
  public:
   /// @param rows  whether the places of rows are asked for
-  Ahead(const Problem& of, const Tape& tape, bool rows, int threads)
+  /// @param rough  whether slopes of a step's inner stages stand for those of the stages beside them
+  Ahead(const Problem& of, const Tape& tape, bool rows, int threads, bool rough = false)
       : shared_(shared_places(tape)),
         asked_(static_cast<std::size_t>(tape.points()), 1),
         kept_(static_cast<std::size_t>(threads > 1              ? threads * std::max(kFewest, kRates / of.arm->nv())
@@ -359,6 +360,7 @@ class Ahead {
       if (tape.entries[k].h == 0.0 && tape.leaps[leap++].tears != 0.0)
         asked_[static_cast<std::size_t>(tape.entries[k].point)] = 2;
     for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
+    if (rough && loop_rows(*of.arm) == 0) share_stages(tape);
     for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
   }
   const Slopes& operator()(Index at) {
@@ -377,6 +379,23 @@ class Ahead {
  private:
   static constexpr int kFewest = 16, kRates = 1024;  // places that a thread makes at a time, and their rates
 
+  /// Of the stages of each step, the two in the middle stand for those before and behind them, which differ from them
+  /// by as much, to either side; where friction and limits are the same.
+  void share_stages(const Tape& tape) {
+    const int s = tape.stages.count();
+    const auto same = [&](const std::vector<signed char>& x, Index e, Index f) {
+      const auto n = static_cast<Index>(x.size()) / tape.points();
+      return std::equal(x.begin() + e * n, x.begin() + (e + 1) * n, x.begin() + f * n);
+    };
+    for (const Tape::Entry& entry : tape.entries)
+      for (int i = 0; entry.h > 0.0 && entry.point >= 0 && i < s; ++i) {
+        const Index e = entry.point + i, f = entry.point + (i < s / 2 ? (s - 1) / 2 : s / 2);
+        if (e == f || asked_[static_cast<std::size_t>(e)] != 1 || !same(tape.way, e, f) || !same(tape.sides, e, f))
+          continue;
+        shared_[static_cast<std::size_t>(e)] = f;
+        asked_[static_cast<std::size_t>(e)] = 0;
+      }
+  }
   void make() {
     std::exception_ptr wrong;
     std::mutex lock;

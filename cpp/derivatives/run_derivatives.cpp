@@ -303,9 +303,9 @@ void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& 
 }
 
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
-                const Rows& by_a, const Rows& by_tau, int threads) {
+                const Rows& by_a, const Rows& by_tau, int threads, bool rough) {
   refuse_contact_friction(*of.arm, kRuns);
-  Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
+  Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads, rough);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);
   const Index n = places.n, m = places.m;
@@ -407,9 +407,20 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     sample(k, -1);
     return last;
   };
+  const auto counts = [](const Rows& by, std::size_t row) {
+    return by.rows() > 0 && !by.row(static_cast<Index>(row)).isZero(0.0);
+  };
+  std::size_t behind = tape.rows.size();  // no row from here on counts
+  while (behind > 0 && !counts(by_q, behind - 1) && !counts(by_v, behind - 1) && !counts(by_a, behind - 1) &&
+         !counts(by_tau, behind - 1))
+    --behind;
   for (std::size_t k = tape.entries.size(), leaps = tape.leaps.size(); k-- > 0;) {
     const Tape::Entry& entry = tape.entries[k];
     std::size_t last = finish(k + 1);
+    if (first[k + 1] >= behind) {  // nor does the state
+      if (entry.h == 0.0 && !method.remembers) --leaps;
+      continue;
+    }
     if (entry.h == 0.0 && !method.remembers) {
       const Saltation& leap = tape.leaps[--leaps];
       const double by_gap = leap.back(v);

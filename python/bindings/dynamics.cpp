@@ -9,13 +9,13 @@ using namespace flexarm;
 
 namespace {
 
-/// Wrenches with their wrenches [f; m], one per row.
+/// Loads with their wrenches [f; m], one per row; of several states those of each after the other, or the same for all.
 struct Wrenches {
   const std::vector<Load>& places;
   const Vectors& wrenches;
 
-  void set(Workspace& ws) const {
-    for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = at(k);
+  void set(Workspace& ws, std::size_t state = 0) const {
+    for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = at(state * places.size() + k);
   }
   /// The same for a receiver that takes them one by one.
   template <class Taker>
@@ -98,8 +98,12 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         Answers tau(v, {self.nv()});
         const auto lent = self.workspace({{}, loads});
         Workspace& ws = *lent;
-        Wrenches{loads, wrenches}.set(ws);
+        const Wrenches acting{loads, wrenches};
+        const bool each = wrenches.ndim() == 3;
+        if (each && wrenches.shape(0) != count(q)) bad_value("wrenches", wrenches.shape(0), "must be of each state");
+        acting.set(ws);
         for_states(self, count(q), 1, [&](Eigen::Index k) {
+          if (each) acting.set(ws, static_cast<std::size_t>(k));
           inverse_dynamics(self, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
           tau[k] = ws.tau.transpose();
         });

@@ -128,17 +128,17 @@ void bind_gradients(py::module_& m) {
       .def(
           "adjoint",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
-             const Rows& a, const Rows& tau, int threads) {
+             const Rows& a, const Rows& tau, int threads, bool rough) {
             Adjoint found;
             {
               const Unlocked free;
-              found = adjoint(of.problem, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
+              found = adjoint(of.problem, tape, {spectral_radius, rtol}, q, v, a, tau, threads, rough);
             }
             return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held,
                                   found.looks);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
-          py::arg("tau"), py::arg("threads"));
+          py::arg("tau"), py::arg("threads"), py::arg("rough") = false);
 
   m.def(
       "roll_on_tape",

@@ -758,6 +758,7 @@ class Tape:
         a: ArrayLike,
         tau: ArrayLike,
         threads: int,
+        rough: bool = ...,
     ) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array, _Array]: ...
 
 def in_kernels(method: str, arm: Arm) -> bool: ...

@@ -158,13 +158,86 @@ def test_strains_that_jump() -> None:
     assert not found.reliable and "patches" in found.reason and "fa.split" in found.reason
 
 
+def test_constant_forces() -> None:
+    """Under a constant torque a rotor on a spring swings about tau / k."""
+    body, h, tau = fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)), 0.02, 0.2
+    arm = fa.Arm([fa.Link(fa.Revolute("z", stiffness=0.9), body)], (0, 0, 0))
+    run = fa.simulate(arm, np.linspace(0, 4, 41), tau=[tau], integrator="implicit", step=h)
+    found = run.error("joint")
+    off = tau / 0.9 * np.abs(np.cos(2 / h * np.arctan(3 * h / 2) * run.t) - np.cos(3 * run.t))
+    np.testing.assert_allclose(found.total, off, atol=1e-3 * off.max())
+
+
+def test_constant_forces_beside_a_drive() -> None:
+    """Of a clamped beam that a joint carries, what one mode misses is as large as the whole torque is."""
+    beam = fa.Beam(L, fa.Rectangle(SIDE, SIDE), STEEL, {"bending_y": 1}, order="exact", damping_ratio=0.1)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.01), beam=beam)], (0, 0, 0))
+    t, half = np.linspace(0, 0.5, 51), np.array([0.02, 0.02])
+    both = [fa.simulate(arm, t, tau=[0.02, 0.0], drive={0: fa.Torque([0, 1], half)}),
+            fa.simulate(arm, t, drive={0: fa.Torque([0, 1], 2 * half)})]  # fmt: skip
+    once, twice = (run.error() for run in both)
+    np.testing.assert_allclose(once.total, twice.total, rtol=1e-6, atol=1e-12)
+    assert once.sources[0].what == twice.sources[0].what == "bending_y modes"
+
+
+def test_compliant_loops() -> None:
+    """A rotor that a compliant loop ties to the world swings as by a spring of k r^2."""
+    body, h, r = fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1), end=(1.0, 0, 0)), 0.02, 1.0
+    tie = fa.Loop((r, 0, 0), 0, fa.Spherical(), stiffness=0.9)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.0), body)], (0, 0, 0), loops=[tie])
+    start, I = 1e-3, 0.1
+    run = fa.simulate(arm, np.linspace(0, 4, 41), [start], integrator="implicit", step=h)
+    found = run.error("joint")
+    w = np.sqrt(0.9 * r**2 / I)
+    off = start * np.abs(np.cos(2 / h * np.arctan(w * h / 2) * run.t) - np.cos(w * run.t))
+    np.testing.assert_allclose(found.total, off, atol=2e-3 * off.max())
+
+
+def test_shapes_that_are_added_are_never_poorer() -> None:
+    """Two clamped-free modes of a clamped beam have its first two frequencies exactly: a light vibration of these
+    alone, for many periods, is off by less than further modes move."""
+    beam = fa.Beam(L, fa.Rectangle(SIDE, SIDE), STEEL, {"bending_y": 2}, order="exact")
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)], (0, 0, 0))
+    run = fa.simulate(arm, np.linspace(0, 2, 401), [0.0, 1e-3], integrator="gauss", tolerance=1e-7)
+    found = run.error()
+    more = fa.Arm([fa.Link(fa.Fixed(), beam=replace(beam, modes={"bending_y": 6}))], (0, 0, 0))
+    truth = fa.simulate(more, run.t, [0.0, 1e-3, *[0.0] * 4], integrator="gauss", tolerance=1e-7)
+    off = np.linalg.norm(truth.frame()[0] - run.frame()[0], axis=1).max()
+    assert found.largest < 2 * off + 0.02 * found.span
+
+
+def test_an_estimate_that_is_kept() -> None:
+    """`simulate(error=True)`: the result tells it where it is printed, drawn and checked, and it is not made twice."""
+    run = pushed(error=True)
+    found = run.error()
+    assert found is run.error() and found is not run.error("joint")
+    tip = run.error()
+    assert f"tip off by {tip.largest:.2g} m" in repr(run)
+    assert any(ax.get_ylabel().startswith("Error of the tip") for ax in run.plot().axes)
+    assert pushed().error().total.tolist() == tip.total.tolist()
+    (told,) = [x for x in run.check() if x.where == "tip"]
+    assert told.value == tip.largest and tip.sources[0].what in told.remedy and tip.sources[0].remedy in told.remedy
+    assert fa.load("ist").run(error=True).error().largest > 0.0
+
+
+def test_a_refusal_that_is_kept() -> None:
+    beam = fa.Beam(0.6, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 1})
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.05), beam=beam)], (0, 0, 0))
+    law = fa.Sampled(lambda t, y: -y[0], 100.0, [fa.sensors.Encoder(0)], [0])
+    run = fa.simulate(arm, [0, 0.05, 0.1], [0.1, 0.0], control=law, error=True)
+    with refuses("control[0].measure[0]", "encoder"):
+        run.error()
+    assert "control[0]" in str([x for x in run.check() if x.where == "error"]) and "off by" not in repr(run)
+
+
 def test_refusals() -> None:
     run = sprung()[0]
     with refuses("quantity", "'tips'", "tip"):
         run.error("tips")
     with refuses("parameters['gravity']", "-1"):
         run.error("joint", parameters={"gravity": -1.0})
-    with refuses("tau", "drive"):
-        fa.simulate(run.arm, [0, 0.1], tau=[1.0]).error()
+    with refuses("tau[1]", "0.001", "elastic"):
+        beam = fa.Beam(L, fa.Rectangle(SIDE, SIDE), STEEL, {"bending_y": 1})
+        fa.simulate(fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)]), [0, 0.1], tau=[0.0, 1e-3]).error()
     with refuses("does not know what it was made of"):
         copy.deepcopy(run).error()

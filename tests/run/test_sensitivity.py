@@ -132,6 +132,18 @@ def test_the_adjoint_is_the_transpose(options: dict[str, Any]) -> None:
     assert samples.shape == (3,) and samples[1] == pytest.approx((weights["q"] * by_peak).sum(), rel=1e-6)
 
 
+@pytest.mark.parametrize("options", [{"integrator": "gauss"}, {"integrator": "implicit", "step": 1e-3}])
+@pytest.mark.parametrize("last", [0, 3, 11])
+def test_rows_behind_the_last_that_counts_change_nothing(options: dict[str, Any], last: int) -> None:
+    run = fa.simulate(**flexible(), **options)
+    weights = np.zeros(run.q.shape)
+    weights[: last + 1] = np.random.default_rng(3).normal(size=(last + 1, run.q.shape[1]))
+    paths = ["link.1.tip.mass", "control.0.kp", "drive.0.scale", "q0.0"]
+    found, forward = run.gradient({"q": weights}, paths), run.sensitivities(paths)
+    for path, by in zip(paths, (forward.q * weights).sum(axis=(1, 2)), strict=True):
+        np.testing.assert_allclose(found[path], by, rtol=1e-9, atol=1e-11)
+
+
 @pytest.mark.parametrize("options", [{"integrator": "gauss", "step": 4e-3}, {"integrator": "implicit", "step": 1e-3}])
 def test_a_prescribed_motion(options: dict[str, Any]) -> None:
     """By its scale, and by a mass: the reaction is in tau."""

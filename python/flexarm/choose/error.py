@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 from .._check import Array, positive
 from .._console import progress_bar
 from ..arm.variation import Setup, value_at
-from ..model.acting.drive import Motion, split_drives
+from ..model.acting.drive import Motion, Torque, split_drives
 from ..model.parts.beam import STRAINS
 from ..run.integrators import Gauss
 from ..run.perturbed import start_of
@@ -30,18 +30,21 @@ from ..run.simulation import SimulationError, simulated, source
 from .decisions import keys
 from .enrich import enriched, moving_strains
 from .error_estimate import ErrorEstimate, ErrorSource
-from .indicators import response
+from .indicators import elastic, response
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
-from .models import Model, Models
+from .models import BeamModel, Model, Models
 from .pieces import leaps
-from .states import embed
+from .states import embed, some_rows
 
-_SMALL = 0.03  # of the estimated response to all that a run lacks: strains of a smaller one are not in the richer model
+_SMALL = 0.003  # of the estimated response of all strains: those of a smaller one are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
-_STEP_SHARE = 1 / 30  # of the estimated error: tolerance of the steps of the richer model
-_LOOSE, _TIGHT, _LEAST = 1e-4, 1e-7, 1e-10  # bounds of the tolerances of steps
-_FINER = 1 / 30  # of the run's own tolerance: that of steps of a negligible error
+_LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
+_MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
+_FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
+_DETUNED = 0.01  # of a frequency: what polynomials may miss of it
+_SWINGS = 0.3  # of the estimated error: what a missed frequency may change
+_LOOKS = 41  # rows at which that is looked for
 _ABOVE = 3.0  # times what the steps of its runs may miss: smaller errors cannot be told
 _AGREE = 0.5  # of the largest error: how far the sum of its sources may be off
 _TAIL = 0.3  # of the largest error: part of the last shape function of a strain; more may be missing beyond it
@@ -52,17 +55,41 @@ class _TooLong(Exception):
     """The richer run takes more time than it may."""
 
 
+class _TooLoose(Exception):
+    """The steps of the richer run may miss as much as it is off the run. `tolerance`: that of its next ones."""
+
+    def __init__(self, tolerance: float) -> None:
+        super().__init__(tolerance)
+        self.tolerance = tolerance
+
+
 def _scene_of(result: Result) -> Scene:
     """The scene that a result was made of."""
     of = result._made()
-    if of.tau is not None and np.any(of.tau):
-        raise ValueError("tau: no error is found under constant forces; give them as drive={link: fa.Torque(value)}")
     if len(result.t) < 2:
         raise ValueError(f"t: the result has {len(result.t)} times; an error is found of two or more")
     s = of.setup
-    for refuse in (s.arm.refuse_rubbing, s.arm.refuse_loops):
-        refuse("the error of a run")
-    return Scene(s.arm, dict(s.drive), tuple(s.loads), result.t, of.q0, of.v0, {}, "run", (), tuple(s.control))
+    s.arm.refuse_rubbing("the error of a run")
+    s.arm.refuse_loops("the error of a run", rigid=True)
+    drive = _driven(s, of.tau)
+    return Scene(s.arm, drive, tuple(s.loads), result.t, of.q0, of.v0, {}, "run", (), tuple(s.control))
+
+
+def _driven(setup: Setup, tau: Array | None) -> dict[Any, Any]:
+    """The drives of a run, with its constant forces."""
+    arm, drive = setup.arm, dict(setup.drive)
+    keys = {arm.joint_rate(key): key for key in split_drives(arm, drive)[0]}
+    owner = {arm._core.first(k) + j: (k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)}
+    for i, force in enumerate([] if tau is None else tau.tolist()):
+        if not force:
+            continue
+        if i not in owner or arm.coordinate_of(i) < 0:
+            what = "elastic coordinates by their numbers" if i not in owner else "a ball"
+            raise ValueError(f"tau[{i}] = {force:g}: no error is found under constant forces on {what}; give a load")
+        law = drive.get(key := keys.get(i, owner[i]))
+        if not isinstance(law, Motion):
+            drive[key] = Torque(force) if law is None else law.moved(force)
+    return drive
 
 
 @dataclass
@@ -103,14 +130,15 @@ class _Estimating:
         rich, size = self.richer()
         by = self.result._source.integrator
         own = by.tolerance if isinstance(by, Gauss) and not by.fixed else None
-        fine = max(_LEAST, _TIGHT if own is None else min(own * _FINER, _LOOSE))
         if rich == self.models.given:
+            fine = _TIGHT if own is None else max(own * _FINER, _LEAST)
             found = self.finely(self.result.t, fine)
             return self.told(rich, self.worst(self.measure.values(found)), found, {}, fine, asked)
+        # a wrong estimate of the error costs shorter steps than are needed, or a second run
         scale = min(1.0, *(span / self.length(unit) for unit, span in self.measure.span.items()))
-        coarse = float(np.clip(size * scale * _STEP_SHARE, _TIGHT, _LOOSE))
-        fine = min(fine, coarse)
-        back, off, rich = self.richest(rich, coarse)
+        back, off, rich, coarse = self.richest(rich, float(np.clip(0.5 * size * scale, _TIGHT, _LOOSE)))
+        fine = max(_SHARE * coarse, _TIGHT if own is None else own * _FINER)
+        fine = min(fine, coarse / 3, own or fine)
         used = np.flatnonzero(back.tau.any(axis=1))
         times, at = np.unique(np.concatenate([self.result.t, back.t[used]]), return_inverse=True)
         self.tell("the same model in finer steps")
@@ -125,33 +153,58 @@ class _Estimating:
     # -- the richer model --------------------------------------------------------------------------------------------
 
     def richer(self) -> tuple[Model, float]:
-        """The richer model, with strains that matter, and the estimated error over the span."""
+        """The richer model: of strains that matter, no poorer than the run's; and the estimated error over the span."""
         models = self.models
         try:
             reached = moving_strains(models)
         except ValueError:  # a load that follows from the state
             reached = None
 
-        def more(k: int, counts: Iterable[int]) -> tuple[int, ...]:
-            return tuple(map(max, counts, models.given.counts(k)))
+        def more(k: int, b: BeamModel) -> BeamModel:
+            return replace(b, counts=tuple(map(max, b.counts, models.given.counts(k))))
 
-        rich = enriched(models, 0, reached)
-        rich = models.rebased(rich.each(lambda k, b: replace(b, counts=more(k, b.counts))))
+        rich = models.rebased(enriched(models, 0, reached)).each(more)
         at = models.at(rich, {})
         shares, size = response(at, self.result, self.measure)
         by_strain: dict[tuple[int, int], float] = {}
         for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
             by_strain[k, s] = by_strain.get((k, s), 0.0) + share
-        small = {key for key, share in by_strain.items() if share < _SMALL * size}
-        return self.without(rich, small), size
+        least = _SMALL * sum(share for (k, _), share in by_strain.items() if k >= 0)
+        small = {key for key, share in by_strain.items() if share < least}
+        moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
+        return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
+
+    def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
+        """With one shape more of these strains (link, strain), in another basis than the scene's: n + 2 polynomials are
+        too few to have the frequencies of n clamped-free modes."""
+        each = enumerate(beam.counts)
+        return replace(beam, counts=tuple(n + (beam.basis is not None and (link, s) in strains) for s, n in each))
+
+    def vibration(self) -> dict[tuple[int, int], float]:
+        """By link and strain of several shapes: what a frequency of the last of them that is a little off would change
+        the quantity over the run, over the span. Its rate tells its vibration apart from what it bears."""
+        run, arm = self.result, self.scene.arm
+        M, (K, D) = np.diag(arm._core.mass_matrix(run.q[0])), map(np.diag, elastic(arm))
+        size = self.measure.sense(self.scene, run.q[(rows := some_rows(len(run.t), _LOOKS))])
+        out: dict[tuple[int, int], float] = {}
+        for i, (k, s, number) in enumerate(keys(arm)):
+            if number > 1 and number == self.models.given.counts(k)[s]:
+                w, rate = np.sqrt(K[i] / M[i]), 0.5 * D[i] / M[i]
+                lasts = min(float(np.ptp(run.t)), 1.0 / rate if rate > 0.0 else np.inf)
+                away = np.zeros((len(rows), arm.nv))
+                away[:, i] = np.abs(run.v[:, i]).max() / w
+                out[k, s] = size(away) * min(1.0, _DETUNED * w * lasts)
+        return out
 
     def without(self, rich: Model, strains: Iterable[tuple[int, int]]) -> Model:
-        """The model without further strains (link, strain) that the scene's own has none of."""
+        """The model without further strains (link, strain) that the scene's own has none of, and with hardly more
+        shapes than that of the others."""
         out = set(strains)
         given = self.models.given
 
-        def change(k: int, b: Any) -> Any:
-            kept = [n if given.counts(k)[s] or (k, s) not in out else 0 for s, n in enumerate(b.counts)]
+        def change(k: int, b: BeamModel) -> BeamModel:
+            few = (m and m + (b.basis is not None) for m in given.counts(k))
+            kept = (min(n, m) if (k, s) in out else n for s, (n, m) in enumerate(zip(b.counts, few, strict=True)))
             return replace(b, counts=tuple(kept))
 
         return rich.each(change)
@@ -169,6 +222,9 @@ class _Estimating:
 
         def loss(run: Result) -> tuple[float, dict[str, Array]]:
             off = self.worst(self.measure.values(run))
+            size = abs(off.of(off.values) - off.of(self.own)) / self.length(off.unit)
+            if size < tolerance and tolerance > _TIGHT:
+                raise _TooLoose(max(0.5 * size, _TIGHT))
             found.append(off)
             return 0.0, {"q": self.weights(at, run, off)}
 
@@ -213,21 +269,30 @@ class _Estimating:
             columns.append((ends[0] - ends[1]) / 2e-6)
         return np.array(columns).T
 
-    def richest(self, rich: Model, tolerance: float) -> tuple[ByForces, _Off, Model]:
-        """The backward run of the richer model; of one without the fastest strains, where that takes very long."""
+    def richest(self, rich: Model, tolerance: float) -> tuple[ByForces, _Off, Model, float]:
+        """The backward run of the richer model, or of one without the fastest strains, where that takes very long; and
+        the tolerance of its steps, which may become smaller than is asked for."""
         seconds = max(_PATIENCE[0] * float(self.result.stats.get("wall_time", 0.0)), _PATIENCE[1])
         slow = self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in _FAST})
         why = ""
-        for model in dict.fromkeys((rich, slow)):
+        models = list(dict.fromkeys((rich, slow)))
+        while models:
+            model = models[0]
             self.tell("the richer model, and back")
-            self.runs += 2
+            self.runs += 1
             try:
-                return *self.backwards(self.models.at(model, {}), tolerance, seconds), model
+                out = *self.backwards(self.models.at(model, {}), tolerance, seconds), model, tolerance
+                self.runs += 1
+                return out
+            except _TooLoose as e:
+                tolerance = e.tolerance
+                continue
             except _TooLong:
                 why = f"was given up after {seconds:.2g} s"
             except RunStopped as e:
                 why = f"cannot be run: {e}"
             self.reasons.append(f"the richer model, {self.models.label(model)}, {why}")
+            models.pop(0)
         raise ValueError(f"no error is found: {self.reasons[-1]}")
 
     def finely(self, times: Array, tolerance: float) -> Result:
@@ -290,7 +355,7 @@ class _Estimating:
         self, rich: Model, off: _Off, fine: Result, parts: Mapping[tuple[str, str, int], float], missed: float,
         asked: Mapping[str, float],
     ) -> ErrorEstimate:  # fmt: skip
-        """The estimate. `missed`: by the steps of its runs, of the arm's length or an angle."""
+        """The estimate. `missed`: the tolerance of the steps of its runs, of the arm's length or an angle."""
         unit, place, own, finer = off.unit, off.place, self.own, self.measure.values(fine)
 
         def over_time(a: Mapping[str, Array], b: Mapping[str, Array]) -> Array:
@@ -302,7 +367,7 @@ class _Estimating:
         merged: dict[tuple[str, str], float] = {("arm", "steps"): steps}
         for (where, what, _), part in parts.items():
             merged[where, what] = merged.get((where, what), 0.0) + part
-        least = _ABOVE * missed * self.length(unit)
+        least = _ABOVE * _MISSED * missed * self.length(unit)
         self.judge(largest, sum(merged.values()), parts, least)
         sources = [ErrorSource(*key, x, x / largest if largest else 0.0) for key, x in merged.items()]
         return ErrorEstimate(

@@ -7,10 +7,18 @@ from typing import Any
 
 from .._check import Array
 from .._console import aligned
+from ..analysis.findings import Finding
 from ..data.draw.sources import plot_error
 from ..data.draw.style import Figure
 
 _SHOWN = 1e-3  # of the largest error: smaller sources are told in one line
+_MUCH = 0.01  # of the span: larger errors are findings
+_REMEDIES = {
+    "steps": "take shorter steps, or a smaller tolerance",
+    "order of rotation": 'take a higher order, or "exact"',
+    "rotary inertia": "take rotary_inertia = True",
+    "Gauss points": "leave gauss_points out",
+}
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,14 @@ class ErrorSource:
     what: str
     error: float
     share: float
+
+    @property
+    def remedy(self) -> str:
+        """What would mend it; "" where that is not one thing."""
+        strain, _, kind = self.what.partition(" ")
+        return {"modes": f"take more modes of {strain}", "left out": f"give it modes of {strain}"}.get(
+            kind, _REMEDIES.get(self.what, "")
+        )
 
 
 @dataclass(repr=False)
@@ -68,6 +84,34 @@ class ErrorEstimate:
         word = "" if self.reliable else ", not reliable here"
         return f"ErrorEstimate({self.quantity}: {self.largest:.2g} {self.unit} at {self.time:.4g} s{word})"
 
+    @property
+    def short(self) -> str:
+        """The largest error in words."""
+        word = "" if self.reliable else " (not reliable)"
+        return f"{self.quantity} off by {f'{self.largest:.2g} {self.unit}'.strip()}{word}"
+
+    @property
+    def panel(self) -> tuple[str, list[tuple[str, Array]]]:
+        """The name of an axis, and the curves of the error over time."""
+        unit = f" ({self.unit})" if self.unit else ""
+        return f"Error of the {self.quantity}{unit}", self._curves()
+
+    def _curves(self) -> list[tuple[str, Array]]:
+        return [("total", self.total), ("of steps", self.steps), ("of the model", self.model)]
+
+    def findings(self) -> list[Finding]:
+        """What to mend: an error above 1 % of what the quantity spans; an estimate that cannot be relied on."""
+        share = self.largest / self.span if self.span > 0.0 else 0.0
+        found = []
+        if share > _MUCH:
+            most = self.sources[0]
+            what = f"is off by {self.largest:.2g} {self.unit} at t = {self.time:.4g} s, {100 * share:.2g} % of its span"
+            remedy = f"mostly by {most.what} of {most.where}" + (f": {most.remedy}" if most.remedy else "")
+            found.append(Finding(self.quantity, what, self.largest, _MUCH * self.span, self.unit, remedy))
+        if not self.reliable:
+            found.append(Finding(self.quantity, f"its estimated error is not reliable: {self.reason}"))
+        return found
+
     def __str__(self) -> str:
         return self.table()
 
@@ -91,8 +135,8 @@ class ErrorEstimate:
         rows = [(f"{x.where}: {x.what}", x.error) for x in self.sources if abs(x.share) >= _SHOWN]
         rows += [(f"{x.where}: {x.what} ±", x.error) for x in self.numbers]
         return plot_error(
-            self.t, self._values, {"total": self.total, "of steps": self.steps, "of the model": self.model}, rows,
-            self.time, self.quantity, self.unit, "" if self.reliable else f"NOT RELIABLE HERE: {self.reason}",
+            self.t, self._values, dict(self._curves()), rows, self.time, self.quantity, self.unit,
+            "" if self.reliable else f"NOT RELIABLE HERE: {self.reason}",
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:

@@ -103,17 +103,17 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
         return 1.0
     run = embed(result, arm, some_rows(len(result.t), most_rows))
     n, span = len(out), float(run.t[-1] - run.t[0])
-    elastic, eye = _elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
+    beams, eye = elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
     mean: Array
     mean_a = np.gradient(run.v, run.t, axis=0)  # not of fast vibration
     rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
     stiffening: Array = np.zeros((n, n))  # of loads and spin, at their largest
     for K, _, _ in rows:
-        w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
+        w, Z = np.linalg.eigh(0.5 * (K + K.T) - beams)
         positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
         stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
     M0 = rows[0][1]
-    norm = np.linalg.cholesky(np.block([[elastic + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
+    norm = np.linalg.cholesky(np.block([[beams + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
     state: Array = np.linalg.inv(norm)  # columns of unit energy
     most, fast = 1.0, 0.0
     for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
@@ -141,7 +141,7 @@ def _tangent(scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, 
     return K, M, np.block([[turn, np.eye(len(out))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
 
 
-def _elastic(arm: Arm) -> tuple[Array, Array]:
+def elastic(arm: Arm) -> tuple[Array, Array]:
     """Stiffness and damping of the beams, (nv, nv) each."""
     K, D = np.zeros((2, arm.nv, arm.nv))
     for _, beam, _, at in arm.beams():
@@ -219,7 +219,10 @@ def _lacking(rich: Scene, result: Result, variants: Mapping[Any, Arm]) -> tuple[
 def _response(scene: Scene, run: Result, forces: Array) -> Array:
     """Motions (nt, nv, m) of the linearised arm under forces (nt, nv, m), from rest."""
     arm, n = scene.arm, scene.arm.nv
-    M, (K, D) = arm._core.mass_matrix(run.q[len(run.t) // 2]), _elastic(arm)
+    k, still = len(run.t) // 2, np.zeros(n)
+    loads = at_time(arm, [*scene.loads, *pushes(arm, scene.drive)], float(run.t[k]))
+    M, (by_q, D) = arm._core.mass_matrix(run.q[k]), arm._core.inverse_derivatives(run.q[k], still, still, *loads)
+    K = np.asarray(by_q @ arm._core.rates(run.q[k], still)[2])
     rates = [arm.coordinate_of(i) for i in range(n)]
     for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
         by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])

@@ -16,7 +16,7 @@ import numpy as np
 from .._check import Array
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
-from ..model.acting.load import at_time, pushes
+from ..model.acting.load import Load, at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -51,6 +51,7 @@ class Between:
     def __init__(self, models: Models, rich: Model) -> None:
         self.models, self.rich, self.arm = models, rich, models.arm(rich)
         self.names = models.scene.arm.names
+        self._acting: dict[bytes, Array] = {}
 
         def base(k: int, beam: BeamModel) -> BeamModel:
             own = models.given.beam(k)
@@ -71,14 +72,18 @@ class Between:
 
     def forces(self, run: Result, arm: Arm) -> Array:
         """Inverse dynamics along a run, of its arm or of another one with its coordinates, less the loads' forces."""
-        scene, core = self.models.scene, arm._core
+        scene = self.models.scene
         loads = [*scene.loads, *pushes(arm, scene.drive)]
-        if not loads:
-            return np.asarray(core.inverse_dynamics(run.q, run.v, run.a))
-        places = [load.place(arm) for load in loads]
-        wrenches = [np.array([load.numbers(float(t)) for load in loads]).reshape(-1, 6) for t in run.t]
-        rows = zip(run.q, run.v, run.a, wrenches, strict=True)
-        return np.array([core.inverse_dynamics(q, v, a, places, w) for q, v, a, w in rows])
+        places, wrenches = [load.place(arm) for load in loads], self._wrenches(run.t, loads)
+        return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a, places, wrenches))
+
+    def _wrenches(self, t: Array, loads: list[Load]) -> Array:
+        """What loads are at times, (nt, n, 6); the same ones on all arms."""
+        key = t.tobytes()
+        if key not in self._acting:
+            rows = [[load.numbers(x) for load in loads] for x in t.tolist()]
+            self._acting[key] = np.array(rows).reshape(len(t), len(loads), 6)
+        return self._acting[key]
 
     def acting(self, run: Result, arm: Arm) -> Array:
         """What acts on the coordinates of a run, beside loads, in those of another model: on joints as it is; on beams

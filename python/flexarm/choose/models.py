@@ -301,7 +301,7 @@ class Models:
                         made[key] = replace(link, beam=beam_at(link.beam, beam, link.tip))
                 links.append(made[key])
             whole = self.scene.arm
-            self._arms[model] = Arm(links, whole.gravity, whole.struts, whole.contacts)
+            self._arms[model] = Arm(links, whole.gravity, whole.struts, whole.contacts, whole.loops)
         return self._arms[model]
 
     def _in_pieces(self, model: Model) -> Pieces:

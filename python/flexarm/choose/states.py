@@ -3,9 +3,12 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
+
+import flexarm._core as _core
 
 from .._check import Array
 from ..analysis.rates import elastic_rates
@@ -70,6 +73,8 @@ def _same(of: Beam, to: Beam) -> Array:
 def nearest(of: Parts, to: Parts) -> Array:
     """Matrix from the elastic coordinates of one beam (or of its pieces in turn) to those of another whose strains
     along the beam are nearest."""
+    if len(of) == len(to) == 1:
+        return _nearest(of[0][1]._core, to[0][1]._core, of[0][1].length)
     x, weights = _POINTS
     rows = []
     for start, beam in max(of, to, key=len):
@@ -78,6 +83,21 @@ def nearest(of: Parts, to: Parts) -> Array:
                  for p, w in zip(places.tolist(), np.sqrt(weights * beam.length), strict=True)]  # fmt: skip
     given, own = (np.vstack(part) for part in zip(*rows, strict=True))
     return np.asarray(np.linalg.lstsq(own, given, rcond=None)[0])
+
+
+@lru_cache(64)
+def _nearest(of: _core.Beam, to: _core.Beam, length: float) -> Array:
+    """The same of whole beams."""
+    own, given = (_table(beam, length) for beam in (to, of))
+    return np.asarray(np.linalg.lstsq(own, given, rcond=None)[0])
+
+
+@lru_cache(64)
+def _table(beam: _core.Beam, length: float) -> Array:
+    """Strains at the points along a beam by its elastic coordinates, weighted, (points times strains, ne)."""
+    x, weights = _POINTS
+    rows = [w * beam.strains(p) for p, w in zip((length * (x + 1) / 2).tolist(), np.sqrt(weights), strict=True)]
+    return np.vstack(rows)
 
 
 def _strains(parts: Parts, x: float) -> Array:

@@ -112,6 +112,7 @@ class Rows:
     loops: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
+    _error: Any = field(default=None, init=False, compare=False)  # what was asked for, and the estimate or its refusal
 
     @property
     def acting(self) -> tuple[Arm, tuple[Load, ...]]:

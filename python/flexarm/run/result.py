@@ -54,7 +54,9 @@ class Result(outputs.Rows):
     def __repr__(self) -> str:
         by = f" of {self.stats['integrator']}" if "integrator" in self.stats else ""
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
-        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps{by})"
+        off = f", {self._known.short}" if self._known else ""
+        steps = f"{self.stats.get('steps', 0)} steps{by}{off}"
+        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {steps})"
 
     def strain(self, link: int | str = -1, x: float = 0.0) -> Array:
         """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""
@@ -87,7 +89,7 @@ class Result(outputs.Rows):
     def plot(self) -> Figure:
         """A figure of the joint coordinates, the tip deflections, the torques and forces of the joints that are driven,
         the forces of struts and tendons, the normal forces of contacts, and the sizes of the forces of loops, over
-        time."""
+        time; and of the error, where it was estimated."""
         arm, t = self.arm, self.t
         joints = joint_coordinates(arm)
         panels: list[tuple[str, list[tuple[str, Array]]]] = []
@@ -117,6 +119,8 @@ class Result(outputs.Rows):
         if arm.loops and self.loops is not None:
             sizes = [(name, np.linalg.norm(self.loop(name).force, axis=1)) for name in arm.loop_names]
             panels.append(("Force of the loop (N)", sizes))
+        if self._known:
+            panels.append(self._known.panel)
         return plot_panels(t, panels)
 
     def animate(
@@ -209,7 +213,8 @@ class Result(outputs.Rows):
         rotary inertia, Gauss points, missing shapes of each strain, and strains that are left out.
 
         The run is made again in finer steps, and in a richer model, and backwards through that (3 runs, however many
-            sources there are; 2 more with `parameters`). The error is the difference; the adjoint method splits it.
+        sources there are; 2 more with `parameters`). The error is the difference; the adjoint method splits it. The
+        result keeps the last estimate: `print`, `plot` and `check` tell it, and it is not made twice.
 
         Args:
             quantity: "tip", the position of the arm's end, of a tree of all its ends; "joint", the coordinates of
@@ -224,12 +229,26 @@ class Result(outputs.Rows):
             `.plot()`.
 
         Raises:
-            ValueError: where derivatives do not go through, as of `gradient`; loops; constant forces `tau`; a
-                quantity that does not move.
+            ValueError: where derivatives do not go through, as of `gradient`; rigid loops; constant forces `tau` on
+                elastic coordinates; a quantity that is none of these.
         """
-        return Result._estimate(self, quantity, parameters, progress)
+        asked = quantity, dict(parameters or {})
+        if self._error is None or self._error[0] != asked:
+            try:
+                found = Result._estimate(self, quantity, parameters, progress)
+            except ValueError as e:
+                found = e
+            self._error = asked, found
+        if isinstance(self._error[1], ValueError):
+            raise self._error[1].with_traceback(None)
+        return self._error[1]
 
     _estimate: ClassVar[Any]  # of the room `choose`, which makes richer models
+
+    @property
+    def _known(self) -> Any:
+        """The last estimate of the error; None: there is none."""
+        return None if self._error is None or isinstance(self._error[1], ValueError) else self._error[1]
 
     def _made(self) -> Any:
         if self._source is None:
@@ -237,13 +256,14 @@ class Result(outputs.Rows):
         return self._source
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_source": None}
+        return {**self.__dict__, "_source": None, "_error": None}
 
     def check(self, watch: monitors.Watch | None = None) -> Findings:
         """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
         numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
         too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
-        which hardly move the arm. A result of a file does not know its drives and loads.
+        which hardly move the arm; an estimated error above 1 % of what the quantity spans, and what would mend it. A
+        result of a file does not know its drives and loads.
 
         Args:
             watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.

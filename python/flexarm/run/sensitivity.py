@@ -299,7 +299,7 @@ class Source:
         return out
 
     def _backwards(
-        self, loss: Loss, run: Problem, result: Result, tape: Any, core: Any, workers: int
+        self, loss: Loss, run: Problem, result: Result, tape: Any, core: Any, workers: int, rough: bool = False
     ) -> tuple[dict[str, Any], list[Any], Any]:  # fmt: skip
         """Derivatives of a number by rows and events, what these say of the events, and what the adjoint of the tape
         makes of them."""
@@ -313,10 +313,11 @@ class Source:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
-        return weights, occurred, tape.adjoint(core, *self._numbers, *read, workers)
+        return weights, occurred, tape.adjoint(core, *self._numbers, *read, workers, rough)
 
     def by_forces(self, loss: Loss, workers: int | None = None, look: Look = None) -> ByForces:
-        """Derivatives of a number by forces that act at any time of the run, and by its start, by the adjoint method.
+        """Derivatives of a number by forces that act at any time of the run, and by its start, by the adjoint method,
+        about: of arms without balls with slopes at two places of each step.
 
         Raises:
             ValueError: no derivatives go through, as of `gradient`; a controller whose slopes are not known.
@@ -324,7 +325,8 @@ class Source:
         run, result, tape, core = self._taped(look, 0.5)
         if not all(map(_slopes_known, run.sampled)):
             raise ValueError("control: the adjoint method does not know the memory of sensors, nor that of an MPC")
-        _, _, found = self._backwards(loss, run, result, tape, core, workers or cores())
+        rough = self.setup.arm.nq == self.setup.arm.nv  # balls turn within a step
+        _, _, found = self._backwards(loss, run, result, tape, core, workers or cores(), rough)
         q0, v0, _, applied, _, held, _ = found
         nv = self.setup.arm.nv
         pushed = (np.vstack([applied, held]) * _below_limits(tape, run))[:, :nv]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -136,6 +137,7 @@ def simulate(
     control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     integrator: str | Integrator | None = None,
+    error: bool = False,
     progress: bool | Callable[[float], None] = False,
     **options: Any,
 ) -> Result:
@@ -176,6 +178,8 @@ def simulate(
             max_order or linear_solver are given, where a torque, a voltage, a load or a reference is a Python function,
             whose leaps it finds, or the arm has more than 60 coordinates, unless it cannot run (joints with dry
             friction beside loops, or beside contacts with friction); else "gauss". `Result.stats` tells.
+        error: estimates at once how far the tip is off, and what that comes from: the result's `print`, `plot` and
+            `check` tell it, and `Result.error()` has it, or raises ValueError where it cannot be found.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
         options: of an integrator that is given by its name: `integrator="gauss", step=1e-3` is `fa.Gauss(step=1e-3)`.
@@ -209,10 +213,14 @@ def simulate(
             between two steps that no step has seen.
         SlowWarning: "ida" takes more than 2e7 steps; it names the cause, if known, and the remedy, during the run.
     """
-    return simulated(
+    result = simulated(
         arm, t, q0, v0, tau=tau, drive=drive, loads=loads, control=control, events=events, integrator=integrator,
         progress=progress, tell=_warn, **options,
     )  # fmt: skip
+    if error:
+        with suppress(ValueError):  # which the result keeps
+            result.error(progress=progress is True)
+    return result
 
 
 def _warn(warning: RunWarning) -> None:

@@ -201,6 +201,10 @@ def check(result: Rows, watch: Watch | None) -> Findings:
         wrong.append(range_warning(arm, beyond).finding)
     left = (watch or Watch.usual(arm)).left(result)
     found = [*wrong, *mistakes(arm), *coarse(arm, drive, control, tau, result.loads, rows), *(x.finding for x in left)]
+    if result._error is not None:
+        estimate = result._error[1]
+        refused = isinstance(estimate, ValueError)
+        found += [Finding("error", f"is not known: {estimate}")] if refused else estimate.findings()
     if source is not None:
         moved = [arm.joint_rate(key) for key, law in drive.items() if isinstance(law, Motion)]
         found += _beyond_motor(arm, result, moved)

@@ -133,9 +133,11 @@ class Scene:
                 lines.append(line if len(line) <= 118 else f"{line[:115]}...")
         return "\n".join(lines)
 
-    def run(self, progress: bool = False) -> Result:
-        """Simulates the scene."""
-        return simulate(self.arm, self.t, self.q0, self.v0, **self.given(), progress=progress, **self.options)
+    def run(self, progress: bool = False, error: bool = False) -> Result:
+        """Simulates the scene; with `error` it also estimates how far the tip is off (Result.error)."""
+        return simulate(
+            self.arm, self.t, self.q0, self.v0, **self.given(), progress=progress, error=error, **self.options
+        )  # fmt: skip
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Writes a scene file that `load` reads back; functions of time are sampled, with a comment in the file.
