@@ -17,6 +17,7 @@
 #include "flexarm/step.hpp"
 #include "watch.hpp"
 
+namespace test_allocation {
 using namespace flexarm;
 
 TEST_CASE("a step gives up after the iterations that it was granted") {
@@ -465,3 +466,5 @@ TEST_CASE("SKIPPED: the hot path asks nothing of the system") {
 }
 
 #endif
+
+}  // namespace test_allocation

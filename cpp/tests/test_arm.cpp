@@ -4,6 +4,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/ci.hpp"
 
+namespace test_arm {
 using namespace flexarm;
 
 TEST_CASE("AB, CI and inverse dynamics agree at every order, and with balls") {
@@ -81,3 +82,5 @@ TEST_CASE("an arm without inertia is refused, with the coordinate named") {
       Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt), Link(hinge, wheel, std::nullopt, std::nullopt)}),
       std::invalid_argument);
 }
+
+}  // namespace test_arm

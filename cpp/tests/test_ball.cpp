@@ -9,6 +9,7 @@
 #include "kernels.hpp"
 #include "space/ball.hpp"
 
+namespace test_ball {
 using namespace flexarm;
 using Eigen::Vector3d;
 using flexarm_test::beam;
@@ -252,3 +253,5 @@ TEST_CASE("a kernel moves coordinates as quaternions' algebra does") {
     if (arm.link(n).joint().has_ball()) expected.segment<4>(arm.first_q(n) + arm.link(n).joint().nq() - 4).normalize();
   CHECK((q - expected).norm() < 1e-15);
 }
+
+}  // namespace test_ball

@@ -8,6 +8,7 @@
 #include "flexarm/simulate.hpp"
 #include "flexarm/step.hpp"
 
+namespace test_batch {
 using namespace flexarm;
 
 namespace {
@@ -171,3 +172,5 @@ TEST_CASE("each scenario has its own sampled laws, events and times of its steps
     }
   }
 }
+
+}  // namespace test_batch

@@ -6,6 +6,7 @@
 #include "flexarm/quadrature.hpp"
 #include "oracle/sections.hpp"
 
+namespace test_beam {
 using namespace flexarm;
 
 TEST_CASE("Gauss-Legendre rules integrate polynomials of degree 2n - 1") {
@@ -171,3 +172,5 @@ TEST_CASE("bad numbers are named") {
   CHECK_THROWS_AS(flexarm_test::beam({-1, 0, 0, 0, 0}, 2), std::invalid_argument);
   CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 2).slice_at(0.6), std::invalid_argument);
 }
+
+}  // namespace test_beam

@@ -4,6 +4,7 @@
 #include "flexarm/kinematics.hpp"
 #include "kernels.hpp"
 
+namespace test_contacts {
 using namespace flexarm;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
@@ -327,3 +328,5 @@ TEST_CASE("bad contacts") {
   CHECK_THROWS_AS(make({a, 0.0, {Surface::plane, w, 2.0 * Matrix3d::Identity()}, 1e3, 1.0, 0.0, 0.0, 0.0}),
                   std::invalid_argument);
 }
+
+}  // namespace test_contacts

@@ -8,6 +8,7 @@
 #include "flexarm/simulation.hpp"
 #include "step/feedback.hpp"
 
+namespace test_control {
 using namespace flexarm;
 
 namespace {
@@ -258,3 +259,5 @@ TEST_CASE("a motor's limit holds for given forces and feedback together, in ever
   forward_dynamics(arm, bare, q, v, wanted);
   CHECK((a - bare.a).norm() <= 1e-12 * bare.a.norm());
 }
+
+}  // namespace test_control

@@ -5,6 +5,7 @@
 
 #include "kernels.hpp"
 
+namespace test_curvature {
 using namespace flexarm;
 using Eigen::Vector3d;
 using flexarm_test::check;
@@ -132,3 +133,5 @@ TEST_CASE("curvatures that cannot be are named") {
 }
 
 }  // namespace
+
+}  // namespace test_curvature

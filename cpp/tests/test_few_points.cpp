@@ -6,6 +6,7 @@
 #include "kernels.hpp"
 #include "setup/sampled_tables.hpp"
 
+namespace test_few_points {
 using namespace flexarm;
 using namespace flexarm_test;
 using Eigen::VectorXd;
@@ -162,3 +163,5 @@ TEST_CASE("who shares a pack does not change a bit where some arms take few poin
 }
 
 }  // namespace
+
+}  // namespace test_few_points

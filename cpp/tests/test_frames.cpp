@@ -5,6 +5,7 @@
 #include "flexarm/kinematics.hpp"
 #include "kernels.hpp"
 
+namespace test_frames {
 using namespace flexarm;
 using Eigen::Vector3d;
 
@@ -193,3 +194,5 @@ TEST_CASE("a place asked for outside of the arm is refused") {
   CHECK_THROWS_AS(PlacedSlice(arm, 0, 0.1), std::invalid_argument);
   CHECK_THROWS_AS(PlacedSlice(arm, 1, 0.6), std::invalid_argument);
 }
+
+}  // namespace test_frames

@@ -3,6 +3,7 @@
 #include "arms.hpp"
 #include "flexarm/ida.hpp"
 
+namespace test_ida {
 using namespace flexarm;
 
 TEST_CASE("IDA reaches a closed form and counts its work") {
@@ -74,3 +75,5 @@ TEST_CASE("the chain's elimination solves IDA's systems, and events are found") 
     CHECK(r[1].stats.linear_iterations > 0);
   }
 }
+
+}  // namespace test_ida

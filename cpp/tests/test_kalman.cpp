@@ -11,6 +11,7 @@
 #include "flexarm/step.hpp"
 #include "watch.hpp"
 
+namespace test_kalman {
 using namespace flexarm;
 using Eigen::MatrixXd, Eigen::VectorXd;
 using flexarm_test::wave;
@@ -362,3 +363,5 @@ TEST_CASE("a cycle asks nothing of the system") {
 }
 
 #endif
+
+}  // namespace test_kalman

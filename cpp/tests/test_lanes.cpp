@@ -5,6 +5,7 @@
 #include "flexarm/step.hpp"
 #include "kernels.hpp"
 
+namespace test_lanes {
 using namespace flexarm;
 using Eigen::Vector3d;
 using flexarm_test::all_kernels;
@@ -195,3 +196,5 @@ TEST_CASE(
       }
     }
 }
+
+}  // namespace test_lanes

@@ -12,6 +12,7 @@
 #include "flexarm/laws.hpp"
 #include "watch.hpp"
 
+namespace test_laws {
 using namespace flexarm;
 
 namespace {
@@ -319,3 +320,5 @@ TEST_CASE("linear laws say what does not fit") {
   CHECK(begins(said([&] { pd(flexarm_test::floating_arm(), 3, 1, 1); }), "rate = 3: is a ball's"));
   CHECK(said([&] { pd(flexarm_test::floating_arm(), 2, 1, 1); }).empty());
 }
+
+}  // namespace test_laws

@@ -7,6 +7,7 @@
 #include "flexarm/inverse.hpp"
 #include "kernels.hpp"
 
+namespace test_loads {
 using namespace flexarm;
 using Eigen::Vector3d;
 
@@ -156,3 +157,5 @@ TEST_CASE("scenarios under loads, side by side and one by one") {
       CHECK((ends[0] - ends[1]).cwiseAbs().maxCoeff() < 1e-10 * ends[1].cwiseAbs().maxCoeff());
     }
 }
+
+}  // namespace test_loads

@@ -5,6 +5,7 @@
 #include "flexarm/kinematics.hpp"
 #include "kernels.hpp"
 
+namespace test_loops {
 using namespace flexarm;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
@@ -315,3 +316,5 @@ TEST_CASE("bad loops") {
   CHECK(said({{a, one}, {b, one}, Loop::fixed, kRigid, 1.0}).find("loops[0].damping = 1") == 0);
   CHECK(said(loop(Loop::fixed, a, {7, P::end, 0.0, {0, 0, 0}}, one, one)).find("loops[0].b.link = 7") == 0);
 }
+
+}  // namespace test_loops

@@ -8,6 +8,7 @@
 #include "qp.hpp"
 #include "watch.hpp"
 
+namespace test_mpc {
 using namespace flexarm;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -238,3 +239,5 @@ TEST_CASE("after construction nothing is allocated, locked or thrown") {
   }
 }
 #endif
+
+}  // namespace test_mpc

@@ -7,6 +7,7 @@
 #include "flexarm/ci.hpp"
 #include "oracle/oracle.hpp"
 
+namespace test_oracle {
 using namespace flexarm;
 using flexarm_test::wave;
 
@@ -116,3 +117,5 @@ TEST_CASE("the library says what the oracle says, of every order and joint") {
   }
   check(flexarm_test::floating_arm(), 0.1, 1e-12);
 }
+
+}  // namespace test_oracle

@@ -4,6 +4,7 @@
 #include "flexarm/patch.hpp"
 #include "flexarm/simulate.hpp"
 
+namespace test_patch {
 using namespace flexarm;
 
 namespace {
@@ -67,3 +68,5 @@ TEST_CASE("a drive with a column pushes every coordinate in proportion") {
   problem.drives[0].column = Eigen::VectorXd::Ones(1);
   CHECK_THROWS_AS(simulate_fixed(problem, t, step, 1e-6), std::invalid_argument);
 }
+
+}  // namespace test_patch

@@ -7,6 +7,7 @@
 #include "acted_on.hpp"
 #include "predictive_step.hpp"
 
+namespace test_predictive_step {
 using namespace flexarm;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -184,3 +185,5 @@ TEST_CASE("what is remembered is all that matters; an arm of negative inertia ha
   go(step, -50.0, Status::singular);
   go(step, 0.1);
 }
+
+}  // namespace test_predictive_step

@@ -3,6 +3,7 @@
 #include "flexarm/derivatives.hpp"
 #include "kernels.hpp"
 
+namespace test_sampled {
 using namespace flexarm;
 using namespace flexarm_test;
 
@@ -240,3 +241,5 @@ TEST_CASE("operations are counted at order 3 and exact, fewer where beams bend l
 }
 
 }  // namespace
+
+}  // namespace test_sampled

@@ -10,6 +10,7 @@
 #include "flexarm/scene.hpp"
 #include "flexarm/simulate.hpp"
 
+namespace test_scene {
 using namespace flexarm;
 using Eigen::VectorXd;
 
@@ -305,3 +306,5 @@ TEST_CASE("a file that is not there, or is a scene file, says so") {
 }
 
 #endif
+
+}  // namespace test_scene

@@ -4,6 +4,7 @@
 #include "flexarm/section.hpp"
 #include "kernels.hpp"
 
+namespace test_section_matrix {
 using namespace flexarm;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
@@ -163,3 +164,5 @@ TEST_CASE("what no section can be is told") {
 }
 
 }  // namespace
+
+}  // namespace test_section_matrix

@@ -12,6 +12,7 @@
 // clang-format: keep
 #include "slopes/tangent.hpp"
 
+namespace test_slopes {
 namespace {
 
 namespace lanes = flexarm::lanes;
@@ -182,3 +183,5 @@ TEST_CASE("derivatives of forward dynamics, as the library has them") {
   q[0] = std::numeric_limits<double>::quiet_NaN();
   CHECK(d(arm, q, v, tau) == Status::not_finite);
 }
+
+}  // namespace test_slopes

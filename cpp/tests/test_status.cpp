@@ -8,6 +8,7 @@
 #include "flexarm/collocation.hpp"
 #include "flexarm/step.hpp"
 
+namespace test_status {
 using namespace flexarm;
 
 namespace {
@@ -205,3 +206,5 @@ TEST_CASE("stiction that is not given is as much as the sliding friction") {
   CHECK_THROWS_WITH_AS(Joint({{true, Eigen::Vector3d::UnitZ()}}, false, {"hinge"}, {rough}),
                        "stiction[0] = 0.4: must be finite, and at least coulomb", std::invalid_argument);
 }
+
+}  // namespace test_status

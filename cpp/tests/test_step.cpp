@@ -7,6 +7,7 @@
 #include "flexarm/step_derivatives.hpp"
 #include "space/ball.hpp"
 
+namespace test_step {
 using namespace flexarm;
 
 namespace {
@@ -272,3 +273,5 @@ TEST_CASE("derivatives of a step, against differences and between themselves") {
 }
 
 }  // namespace
+
+}  // namespace test_step

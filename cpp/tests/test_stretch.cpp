@@ -3,6 +3,7 @@
 
 #include "kernels.hpp"
 
+namespace test_stretch {
 using namespace flexarm;
 using flexarm_test::beam;
 using flexarm_test::check;
@@ -86,3 +87,5 @@ TEST_CASE("derivatives of beams that stretch") {
 }
 
 }  // namespace
+
+}  // namespace test_stretch

@@ -3,6 +3,7 @@
 #include "flexarm/kinematics.hpp"
 #include "kernels.hpp"
 
+namespace test_struts {
 using namespace flexarm;
 using flexarm_test::tied;
 
@@ -203,3 +204,5 @@ TEST_CASE("loads by the state of their slice") {
     }
   }
 }
+
+}  // namespace test_struts

@@ -3,6 +3,7 @@
 #include "arms.hpp"
 #include "flexarm/ida.hpp"
 
+namespace test_tangents {
 using namespace flexarm;
 
 namespace {
@@ -129,3 +130,5 @@ TEST_CASE("what has no tangents is refused") {
                        "coulomb or stiction = 0: has no derivative where there is no dry friction",
                        std::invalid_argument);
 }
+
+}  // namespace test_tangents
