@@ -96,6 +96,7 @@ inline void check(const flexarm::Arm& arm, bool planar, const std::vector<bool>&
   const oracle::Oracle truth(arm, given);
   const auto is_free = [&](int i) { return given.empty() || !given[static_cast<std::size_t>(i)]; };
   for (double phase : {0.1, 0.9, 2.0}) {
+    if (kSanitized && phase != 0.9) continue;
     Eigen::VectorXd q, v;
     place(arm, phase, q, v, bent);
     const Eigen::VectorXd tau = wave(nv, phase, 1.0), given_a = wave(nv, 2.0 * phase, 1.0);

@@ -37,30 +37,34 @@ VectorXd small(const Arm& arm, const VectorXd& direction, double part) {
   return direction * (part / direction.cwiseAbs().dot(bounds));
 }
 
-/// How wrong a kernel's inertia and forces are: parts of the coordinates' own inertias, and of motions that have in
-/// each coordinate as much energy.
-double wrong(const Arm& arm, const lanes::Kernels& kernels, const VectorXd& qe) {
+/// How wrong the kernels' inertias and forces are: parts of the coordinates' own inertias, and of motions that have in
+/// each coordinate as much energy. The worst instruction set's.
+double wrong(const Arm& arm, const VectorXd& qe) {
   const oracle::Oracle truth(arm);
-  OnKernels on(arm, kernels, {});
   const int nv = arm.nv();
   double out = 0.0;
   for (double phase : {0.3, 1.9}) {
+    if (kSanitized && phase > 1.0) continue;
     VectorXd q = wave(nv, phase, 1.0), v = wave(nv, phase + 0.7, 1.0), a = VectorXd::Zero(nv), tau(nv);
     q.segment(1, qe.size()) = qe;
     const Eigen::MatrixXd M = truth.mass_matrix(q);
     const VectorXd scale = M.diagonal().cwiseSqrt().cwiseInverse();
     v = v.cwiseProduct(scale).eval();
-    Eigen::MatrixXd found(nv, nv);
-    kernels.move(on.memory.get(), q.data(), v.data());
-    kernels.mass_matrix(on.memory.get(), found.data());
-    out = std::max(out, (scale.asDiagonal() * (found - M) * scale.asDiagonal()).cwiseAbs().maxCoeff());
     VectorXd still = VectorXd::Zero(nv), at_rest(nv);
-    kernels.inverse(on.memory.get(), q.data(), v.data(), a.data(), tau.data());
-    kernels.inverse(on.memory.get(), q.data(), still.data(), a.data(), at_rest.data());
-    const VectorXd force = tau - at_rest, expected = truth.inverse(q, v, a) - truth.inverse(q, still, a);
-    const double size = 1.0 + expected.cwiseProduct(scale).cwiseAbs().maxCoeff(),
-                 rounding = 1e-15 * at_rest.cwiseProduct(scale).cwiseAbs().maxCoeff();  // of elastic forces
-    out = std::max(out, ((force - expected).cwiseProduct(scale).cwiseAbs().maxCoeff() - rounding) / size);
+    const VectorXd expected = truth.inverse(q, v, a) - truth.inverse(q, still, a);
+    for (const lanes::Kernels* kernels : all_kernels()) {
+      OnKernels on(arm, *kernels, {});
+      Eigen::MatrixXd found(nv, nv);
+      kernels->move(on.memory.get(), q.data(), v.data());
+      kernels->mass_matrix(on.memory.get(), found.data());
+      out = std::max(out, (scale.asDiagonal() * (found - M) * scale.asDiagonal()).cwiseAbs().maxCoeff());
+      kernels->inverse(on.memory.get(), q.data(), v.data(), a.data(), tau.data());
+      kernels->inverse(on.memory.get(), q.data(), still.data(), a.data(), at_rest.data());
+      const VectorXd force = tau - at_rest;
+      const double size = 1.0 + expected.cwiseProduct(scale).cwiseAbs().maxCoeff(),
+                   rounding = 1e-15 * at_rest.cwiseProduct(scale).cwiseAbs().maxCoeff();  // of elastic forces
+      out = std::max(out, ((force - expected).cwiseProduct(scale).cwiseAbs().maxCoeff() - rounding) / size);
+    }
   }
   return out;
 }
@@ -88,8 +92,7 @@ TEST_CASE("few points are as right as all, up to their bound") {
           CAPTURE(k);
           const VectorXd together = wave(ne, 0.7, 1.0).cwiseQuotient(tables.bounds),
                          way = k < 0 ? together : VectorXd(VectorXd::Unit(ne, k));
-          for (const lanes::Kernels* kernels : all_kernels())
-            for (double part : {0.999, 1.001}) CHECK(wrong(arm, *kernels, small(arm, way, part)) < 2e-12);
+          for (double part : {0.999, 1.001}) CHECK(wrong(arm, small(arm, way, part)) < 2e-12);
         }
       }
   CHECK(with_few > (kSanitized ? 20 : 40));
