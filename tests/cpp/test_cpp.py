@@ -381,6 +381,7 @@ foreach(target flexarm::flexarm flexarm::ida flexarm_tests flexarm_headers flexa
 endforeach()
 message(STATUS "scenes ${{flexarm_SCENES}}, build type '${{CMAKE_BUILD_TYPE}}'")
 """
+KIND = 'get_target_property(kind flexarm TYPE)\nmessage(STATUS "kind ${kind}")'
 
 
 def consume(place: Path, how: str, *options: str) -> tuple[set[str], str]:
@@ -391,9 +392,8 @@ def consume(place: Path, how: str, *options: str) -> tuple[set[str], str]:
 
 
 def test_as_a_subproject_it_installs_and_tests_nothing(tmp_path: Path) -> None:
-    how = f'add_subdirectory("{ROOT}" flexarm)'
-    targets, said = consume(tmp_path, how)
-    assert targets == {"flexarm::flexarm", "flexarm::ida"}
+    targets, said = consume(tmp_path, f'add_subdirectory("{ROOT}" flexarm)\n{KIND}')
+    assert targets == {"flexarm::flexarm", "flexarm::ida"} and "kind STATIC_LIBRARY" in said
     assert "build type ''" in said  # the project's own
     run(CMAKE, "--install", tmp_path / "build", "--prefix", tmp_path / "prefix")
     assert not (tmp_path / "prefix").exists()
@@ -444,28 +444,21 @@ def test_temporary_arms_are_refused_where_they_would_be_kept(examples: Path) -> 
 
 
 def test_shared_where_asked_for(tmp_path: Path) -> None:
-    how = f'add_subdirectory("{ROOT}" flexarm)\nget_target_property(kind flexarm TYPE)\n'
-    how += 'message(STATUS "kind ${kind}")'
-    for option, kind in [("ON", "SHARED"), ("OFF", "STATIC")]:
-        _, said = consume(tmp_path, how, f"-DBUILD_SHARED_LIBS={option}")
-        assert f"kind {kind}_LIBRARY" in said
+    _, said = consume(tmp_path, f'add_subdirectory("{ROOT}" flexarm)\n{KIND}', "-DBUILD_SHARED_LIBS=ON")
+    assert "kind SHARED_LIBRARY" in said
 
 
-def test_a_build_without_json_is_refused_unless_asked_for(tmp_path: Path) -> None:
+def test_a_build_without_json_or_daqp_is_refused_unless_asked_for(tmp_path: Path) -> None:
     hidden = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF"]
-    hidden += ["-DCMAKE_DISABLE_FIND_PACKAGE_nlohmann_json=ON"]
+    hidden += ["-DCMAKE_DISABLE_FIND_PACKAGE_nlohmann_json=ON", f"-DFLEXARM_DAQP={tmp_path}"]
+    scenes, mpc = "-DFLEXARM_SCENES=OFF", "-DFLEXARM_MPC=OFF"
     done = run(CMAKE, *hidden, "-S", ROOT, "-B", tmp_path / "build", ok=False)
     assert done.returncode != 0
-    assert "nlohmann-json3-dev" in done.stderr and "FLEXARM_SCENES=OFF" in done.stderr
-    run(CMAKE, *hidden, "-DFLEXARM_SCENES=OFF", "-S", ROOT, "-B", tmp_path / "build")
-
-
-def test_a_build_without_daqp_is_refused_unless_asked_for(tmp_path: Path) -> None:
-    own = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF", "-DFLEXARM_SCENES=OFF"]
-    done = run(CMAKE, *own, f"-DFLEXARM_DAQP={tmp_path}", "-S", ROOT, "-B", tmp_path / "build", ok=False)
+    assert "nlohmann-json3-dev" in done.stderr and scenes[2:] in done.stderr
+    done = run(CMAKE, *hidden, scenes, "-S", ROOT, "-B", tmp_path / "build", ok=False)
     assert done.returncode != 0
-    assert "DAQP" in done.stderr and "FLEXARM_MPC=OFF" in done.stderr
-    run(CMAKE, *own, "-DFLEXARM_MPC=OFF", "-S", ROOT, "-B", tmp_path / "build")
+    assert "DAQP" in done.stderr and mpc[2:] in done.stderr
+    run(CMAKE, *hidden, scenes, mpc, "-S", ROOT, "-B", tmp_path / "build")
 
 
 def test_the_python_package_is_a_cmake_package(tmp_path: Path) -> None:
