@@ -326,7 +326,7 @@ def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.nd
     if name in CONTACTS:
         scene = put({"gravity": G} | CONTACTS[name], q)
         v = v * (0.02 if name.endswith("slowly") else 1.0)
-    return Oracle(scene, 20), fa.Arm.from_dict(scene), (q, v, a)
+    return Oracle(scene, 16), fa.Arm.from_dict(scene), (q, v, a)
 
 
 def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
