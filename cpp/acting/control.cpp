@@ -172,4 +172,26 @@ bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, 
   return changed;
 }
 
+void Control::memory(const std::function<void(double&)>& visit) {
+  const auto all = [&visit](Eigen::VectorXd& x) {
+    for (double& number : x) visit(number);
+  };
+  const auto whole = [&visit](auto& count) {
+    auto number = static_cast<double>(count);
+    visit(number);
+    count = static_cast<std::decay_t<decltype(count)>>(number);
+  };
+  all(held_);
+  for (Line& l : lines_) {
+    std::size_t room = l.forces.size();
+    whole(room);
+    whole(l.sampled);
+    whole(l.acted);
+    l.forces.resize(room, Eigen::VectorXd::Zero(held_.size()));
+    for (Eigen::VectorXd& x : l.forces) all(x);
+    all(l.force);
+    if (LinearLaw* law = l.sampler.law.target<LinearLaw>()) all(law->x);
+  }
+}
+
 }  // namespace flexarm

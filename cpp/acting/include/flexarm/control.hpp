@@ -135,6 +135,9 @@ class Control {
     lines_ = other.lines_;
     held_ = other.held_;
   }
+  /// Its samples as numbers, which `visit` reads or writes, in an order of their own: forces held and on their way, and
+  /// the states of linear laws.
+  void memory(const std::function<void(double&)>& visit);
 
  private:
   struct Line {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,14 @@ from ...model.acting.drive import Motion, Torque, Voltage, is_strut
 from ...model.acting.load import Load
 from ...model.parts.arguments import arguments
 from ...model.parts.tables import shallow
+from ..integrators import Integrator
 from ..problem import read_events
 from ..result import Result
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from ..simulation import simulate
 from ..start import WORDS, start
+from .fmu import unit_of
 from .grammar import SceneFile
 from .reader import Files, scene_fields
 from .writer import compiled_text, scene_text
@@ -164,6 +166,25 @@ class Scene:
             ValueError: a drive, load or controller that is Python code, by name; a file name of another format.
         """
         file, content = named(path, ".json"), compiled_text(self).encode()
+        write_whole(file, lambda f: f.write(content), "path")
+
+    def to_fmu(self, path: str | Path, integrator: Integrator | None = None) -> None:
+        """Writes the scene as a unit of FMI 3.0 (.fmu) for co-simulation and model exchange, which other simulators
+        import; at their side it needs neither Python nor a compiler.
+
+        Args:
+            path: of the file.
+            integrator: of co-simulation: `Implicit`, `Gauss` or `RK4`, in place of the scene's own.
+
+        Raises:
+            ValueError: as `compile`; `Ida`, which takes no steps one by one.
+            RuntimeError: this installation has no library for units.
+
+        Warns:
+            ModelWarning: a sensor that a unit cannot have is left out.
+        """
+        scene = self if integrator is None else replace(self, options={"integrator": integrator})
+        file, content = named(path, ".fmu"), unit_of(scene)
         write_whole(file, lambda f: f.write(content), "path")
 
     def readings(self, result: Result) -> dict[str, Reading]:
