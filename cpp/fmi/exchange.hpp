@@ -30,6 +30,11 @@ class Exchange {
   void place(const double* x);
   /// Other inputs act from now on.
   void touch() { fresh_ = driven_ = false; }
+  /// Constant generalised forces (nv), to which those of drives are added.
+  void set_tau(const Eigen::VectorXd& tau) {
+    s_.constant_tau = tau;
+    touch();
+  }
 
   /// Accelerations (nv), at the state and time.
   /// @throws std::invalid_argument where there are none

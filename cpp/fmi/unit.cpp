@@ -196,7 +196,7 @@ void Unit::set(std::size_t reference, double value) {
     if (to == now) return;
     to = now;
     changed_ = changed_ || x.kind != Variable::add_sampled;  // that is looked at when it is due
-    if (exchange_) exchange_->touch();
+    if (exchange_) exchange_->set_tau(resources_.scene.problem.tau + in_.tau);
     return;
   }
   const bool start = x.kind == Variable::q || x.kind == Variable::v;
@@ -294,7 +294,8 @@ void Unit::slopes(const std::vector<std::size_t>& unknowns, const std::vector<st
         to = da[x.i];
         break;
       case Variable::dq: {
-        Eigen::MatrixXd by_q, by_v;
+        Eigen::MatrixXd by_q = Eigen::MatrixXd::Zero(arm.nq(), arm.nq());
+        Eigen::MatrixXd by_v = Eigen::MatrixXd::Zero(arm.nq(), arm.nv());
         coordinate_rate_jacobians(arm, q(), v(), by_q, by_v);
         to = by_q.row(x.i).dot(dq) + by_v.row(x.i).dot(dv);
         break;
@@ -373,6 +374,7 @@ void Unit::restore(const State& state) {
   }
   moved_ = false;
   if (exchanges_) {
+    exchange_->set_tau(resources_.scene.problem.tau + in_.tau);
     exchange_->memory(take);
     if (state.laws) exchange_->control().recall(*state.laws);
   } else {
