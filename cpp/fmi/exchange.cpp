@@ -126,9 +126,7 @@ bool Exchange::event() {
   return changed;
 }
 
-double Exchange::next_event() const {
-  return next_sample(s_.drives, s_.loads, control_, t_ + kSameTime);
-}
+double Exchange::next_event() const { return next_sample(s_.drives, s_.loads, control_, t_ + kSameTime); }
 
 double Exchange::indicator(int rate) {
   const auto at = static_cast<std::size_t>(rate);

@@ -82,7 +82,8 @@ fmi3Status none(fmi3Instance instance, size_t count, const char* type) {
 }
 
 fmi3Status missing(fmi3Instance instance, const char* call) {
-  return done(instance, [&](Unit&) { throw std::invalid_argument(std::string(call) + ": this unit does not have it"); });
+  return done(instance,
+              [&](Unit&) { throw std::invalid_argument(std::string(call) + ": this unit does not have it"); });
 }
 
 /// The state that the importer keeps.
@@ -237,8 +238,7 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3
   return done(instance, [&](Unit& unit) {
     unit.check_bytes();
     const std::vector<double>& numbers = kept(state).numbers;
-    if (size < numbers.size() * sizeof(double))
-      bad_value("size", size, "must be that of fmi3SerializedFMUStateSize");
+    if (size < numbers.size() * sizeof(double)) bad_value("size", size, "must be that of fmi3SerializedFMUStateSize");
     std::memcpy(bytes, numbers.data(), numbers.size() * sizeof(double));
   });
 }

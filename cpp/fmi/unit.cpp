@@ -20,7 +20,8 @@ constexpr double kElasticNominal = 1e-2;
 Unit::Unit(Resources resources, bool exchanges)
     : resources_(std::move(resources)), exchanges_(exchanges), in_(resources_.inputs()) {
   if (!exchanges && resources_.scene.method.name == "ida")
-    bad_value("integrator", "ida", "takes no steps one by one: export the scene with \"implicit\", \"gauss\" or \"rk4\"");
+    bad_value("integrator", "ida",
+              "takes no steps one by one: export the scene with \"implicit\", \"gauss\" or \"rk4\"");
   for (std::size_t k = 0; k < resources_.variables.size(); ++k)
     if (resources_.variables[k].kind == Variable::indicator) indicators_.push_back(k);
   reset();
@@ -330,8 +331,9 @@ void Unit::memory(const std::function<void(double&)>& visit) {
 void Unit::check_bytes() const {
   for (const Sampler& x : resources_.scene.problem.samplers)
     if (const TorqueLaw* law = x.law.target<TorqueLaw>(); law && law->of.sags())
-      throw std::invalid_argument("bytes of a state: a computed torque that sags goes on from its last balance, which "
-                                  "bytes do not hold; take it with elastic=\"zero\"");
+      throw std::invalid_argument(
+          "bytes of a state: a computed torque that sags goes on from its last balance, which "
+          "bytes do not hold; take it with elastic=\"zero\"");
 }
 
 Unit::State Unit::state() {

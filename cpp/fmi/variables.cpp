@@ -15,12 +15,36 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kKinds[] = {
-    "time",         "q",             "v",           "a",           "dq",        "tau",       "friction",
-    "place",        "rotation",      "reading",     "indicator",   "add_tau",   "add_drive", "add_load",
-    "add_reference", "add_sampled",  "stiffness",   "damping",     "coulomb",   "payload",   "gravity",
-    "beam_stiffness", "beam_damping", "law_gain",   "law_kp",      "law_kv",    "sampled_gain",
-    "sampled_kp",   "sampled_kv",    "step"};  // in the order of Variable::Kind
+constexpr const char* kKinds[] = {"time",
+                                  "q",
+                                  "v",
+                                  "a",
+                                  "dq",
+                                  "tau",
+                                  "friction",
+                                  "place",
+                                  "rotation",
+                                  "reading",
+                                  "indicator",
+                                  "add_tau",
+                                  "add_drive",
+                                  "add_load",
+                                  "add_reference",
+                                  "add_sampled",
+                                  "stiffness",
+                                  "damping",
+                                  "coulomb",
+                                  "payload",
+                                  "gravity",
+                                  "beam_stiffness",
+                                  "beam_damping",
+                                  "law_gain",
+                                  "law_kp",
+                                  "law_kv",
+                                  "sampled_gain",
+                                  "sampled_kp",
+                                  "sampled_kv",
+                                  "step"};  // in the order of Variable::Kind
 
 Eigen::VectorXd vector(const Json& from, Eigen::Index size) {
   const auto numbers = from.get<std::vector<double>>();

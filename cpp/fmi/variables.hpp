@@ -1,4 +1,5 @@
-// The variables of a unit, as its file resources/variables.json lists them: what the exporter names, by value reference.
+// The variables of a unit, as its file resources/variables.json lists them: what the exporter names, by value
+// reference.
 #pragma once
 
 #include <Eigen/Core>

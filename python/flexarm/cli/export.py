@@ -9,8 +9,8 @@ from . import options
 
 SUMMARY = "write a scene for other simulators"
 TEXT = (
-    "A unit of FMI 3.0 is for co-simulation and model exchange. The simulator that imports it needs neither Python nor a "
-    "compiler."
+    "A unit of FMI 3.0 is for co-simulation and model exchange. The simulator that imports it needs neither Python nor "
+    "a compiler."
 )
 
 

@@ -1,5 +1,5 @@
-"""The command line: `flexarm demo`, `run`, `check`, `view`, `modes`, `chart`, `economize`, `place`, `compile`, `export`,
-`batch`, `identify`, `validate`, `examples`, `completion`, each with --help.
+"""The command line: `flexarm demo`, `run`, `check`, `view`, `modes`, `chart`, `economize`, `place`, `compile`,
+`export`, `batch`, `identify`, `validate`, `examples`, `completion`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
@@ -20,8 +20,22 @@ import flexarm._core as _core
 from .._console import complain, drop, open_streams
 from .._core import __version__
 from .._starting import over
-from . import batch, chart, check, completion, demo, economize, examples, export, identify, modes, place, run, validate
-from . import view
+from . import (
+    batch,
+    chart,
+    check,
+    completion,
+    demo,
+    economize,
+    examples,
+    export,
+    identify,
+    modes,
+    place,
+    run,
+    validate,
+    view,
+)
 from . import compile as compiling
 
 
