@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kStill = 1e-9;      // speed (rad/s, m/s) below which a joint that rubs may stick
 constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it
-constexpr double kSameTime = 1e-10;  // s, within which two times are one
+constexpr double kSameInstant = 1e-10;  // s, within which two times are one
 
 }  // namespace
 
@@ -117,7 +117,7 @@ bool Exchange::event() {
   touch();
   drive();
   s_.remember();
-  s_.sample(t_ + kSameTime);
+  s_.sample(t_ + kSameInstant);
   if (rubbing_) {
     check(rubbing_->jump(s_.ws, s_.q, s_.v, s_.tau));
     rubbing_->ways(s_.v, true, ways_.data());
@@ -126,7 +126,7 @@ bool Exchange::event() {
   return changed;
 }
 
-double Exchange::next_event() const { return next_sample(s_.drives, s_.loads, control_, t_ + kSameTime); }
+double Exchange::next_event() const { return next_sample(s_.drives, s_.loads, control_, t_ + kSameInstant); }
 
 double Exchange::indicator(int rate) {
   const auto at = static_cast<std::size_t>(rate);

@@ -349,7 +349,7 @@ def test_directional_derivatives(folder: Path, case: str) -> None:
 
 
 def test_what_is_no_ordinary_differential_equation_is_for_co_simulation(folder: Path) -> None:
-    floor = fa.Contact(fa.Point(1), fa.Plane((0, 0, -0.1), "z"), stiffness=1e5, coulomb=0.3)
+    floor = fa.Contact(fa.Point(1), fa.Plane((0, 0, -0.1), (0, 0, 1)), stiffness=1e5, coulomb=0.3)
     scene = fa.Scene(fa.Arm(arm().links, contacts=[floor]), t=T)
     about = fmpy.read_model_description(str(unit(scene, folder)))
     assert about.modelExchange is None and about.coSimulation is not None
