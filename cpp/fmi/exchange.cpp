@@ -11,8 +11,8 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kStill = 1e-9;      // speed (rad/s, m/s) below which a joint that rubs may stick
-constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it
+constexpr double kStill = 1e-9;         // speed (rad/s, m/s) below which a joint that rubs may stick
+constexpr double kSlack = 1e-9;         // parts of its stiction by which a joint may be held beyond it
 constexpr double kSameInstant = 1e-10;  // s, within which two times are one
 
 }  // namespace

@@ -20,10 +20,9 @@ namespace {
 struct Importer {
   fmi3InstanceEnvironment environment;
   fmi3LogMessageCallback log;
-  bool logging;
 
   fmi3Status fails(const char* what) const {
-    if (log && logging) log(environment, fmi3Error, "logStatusError", what);
+    if (log) log(environment, fmi3Error, "logStatusError", what);
     return fmi3Error;
   }
 };
@@ -98,34 +97,29 @@ extern "C" {
 
 const char* fmi3GetVersion(void) { return "3.0"; }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t count, const fmi3String categories[]) {
-  return done(instance, [&](Unit&) {
-    bool ours = count == 0;
-    for (size_t k = 0; k < count; ++k) {
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean, size_t count, const fmi3String categories[]) {
+  return done(instance, [&](Unit&) {  // errors are always told
+    for (size_t k = 0; k < count; ++k)
       if (std::strcmp(categories[k], "logStatusError") != 0)
         bad_value("category", categories[k], "must be logStatusError");
-      ours = true;
-    }
-    if (ours) of(instance).importer.logging = on;
   });
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String resources, fmi3Boolean,
-                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
-                                          fmi3LogMessageCallback log) {
-  return instance(token, resources, {environment, log, logging}, true);
+fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String resources, fmi3Boolean, fmi3Boolean,
+                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
+  return instance(token, resources, {environment, log}, true);
 }
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String resources, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
-                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String resources, fmi3Boolean, fmi3Boolean,
+                                         fmi3Boolean, fmi3Boolean, const fmi3ValueReference[], size_t,
+                                         fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback) {
-  return instance(token, resources, {environment, log, logging}, false);
+  return instance(token, resources, {environment, log}, false);
 }
-fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean logging,
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
                                                fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback) {
-  Importer{environment, log, logging}.fails("scheduled execution: this unit does not have it");
+  Importer{environment, log}.fails("scheduled execution: this unit does not have it");
   return nullptr;
 }
 void fmi3FreeInstance(fmi3Instance instance) { delete static_cast<Instance*>(instance); }

@@ -77,7 +77,7 @@ class Instance:
         self.fmu = kind(guid=token or self.about.guid, unzipDirectory=str(folder), modelIdentifier=way.modelIdentifier)
         said = [] if log is None else log
         self.log = fmi3LogMessageCallback(lambda environment, status, category, text: said.append(text.decode()))
-        self.fmu.instantiate(loggingOn=True, logMessage=self.log)
+        self.fmu.instantiate(logMessage=self.log)
 
     def begin(self, **start: float) -> Instance:
         self.set(**start)
