@@ -1,5 +1,5 @@
-/* The functions of FMI 3.0 that a unit exports, and their types, after the standard (Functional Mock-up Interface 3.0.1,
- * sections 2.2 to 5.4; Modelica Association 2023).
+/* The functions of FMI 3.0 that a unit exports, and their types, after the standard (Functional Mock-up Interface
+ * 3.0.1, sections 2.2 to 5.4; Modelica Association 2023).
  */
 #ifndef FLEXARM_FMI3_H
 #define FLEXARM_FMI3_H
