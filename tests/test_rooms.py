@@ -42,7 +42,7 @@ INTERNALS = {
     "_console _threads data.store data.store.fingerprint": "failures made on purpose, clocks, states of objects",
     "analysis.modes many.sweeps.quantities": "one formula, with its closed form",
     "arm.variation run.perturbed": "an oracle: runs with one number moved",
-    "choose.chart_search choose.decisions choose.economize_search choose.measures choose.models choose.trials": (
+    "choose.chart_search choose.economize_search choose.measures choose.models choose.sources choose.trials": (
         "steps of a search, whose timings no test may hang on"
     ),
     "cli.paper identify.validate.rig identify.validate.validate": "a published experiment, and its measures",

@@ -16,6 +16,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import flexarm as fa
 import numpy as np
@@ -26,8 +27,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "bench")]
 from choose import economize_scenes as scenes  # noqa: E402
+from reporting import replace_table  # noqa: E402
 
 TOLERANCES = (1e-2, 1e-3, 1e-4)
 STEPS = {"spatial": 48, "floating": 48, "heavy_tip": 96}  # of the truth; others take 320
@@ -37,6 +39,11 @@ COLOURS = {"rigid": "#999999", 0: "#E69F00", 1: "#CC79A7", 2: "#0072B2", 3: "#00
 
 def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
     """Tip positions of the truth, and how far it moves when its steps are doubled, over its span."""
+    if name in RICH:
+        models, counts = Models(scene), tuple(RICH[name].get(s, 0) for s in fa._core.STRAINS)
+        rich = models.given.each(lambda k, b: BeamModel(counts, "exact", True, None, "legendre"))
+        some = [models.at(rich, {"integrator": "gauss", "tolerance": x}).run().frame()[0] for x in (1e-7, 1e-8)]
+        return some[1], scenes.off(*some)
     rich = scenes.enriched(scene, scenes.STRAINS_OF.get(name, scenes.STRAINS_OF["slow"]))
     n = STEPS.get(name, 320)
     coarse, fine = (
@@ -90,15 +97,16 @@ def judge() -> list[dict[str, object]]:
 
 def judged_table(rows: list[dict[str, object]]) -> list[str]:
     out = [
-        "| scene | tolerance | certified | true error | default: error, time | lean: time | deciding | coordinates |"
+        "| scene | tolerance | certified | true error | default: error, time | lean: time | deciding | runs | "
+        "coordinates |"
     ]
-    out.append("|-|-|-|-|-|-|-|-|")
+    out.append("|-|-|-|-|-|-|-|-|-|")
     for r in rows:
         ratio = r["deciding ms"] / r["default ms"]
         out.append(
             f"| {r['scene']} | {r['tol']:.0e} | {'yes' if r['certified'] else 'no'} | {r['error']:.1e} | "
             f"{r['default error']:.1e}, {r['default ms']:.3g} ms | {r['lean ms']:.3g} ms | "
-            f"{r['deciding ms']:.3g} ms ({ratio:.2g} defaults) | {r['coordinates']} |"
+            f"{r['deciding ms']:.3g} ms ({ratio:.2g} defaults) | {r['runs']} | {r['coordinates']} |"
         )
     sure = [r for r in rows if r["certified"]]
     kept = [r for r in sure if r["error"] <= r["tol"]]
@@ -115,25 +123,29 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 # -- exhaustive search -------------------------------------------------------------------------------------------------
 
 
-def candidates(scene: fa.Scene, plan: fa.results.ModelPlan, most: dict[str, int]) -> list[Model]:
-    """All models with up to so many modes of these strains, link by link, of every order, in the plan's basis."""
+def candidates(scene: fa.Scene, plan: fa.results.ModelPlan, most: dict[str, Any]) -> list[Model]:
+    """All models with up to so many modes of these strains (or from so many to so many), link by link, of every order,
+    in the plan's basis."""
     models = Models(scene)
     strains = fa._core.STRAINS
-    per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
-    basis = plan._found.lean.model.basis or None
+    bounds = [x if isinstance(x := most.get(s, 0), tuple) else (0, x) for s in strains]
+    per_beam = list(itertools.product(*(range(least, more + 1) for least, more in bounds)))
+    basis = plan._search.lean.model.basis or None
     found = {}
     for counts in itertools.product(per_beam, repeat=len(models.groups)):
         for order in ORDERS:
             of = {k: c for g, c in zip(models.groups, counts, strict=True) for k in g}
-            found[models.given.each(lambda k, _: BeamModel(of[k], order, False, None, basis))] = None  # noqa: B023
+            for needs in (2, 6):  # torsion and shear need rotary inertia, unless what follows has some
+                model = models.given.each(lambda k, _: BeamModel(of[k], order, any(of[k][needs:5]), None, basis))  # noqa: B023
+                found[model] = None
     return list(found) if models.groups else []
 
 
-def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int]) -> dict[str, object]:
+def search(name: str, scene: fa.Scene, tol: float, most: dict[str, Any]) -> dict[str, object]:
     """Runs them all, with the plan's integrator and output times."""
     truth, _ = truth_of(name, scene)
     plan = fa.economize(scene, tol)
-    models, chosen = Models(scene), plan._found.lean.model
+    models, chosen = Models(scene), plan._search.lean.model
     _, default = tip_and_time(scene)
     options = dict(plan._search.trials.setting)
     points = []
@@ -146,13 +158,13 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int]) -> dict
         if np.isfinite(tip).all():
             points.append((model, least, scenes.off(tip, truth)))
     plain = chosen.but(gauss=None)
-    tip, least = tip_and_time(models.at(plain, options))
-    least = min([least, *(t for m, t, _ in points if m == plain)])  # one model has one time
+    tip, least = tip_and_time(models.at(plain, options), 10)
     own = (plain, least, scenes.off(tip, truth))
     points = [*(p for p in points if p[0] != plain), own]
     lean_tip, lean = tip_and_time(plan.scene)
     good = [p for p in points if p[2] <= tol]
-    best = min(good, key=lambda p: p[1])
+    again = sorted(good, key=lambda p: p[1])[:5]  # the least time of many that were measured twice is luck
+    best = min(((m, tip_and_time(models.at(m, options), 10)[1], e) for m, _, e in again), key=lambda p: p[1])
     return {
         "name": name, "scene": scene, "tol": tol, "plan": plan, "points": points, "own": own, "best": best,
         "default": default, "lean": (lean, scenes.off(lean_tip, truth)), "label": models.label,
@@ -208,7 +220,18 @@ def draw(found: dict, path: Path) -> None:
     fig.savefig(path, dpi=150)
 
 
+ZOO = ROOT / "bench" / "run" / "zoo"
+#: Of arms of the zoo, the shapes of the truth.
+RICH = {
+    "crane": {"bending_y": 5, "bending_z": 5, "torsion": 2},
+    "picking": {"bending_y": 5, "bending_z": 5, "torsion": 2},
+    "stick_and_slip": {"bending_y": 6},
+}
+CRANE = ROOT / "tests" / "data" / "crane.toml"
 SEARCHES = {
+    "crane": (lambda: fa.load(CRANE), 1e-3, {"bending_y": (1, 2), "bending_z": (1, 2), "torsion": 1}),
+    "picking": (lambda: fa.load(ZOO / "picking.toml"), 1e-3, {"bending_y": 1, "bending_z": 1, "torsion": 1}),
+    "stick_and_slip": (lambda: fa.load(ZOO / "stick_and_slip.toml"), 1e-3, {"bending_y": (1, 3)}),
     "slow": (lambda: scenes.SCENES["slow"](), 1e-3, {"bending_y": 4}),
     "ist": (lambda: fa.load("ist"), 1e-3, {"bending_y": 4}),
     "spatial": (scenes.spatial_two, 1e-3, {"bending_y": 2, "bending_z": 2, "torsion": 1}),
@@ -233,20 +256,15 @@ def searches(folder: Path) -> list[dict]:
 
 
 def search_table(all_found: list[dict]) -> list[str]:
-    out = ["| scene | models run | chosen | error, time | cheapest that keeps 1e-3 | error, time |", "|-|-|-|-|-|-|"]
+    out = ["| scene | models run | chosen | error, time | cheapest that keeps 1e-3 | error, time | times its time |"]
+    out.append("|-|-|-|-|-|-|-|")
     for f in all_found:
         cells = [f"{f['label'](m)} | {e:.1e}, {1e3 * t:.3g} ms" for m, t, e in (f["own"], f["best"])]
-        out.append(f"| {f['scene'].name} | {len(f['points'])} | {' | '.join(cells)} |")
+        out.append(f"| {f['name']} | {len(f['points'])} | {' | '.join(cells)} | {f['own'][1] / f['best'][1]:.2f} |")
     return out
 
 
 # -- the page ----------------------------------------------------------------------------------------------------------
-
-
-def put(page: Path, mark: str, lines: list[str]) -> None:
-    begin, end = f"<!-- {mark}: written by bench/choose/economize.py -->", f"<!-- end of {mark} -->"
-    before, _, rest = page.read_text().partition(begin)
-    page.write_text(f"{before}{begin}\n" + "\n".join(lines) + f"\n{end}{rest.partition(end)[2]}")
 
 
 def save(path: Path, rows: list[dict[str, object]]) -> None:
@@ -267,18 +285,19 @@ def main() -> None:
     made = f"flexarm {fa.__version__}, {platform.machine()}, Python {platform.python_version()}"
     if args.only != "scenes":
         found = searches(figures)
-        put(page, "search", [*search_table(found), "", made])
+        replace_table(page, "search", "\n".join([*search_table(found), "", made]))
         rows = [
             {"scene": f["name"], "model": f["label"](m), "ms": 1e3 * t, "error": e}
             for f in found
             for m, t, e in f["points"]
         ]
         save(figures / "economize-search.csv", rows)
-        put(page, "table", ["```text", *str(next(f for f in found if f["name"] == "ist")["plan"]).splitlines(), "```"])
+        plan = next(f for f in found if f["name"] == "ist")["plan"]
+        replace_table(page, "table", f"```text\n{plan}\n```")
     if args.only != "search":
         rows = judge()
         save(figures / "economize-scenes.csv", rows)
-        put(page, "scenes", [*judged_table(rows), "", made])
+        replace_table(page, "scenes", "\n".join([*judged_table(rows), "", made]))
 
 
 if __name__ == "__main__":

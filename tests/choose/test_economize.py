@@ -10,14 +10,15 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import choose.economize_scenes as scenes
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.choose.decisions import Order
 from flexarm.choose.models import ORDERS, Model, Models
-from flexarm.choose.trials import CHOSEN, Trials, timed
+from flexarm.choose.sources import orders, size
+from flexarm.choose.trials import Run, Trials, timed
 from flexarm.cli import main
 from messages import refuses, warns
 
@@ -86,11 +87,11 @@ def test_true_error_is_within_the_tolerance(plans: dict[str, fa.results.ModelPla
 def test_nothing_can_be_left_out(plans: dict[str, fa.results.ModelPlan], name: str) -> None:
     """One mode less anywhere is beyond the walk's share of the tolerance: a local optimum, verified by other runs."""
     plan = plan_of(plans, name)
-    models, lean = Models(plan.given), plan._found.lean.model
+    models, lean = Models(plan.given), plan._search.lean.model
     truth = plan.rich.run().frame()[0]
     for group, strain, n in models.items(lean):
         less = models.at(lean.with_count(group, strain, n - 1), plan._search.trials.setting)
-        assert scenes.off(less.run().frame()[0], truth) > 0.6 * TOL, f"link {group[0]}, strain {strain}"
+        assert scenes.off(less.run().frame()[0], truth) > 0.5 * TOL, f"link {group[0]}, strain {strain}"
 
 
 def test_the_papers_link(plans: dict[str, fa.results.ModelPlan]) -> None:
@@ -107,23 +108,24 @@ def test_the_papers_link(plans: dict[str, fa.results.ModelPlan]) -> None:
 def test_an_order_is_tried_if_it_is_measured_to_be_cheaper(
     plans: dict[str, fa.results.ModelPlan], cheap: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = plan_of(plans, "slender")._found
-    exact = found.lean.model.but(order="exact")
+    search = plan_of(plans, "slender")._search
+    exact = search.lean.model.but(order="exact")
     costs = {(exact.but(order=order), "ab"): 0.9 if order in cheap else 1.0 for order in ORDERS}
-    monkeypatch.setattr(found.trials, "_costs", costs)
-    assert [order for order, _ in Order().cheaper(found, exact, [0])] == list(cheap)
+    monkeypatch.setattr(search.trials, "_costs", costs)
+    saved = {order: search.trials.saved(exact, exact.but(order=order)) for order in orders(search.models, [0])}
+    assert tuple(order for order, share in saved.items() if share > 0) == cheap
 
 
 def test_what_is_saved_counts_by_the_beams_that_are_changed(
     plans: dict[str, fa.results.ModelPlan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A beam of two need not save what both would."""
-    trials = plan_of(plans, "planar")._found.trials
+    trials = plan_of(plans, "planar")._search.trials
     exact = trials.models.given.but(order="exact")
     one, both = exact.but([0], order=2), exact.but(order=2)
     monkeypatch.setattr(trials, "_costs", {(one, "ab"): 0.97, (both, "ab"): 0.97, (exact, "ab"): 1.0})
-    assert trials.cheaper(one, exact) and not trials.cheaper(both, exact)
-    assert not trials.cheaper(exact, one) and not trials.cheaper(exact, exact)
+    assert trials.saved(exact, one) == pytest.approx(0.03) and trials.saved(exact, both) == 0.0
+    assert trials.saved(one, exact) == trials.saved(exact, exact) == 0.0
 
 
 def test_order_1_is_never_taken_near_the_first_frequency() -> None:
@@ -131,7 +133,7 @@ def test_order_1_is_never_taken_near_the_first_frequency() -> None:
         plan = fa.economize(scenes.paper(20.0, 1.0, 1.4, order=1), tol)
         beam = plan.arm.links[0].beam
         assert beam.ne == 0 or beam.order != 1
-        assert plan._found.spin[0] == pytest.approx(20.0 / 20.95, rel=1e-2)
+        assert plan._search.spin[0] == pytest.approx(20.0 / 20.95, rel=1e-2)
     assert beam.ne
 
 
@@ -193,7 +195,7 @@ def test_indicators_foresee_the_orders() -> None:
         warnings.simplefilter("ignore", fa.errors.RangeWarning)
         truth = tip("exact")
         for order in (0, 1, 2, 3):
-            assert plan._found.by_order[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
+            assert plan._search.by_order()[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
 
 
 def test_print_plot_and_json(plans: dict[str, fa.results.ModelPlan]) -> None:
@@ -205,15 +207,12 @@ def test_print_plot_and_json(plans: dict[str, fa.results.ModelPlan]) -> None:
     d = json.loads(json.dumps(plan.to_dict()))
     assert d["certified"] and d["coordinates"]["lean"] == plan.arm.nv < d["coordinates"]["rich"]
     assert d["evaluation"]["lean"]["time"] < d["evaluation"]["rich"]["time"]
-    together = plan_of(plans, "spatial", 1e-2)  # leaves out rotary inertia in one step with modes, of link 0
-    assert "not run alone" in [c.how for c in together.choices if c.what == "rotary inertia"]
-    assert re.search(r"rotary inertia  no +not run alone .*\n(.*\n)+not run alone: left out only", str(together))
     assert not [c for p in plans.values() for c in p.choices if c.without is None and c.how in ("run", "estimate")]
     (order,) = (c for c in plan.choices if c.what == "order")
-    assert order.chosen == "2" and plan._found.error(plan._found.lean.model.but(order=1)) > 0.7 * TOL  # would not do
+    assert order.chosen == "2" and plan._search.error(plan._search.lean.model.but(order=1)) > 0.7 * TOL  # would not do
     assert not order.inside or order.without > 0.7 * TOL  # where order 1 is cheaper at all
     rows = [c for p in plans.values() if p.certified for c in p.choices if c.inside and c.what.startswith("bending")]
-    assert rows and all(c.how == "run" and c.without > 0.6 * TOL for c in rows)  # each is there for a reason
+    assert rows and all(c.without > 0.5 * TOL for c in rows)  # each is there for a reason
     axes = plan.plot().axes[0]
     assert axes.get_xscale() == axes.get_yscale() == "log" and "time" in axes.get_xlabel()
     assert axes.figure.get_suptitle() == plan.given.name  # in bold
@@ -239,7 +238,15 @@ def test_chosen_steps_are_tried_and_may_be_the_plan(
 ) -> None:
     words = [c.chosen for c in plan_of(plans, "slow").choices if c.what == "integrator"]
     assert any(word.startswith("gauss, tolerance") for word in words)
-    monkeypatch.setattr("flexarm.choose.descent.IN_TURN", [CHOSEN])
+    run = Trials.run
+
+    def slow_in_fixed_steps(self: Trials, model: Model, options: dict | None = None, **more: Any) -> Run:
+        found = run(self, model, options, **more)
+        found.time += 1.0 * ("step" in found.options)
+        self.time_again = lambda *_, **__: None  # type: ignore[method-assign]
+        return found
+
+    monkeypatch.setattr(Trials, "run", slow_in_fixed_steps)
     plan = fa.economize(scenes.SCENES["slow"](), TOL)
     assert plan.certified and plan.scene.options["integrator"] == "gauss" and "step" not in plan.scene.options
     assert f"gauss, tolerance {plan.scene.options['tolerance']:.3g}" in str(plan)
@@ -260,11 +267,27 @@ def test_a_plan_has_no_fewer_gauss_points_than_its_run_wants() -> None:
         assert scenes.off(replace(plan.scene, arm=few).run().frame()[0], tip) < 2e-5  # the tolerance would allow it
 
 
-def test_deciding_costs_a_few_runs() -> None:
-    scene = scenes.SCENES["medium"]()
-    fa.economize(scene, 0.01)  # imports
-    plan = fa.economize(scene)
-    assert 0 < plan.runs < 40
+@pytest.mark.parametrize("name", ["ist", "crane"])
+def test_deciding_takes_ten_runs(name: str) -> None:
+    plan = fa.economize(Path(__file__).parents[1] / "data" / "crane.toml" if name == "crane" else name)
+    assert plan.certified and 0 < plan.runs <= 10
+    by_order = plan._search.by_order()
+    assert by_order[1] < 1e-3 or name == "ist"  # from forces at rows that vibrations pass between, it was 680
+    orders_of = [x.beam.order for x in plan.arm.links if x.beam is not None]
+    assert max(map(ORDERS.index, orders_of)) <= 2 or name == "ist"
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_what_a_part_is_worth_is_what_a_run_without_it_says(plans: dict[str, fa.results.ModelPlan], name: str) -> None:
+    """A shape less, an order lower, no rotary inertia: estimated from one run of a rich model."""
+    search = plan_of(plans, name)._search
+    found = []
+    for model in search.poorer(search.reference.model):
+        estimate = plan_of(plans, name)._search.sources.change(model)
+        error = search.error(model)
+        if 1e-5 < error < 0.1:
+            found.append(size(estimate) / error)
+    assert len(found) > 3 and 0.5 < min(found) and max(found) < 2.0, found
 
 
 def test_time_budget_ends_the_search_and_says_so() -> None:
@@ -310,7 +333,7 @@ def test_absolute_tolerance() -> None:
 
 def test_tighter_tolerances_take_more(plans: dict[str, fa.results.ModelPlan]) -> None:
     sizes = [plan_of(plans, "planar", tol).arm.nv for tol in (1e-2, 1e-3, 1e-4)]
-    assert sizes == sorted(sizes) and sizes[0] == 2 < sizes[2]
+    assert sizes == sorted(sizes) and sizes[0] < sizes[2]
 
 
 @pytest.mark.parametrize(

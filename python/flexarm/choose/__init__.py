@@ -2,7 +2,7 @@
 
 From low to high: states (of one model in the coordinates of another), pieces (beams cut where strains jump), models (a
 scene's models as data), measures (the compared quantity), trials (settings, timed runs in a budget).
-`economize`: indicators (estimates before a run), decisions (evidence so far; add new ones there), descent,
-economize_search, economize (the plan, and runs that switch models). `chart`: chart_search, chart. `Result.error`:
-enrich (richer models, of `economize`, too), lacking (forces that a run lacks), error_estimate, error.
+`economize`: indicators (small motions along a run), sources (what each part of a rich model is worth),
+economize_search, choices (its table), economize (the plan, and runs that switch models). `chart`: chart_search, chart.
+`Result.error`: enrich (richer models, of `economize`, too), lacking (forces that a run lacks), error_estimate, error.
 """

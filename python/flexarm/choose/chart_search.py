@@ -12,16 +12,27 @@ from ..run.scene.scene import Scene
 from .measures import Measure
 from .models import Model, Models
 from .states import some_rows
-from .trials import BY_TOLERANCE, LINES, OVER_OUTPUTS, Budget, Run, Trials, line_options, line_settings
+from .trials import (
+    BY_TOLERANCE,
+    CHOSEN,
+    LINES,
+    OVER_OUTPUTS,
+    Budget,
+    Run,
+    Trials,
+    line_options,
+    line_settings,
+    stable_step,
+)
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to
 _AGREE = 1e-8
 _FINEST = 3e-7  # lines end at this error
 _WORST = 0.1  # models of a larger error are not timed at other settings
-_FIRST, _NEXT = 0.2, 0.1  # most share of the budget for a run: the first for a truth, others
+_SHARE = 0.1  # of the budget: the most for a run
 _EXTRA_MODES = 2  # additional modes of the truth in Legendre polynomials
 _DIVERGED = 100.0  # a larger error counts as a failure
-_FAILURES = 8  # most failures in a row, at halved steps or a decade of rtol each
+_TRUE = (CHOSEN, "ida", "gauss", "implicit")  # what finds a truth, in turn
 _SAMPLES = 501  # times at which trajectories are compared
 _REPEATS = 3  # of short runs; the least time counts
 
@@ -82,7 +93,7 @@ class ChartSearch:
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
         near: by the difference from the truth, a run: one mode less per strain ("modes"), the next order ("order"), the
             scene's basis ("basis"), beams in pieces ("pieces").
-        bases: the bases of the chart; "": the scene's.
+        bases: the bases of the chart; "": the scene's. broken: models that cannot begin. slow: lines that are.
     """
 
     def __init__(self, scene: Scene, quantity: str, budget: float, tell: Callable[[float, str], None]) -> None:
@@ -93,6 +104,8 @@ class ChartSearch:
         self.truth: Run | None = None
         self.looser: Run | None = None
         self.tolerance = np.inf
+        self.broken: set[Model] = set()
+        self.slow: set[str] = set()
         self.near: dict[str, Run] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
         given = self.models.uniform(self.orders[-1], 0)
@@ -113,7 +126,7 @@ class ChartSearch:
             return
         survivors = self.rank()
         for model, floor in survivors:
-            for choice in LINES:
+            for choice in sorted(LINES, key=lambda choice: choice not in (CHOSEN, *OVER_OUTPUTS)):
                 self.line(model, choice, floor)
         self.settle()
 
@@ -177,6 +190,8 @@ class ChartSearch:
 
         tell()
         row = self.trials.run(model, row.options, True, allowed, choice, _REPEATS, tell)
+        if row.status == "failed" and row.steps == 0 and "ran away" not in row.reason:
+            self.broken.add(model)  # it cannot begin
         if row.status == "cut":
             row.reason = f"given up after {row.time:.2g} s, its share of the budget"
         self.grade(row)
@@ -212,19 +227,18 @@ class ChartSearch:
         return False
 
     def _converge(self, model: Model) -> bool:
-        high = BY_TOLERANCE | OVER_OUTPUTS  # of high order: first
-        for choice in sorted(INTEGRATORS, key=lambda choice: choice not in high):
+        """Finds the truth among runs of a model in ever finer steps. They are compared with those of the poorer models
+        that tell how far it is known, so each may take a tenth of the budget."""
+        for choice in _TRUE:
             before: Run | None = None
-            failures = 0
-            for value in line_settings(self.scene, choice, _REFERENCE):
-                row = self.run(model, choice, value, _FIRST if before is None else _NEXT)
+            values = _REFERENCE if choice in BY_TOLERANCE else line_settings(self.scene, choice)
+            for value in values if model not in self.broken else ():
+                row = self.run(model, choice, value, _SHARE)
                 if row.status in ("skipped", "cut"):
+                    return self.tolerance < np.inf  # else a poorer model may be known better
+                if row.status == "failed":
                     break
-                if row.values is None:
-                    failures += 1
-                    if before is not None or failures == _FAILURES:
-                        break
-                    continue
+                assert row.values is not None
                 if not self.measure.span:
                     self.measure.set_span(row.values)
                 if before is not None:
@@ -238,7 +252,7 @@ class ChartSearch:
                 before = row
             if self.tolerance < 1e-6:
                 return True
-        return self.truth is not None
+        return self.tolerance < np.inf
 
     def rank(self) -> list[tuple[Model, float]]:
         """The models to time, fastest first, each with its own error. Runs the orders first, then fewer modes."""
@@ -255,22 +269,22 @@ class ChartSearch:
         if self.models.jumps and not self.models.pinned:
             near["pieces"] = replace(rich, pieces=True)
         for name, model in near.items():
-            self.near[name] = self.run(model, choice, value, _FIRST)
+            self.near[name] = self.run(model, choice, value, _SHARE)
         rows = [self.truth]
         for basis in self.bases if rich.basis else ("",):
             at_order = [
-                self.run(self.models.uniform(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)
+                self.run(self.models.uniform(o, shifts[-1], basis), choice, value, _SHARE) for o in reversed(orders)
             ]
             rows += at_order
             for row in best(r for r in at_order if r.status == "ok"):
                 for shift in reversed(shifts[:-1]):
-                    fewer = self.run(self.models.uniform(row.model.order, shift, basis), choice, value, _FIRST)
+                    fewer = self.run(self.models.uniform(row.model.order, shift, basis), choice, value, _SHARE)
                     rows.append(fewer)
                     if fewer.error is not None and fewer.error > _WORST:
                         break
         own = self.own_model()
         if own is not None:
-            rows.append(self.run(own, choice, value, _FIRST))
+            rows.append(self.run(own, choice, value, _SHARE))
         found = {r.model: r for r in best(rows) if r.error is not None and r.error <= _WORST}
         found |= {r.model: r for r in rows if r.model == own and r.error is not None}
         by_time = sorted(found.values(), key=lambda r: r.time)
@@ -281,12 +295,18 @@ class ChartSearch:
         return self.models.given if len({beam.order for beam in self.models.given.elastic}) <= 1 else None
 
     def line(self, model: Model, choice: str, own_error: float) -> None:
-        """Runs one line of the chart: tighter settings until only the model's own error remains."""
+        """Runs one line of the chart: tighter settings until only the model's own error remains. It ends at a failure;
+        an explicit integrator goes on at the first step that is stable. What was too slow for a faster model is not
+        asked again."""
+        own = model == self.own_model()
+        if model in self.broken or (choice in self.slow and not own):
+            return
         floor = max(1.1 * own_error, _FINEST)
-        failures = stale = 0
-        lowest = np.inf
-        patience = 30 if model == self.own_model() else 3  # keep a slow line of the scene's own model
+        stale, lowest, most = 0, np.inf, np.inf
+        patience = 30 if own else 3  # keep a slow line of the scene's own model
         for value in line_settings(self.scene, choice):
+            if value > most:
+                continue
             row = self.planned(model, choice, value)
             guess = self.predict(row)
             beaten = [r for r in self.rows if r.error is not None and r.error <= floor and patience * r.time < guess]
@@ -296,13 +316,15 @@ class ChartSearch:
                 return
             good = min((r.time for r in self.rows if r.error is not None and r.error <= floor), default=np.inf)
             enough = (patience * good + 0.1) / self.budget.seconds  # a slower run would be beaten, too
-            row = self.run(model, choice, value, min(_NEXT, enough))
+            row = self.run(model, choice, value, min(_SHARE, enough))
             if row.status in ("skipped", "cut"):
+                if lowest == np.inf:
+                    self.slow.add(choice)
                 return
             if row.error is None:
-                failures += 1
-                if failures == _FAILURES:
+                if most < np.inf or not INTEGRATORS[LINES[choice]["integrator"]].explicit:
                     return
+                most = min(stable_step(self.models.at(model, {}), value), value / 2)
                 continue
             stale = stale + 1 if row.error > 0.9 * lowest else 0
             lowest = min(lowest, row.error)

@@ -21,7 +21,7 @@ from ..run.integrators import named
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.watch import Watch
-from .decisions import ALONE, DECISIONS, ESTIMATE, RUN, SYMMETRY, Choice, Evidence
+from .choices import Choice, choices_of, speed_of
 from .economize_search import EconomizeSearch
 from .measures import Measure
 from .models import Model, read_scene
@@ -64,7 +64,6 @@ class ModelPlan:
     choices: list[Choice]
     watch: Watch
     _search: EconomizeSearch
-    _found: Evidence
 
     @property
     def arm(self) -> Arm:
@@ -74,7 +73,7 @@ class ModelPlan:
     @property
     def model(self) -> str:
         """The lean model in words."""
-        return self._search.models.label(self._found.lean.model)
+        return self._search.models.label(self._search.lean.model)
 
     def __repr__(self) -> str:
         word = "certified" if self.certified else "not certified"
@@ -91,12 +90,11 @@ class ModelPlan:
             where, last = ("" if c.where == last else c.where), c.where
             rows.append([where, c.what, c.chosen, _number(c.without), c.how, _share(c), "in" if c.inside else ""])
         table = aligned(rows, {3, 5})
-        notes = [_NOTE, _LEFT_OUT] if any(c.how == ALONE for c in self.choices) else [_NOTE]
-        return "\n".join([*_head(self), "", *_speed(self), "", *table, *notes, "", *_indicators(self)])
+        return "\n".join([*_head(self), "", *_speed(self), "", *table, _NOTE, "", *_indicators(self)])
 
     def plot(self) -> Figure:
         """Error against wall time of all runs made, of the scene as given (run now), and of the chosen model."""
-        evidence, trials = self._found, self._search.trials
+        evidence, trials = self._search, self._search.trials
         given = self._given_run()
 
         def point(run: Run) -> Point:
@@ -152,7 +150,7 @@ class ModelPlan:
         # the change to a richer arm is a jump that excites its fast modes: the integrator must damp them
         step = min(float(np.median(np.diff(scene.t))), self.rich.options.get("step", np.inf)) / 2
         options = {"integrator": "implicit", "step": step, "spectral_radius": 0.9}
-        richer = self._search.models.arm(self._search.richer(self._found.lean.model))
+        richer = self._search.models.arm(self._search.richer(self._search.lean.model))
         return adapted(scene, richer, options, self.watch, progress)
 
     def to_dict(self) -> dict[str, Any]:
@@ -164,7 +162,7 @@ class ModelPlan:
             **about,
             "coordinates": {"given": self.given.arm.nv, "lean": self.arm.nv, "rich": self.rich.arm.nv},
             "options": self.scene.options,
-            "evaluation": speed_of(self._found),
+            "evaluation": speed_of(self._search),
             "choices": [vars(c) for c in self.choices],
         }
 
@@ -233,7 +231,6 @@ error without: a choice that is in: the error without its last mode, or at the n
                A choice that is out: the error that leaving it out costs now.
                An integrator: the whole error of the run.
 time:          share of the time of an evaluation of the dynamics (of integrators: of the run)."""
-_LEFT_OUT = f"{ALONE}: left out only together with others; its error is in the error of the plan."
 
 
 def _number(x: float | None) -> str:
@@ -250,21 +247,21 @@ def _share(choice: Choice) -> str:
 def _head(plan: ModelPlan) -> list[str]:
     spans = ", ".join(f"{s:.4g} {u}".rstrip() for u, s in plan.span.items())
     tolerance = _tolerance(plan) if plan.absolute else f"{plan.tolerance:g} of it"
-    check = plan._search.models.label(plan._found.rich.model)
+    check = plan._search.models.label(plan._search.rich.model)
     lines = [f"{plan.given.name}: {plan.quantity}, span {spans}, to {tolerance}", ""]
     lines.append(f"Take   {plan.model}; {setting_words(plan.scene.options)}")
     if plan.certified:
         lines.append(f"CERTIFIED: error {plan.error:.1e} against {check}, which was not on the path")
     else:
         lines.append(f"NOT CERTIFIED: {'; '.join(plan.reasons)}")
-    lines += [f"Note: {note}" for note in plan._found.notes]
+    lines += [f"Note: {note}" for note in plan._search.notes]
     lines.append(f"A run takes {seconds(plan.time)}; deciding took {seconds(plan.seconds)} and {plan.runs} runs")
     return lines
 
 
 def _speed(plan: ModelPlan) -> list[str]:
     rows = [["model", "coordinates", "an evaluation", "operations"]]
-    for name, of in speed_of(plan._found).items():
+    for name, of in speed_of(plan._search).items():
         time = f"{1e6 * of['time']:.2f} µs"
         word = {"given": "the scene's own", "lean": "lean", "rich": "of the check"}[name]
         rows.append([word, str(of["coordinates"]), time, str(of["operations"])])
@@ -272,68 +269,14 @@ def _speed(plan: ModelPlan) -> list[str]:
 
 
 def _indicators(plan: ModelPlan) -> list[str]:
-    evidence = plan._found
-    orders = ", ".join(f"{o}: {e:.1e}" for o, e in evidence.by_order.items() if o != "exact")
-    lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
-    turn = ", ".join(f"{x:.2g}" for x in evidence.rotation.values())
-    spin = ", ".join(f"{x:.2g}" for x in evidence.spin.values())
-    if turn:
-        lines.append(f"  largest rotation of sections by link (rad): {turn}")
-    if spin:
-        lines.append(
-            f"  speed of turning over the first frequency, {evidence.first_frequency:.4g} rad/s, by link: {spin}"
-        )
-    return lines
-
-
-# -- error and time of each choice -----------------------------------------------------------------------------------
-
-
-def choices_of(evidence: Evidence) -> list[Choice]:
-    """Every choice, with the error without it and the time of including it: link by link, then of the arm."""
-    model = evidence.lean.model
-    rows: list[Choice] = []
-    for group in evidence.models.groups:
-        where = evidence.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
-        for decision in DECISIONS:
-            rows += decision.rows(evidence, where, group)
-    method = Choice("arm", "method", "ab", None, "the same motion", evidence.trials.share(model, model, "ci"), True)
-    tried = sorted(evidence.settings, key=lambda run: (run.values is None, run.time))
-    return [*rows, *_planes(evidence, rows), method, *(_setting(evidence, trial) for trial in tried)]
-
-
-def _planes(evidence: Evidence, rows: list[Choice]) -> list[Choice]:
-    """The row that tells whether beams bend in a plane or in space."""
-    names = [set(link.beam.counts) for link in evidence.models.arm(evidence.lean.model).links if link.beam is not None]
-    if not any(names):
-        return []
-    in_y = all(n <= {"bending_y", "shear_y", "extension"} for n in names)
-    in_z = all(n <= {"bending_z", "shear_z", "extension"} for n in names)
-    side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
-    lost = max((c.without or 0.0 for c in rows if c.what in side), default=0.0)
-    how = SYMMETRY if lost == 0.0 else ESTIMATE
-    if in_y or in_z:
-        return [Choice("arm", "beams bend in", "one plane each", lost, how, None, False)]
-    return [Choice("arm", "beams bend in", "space", None, "its strains", None, True)]
-
-
-def _setting(evidence: Evidence, trial: Run) -> Choice:
-    words = setting_words(trial.options)
-    if trial.values is None:
-        why = {"cut": "given up: slow", "failed": "the run failed"}.get(trial.status, trial.status)
-        return Choice("arm", "integrator", words, None, why, None, False)
-    error, time = evidence.trials.distance(trial, evidence.judge), trial.time / evidence.lean.time - 1.0
-    return Choice("arm", "integrator", words, error, RUN, time, trial is evidence.lean)
-
-
-def speed_of(evidence: Evidence) -> dict[str, dict[str, float | int]]:
-    """Coordinates, time (s) and floating point operations of one evaluation of the dynamics: of the scene's own model,
-    the lean and the rich one."""
-    out: dict[str, dict[str, float | int]] = {}
-    for name, model in (("given", evidence.models.given), ("lean", evidence.lean.model), ("rich", evidence.rich.model)):
-        arm = evidence.models.arm(model)
-        out[name] = {"coordinates": arm.nv, "time": evidence.trials.cost(model), "operations": arm.operation_count()}
-    return out
+    search = plan._search
+    orders = ", ".join(f"{o}: {e:.1e}" for o, e in search.by_order().items())
+    lines = [f"Error by order, estimated: {orders}"] if orders else []
+    turn = ", ".join(f"{x:.2g}" for x in search.rotation.values())
+    spin = ", ".join(f"{x:.2g}" for x in search.spin.values())
+    lines += [f"Largest rotation of sections by link (rad): {turn}"] if turn else []
+    first = f"{search.first_frequency:.4g} rad/s"
+    return [*lines, f"Speed of turning over the first frequency, {first}, by link: {spin}"] if spin else lines
 
 
 # -- deciding ----------------------------------------------------------------------------------------------------------
@@ -350,10 +293,10 @@ def economize(
 ) -> ModelPlan:
     """The cheapest model of a scene whose error over the scene's run is below a tolerance.
 
-    First come indicators: coordinates that symmetry keeps at rest, and residual forces of a run of the scene's own
-        model in a richer one. Then follows a descent from the coordinates that may matter, each step verified by
-        simulation, and one check against an independent, enriched model: more modes, every strain that moves, exact
-        rotation, finer steps.
+    One run of a rich model tells what each part of it is worth: each shape, the order of each beam, rotary inertia. The
+        cheapest model by these estimates is run, up to three times where they are off, then with other integrators, and
+        checked by one run of an independent, enriched model: more modes, every strain that moves, exact rotation, finer
+        steps.
 
     Args:
         scene: a Scene, a scene file, or the name of a shipped scene.
@@ -387,20 +330,20 @@ def economize(
     with progress_bar(progress, "deciding", None) as bar:
         tell = (lambda doing: bar(0, doing)) if bar else _quiet
         search = EconomizeSearch(scene, measure, limit, allowed, tell)
-        evidence = search()
-        choices = choices_of(evidence)
+        search()
+        choices = choices_of(search)
         search.tell = _quiet  # the plan keeps the search, and its bar is gone
-    lean, rich, trials = evidence.lean, evidence.rich, search.trials
+    lean, check = search.lean, search.check
     assert lean.result is not None
-    certified = evidence.check is not None and not evidence.reasons
-    error = evidence.off if evidence.check is not None else math.inf
-    mine, theirs = (search.models.at(run.model, run.options) for run in (lean, rich))
+    certified = check is not None and not search.reasons
+    error = search.off if check is not None else math.inf
+    mine, theirs = (search.models.at(run.model, run.options) for run in (lean, search.rich))
     if isinstance(scene.q0, str):
         mine, theirs = (replace(x, q0=scene.q0) for x in (mine, theirs))
     return ModelPlan(
         scene, mine, theirs,
-        measure.name, limit, atol is not None, measure.ranges, certified, evidence.reasons, error,
-        lean.time, allowed.used, len(trials.runs), choices, Watch.around(lean.result), search, evidence,
+        measure.name, limit, atol is not None, measure.ranges, certified, search.reasons, error,
+        lean.time, allowed.used, len(search.trials.runs), choices, Watch.around(lean.result), search,
     )  # fmt: skip
 
 

@@ -1,34 +1,42 @@
-"""The search of `economize`: indicators first, then models verified by simulation, then an independent check."""
+"""The search of `economize`: a rich run, what each part of its model is worth, the cheapest model by these estimates,
+runs of that model, and an independent check."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from .._check import Array
-from ..arm.arm import Arm
+import numpy as np
+
 from ..model.acting.drive import split_drives
 from ..model.parts.beam import STRAINS
+from ..run.integrators import DENSE
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from .decisions import DECISIONS, Evidence, keys
-from .descent import Descent, differs, finer, settle
 from .enrich import enriched, moving_strains
-from .indicators import excited, growth, indicate
+from .indicators import excited, growth, smoothed, worth
 from .measures import Measure, times_to_compare
-from .models import ORDERS, BeamModel, Model, Models
-from .states import some_rows
-from .trials import Budget, OutOfTime, Run, Trials, by_tolerance
+from .models import BeamModel, Model, Models
+from .sources import MODES, ORDER, ROTARY, Change, Part, Sources, orders, size
+from .states import keys, some_rows
+from .trials import Budget, OutOfTime, Run, Trials, by_tolerance, longest_gap, stable_step
 
-_SMALL = 1 / 30  # of the tolerance: coordinates of a smaller estimated effect are not in the reference
+_GOAL = 0.7  # of the tolerance: share for the model; the rest is for the integrator and unknown errors
+_RUN_SHARE = 0.85  # of the tolerance: limit of the error with the integrator's
+_SMALL = 1 / 30  # of the tolerance: tolerance of steps; coordinates of less effect are not in the reference
+_LOST = 0.2  # of the tolerance: largest estimated effect of the shear and extension that no run has
 _AGREE = 1 / 3  # of the tolerance: largest distance between reference and check
 _REMAINDER = 1.5  # times the gap: error that may remain beyond the check, if convergence is slow
-_NEAR = 0.6  # of the tolerance: largest distance of smooth shapes from a beam in pieces
 _ROUNDS = 3  # most references
-#: strains whose modes are the fastest
-_EXTENSION = STRAINS.index("extension")
-_FAST = (*(s for s, name in enumerate(STRAINS) if name.startswith("shear")), _EXTENSION)
-_MANY_ROWS = 1601  # rows for a second test of growth, if fewer show some
+_SLIGHT = 0.05  # of the goal: parts that change less hardly matter
+_NEAR = 3.0  # times the goal: models that are estimated to miss it by less are tried
+_WALKS = 3  # most runs of models from one reference
+_STEPS = (1e-9, 1e-4)  # bounds of the tolerance of steps
+_DENSE = (8, 401, 801)  # times of a run for estimates: of each of its steps, the least and the most in all
 _GROWTH = 100.0  # of motions that symmetry excludes, within the run: above it the run is unstable
+_ROWS = (31, 241, 1601)  # of a run, for their growth: few rows of fast vibrations may show some where there is none
+_FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith(("shear", "extension")))
 
 
 class EconomizeSearch:
@@ -37,7 +45,22 @@ class EconomizeSearch:
     Args:
         scene: the scene. measure: the quantity. tol: its tolerance. budget: time for deciding. tell: called with the
             present activity.
+
+    Attributes:
+        reference: a rich run; `sources` are the parts of its model. judge: from which errors are taken: the reference,
+            or its beams in pieces. best: of models in steps of a negligible error. lean: the choice, with all output
+            times and the chosen integrator. check: a richer run, from which the final error is taken. off, gap: of the
+            lean run and of the judge from that; lost: the estimated effect of shear and extension that it has not.
+        share: estimated effect of each coordinate of the enriched model, by (link, strain, number).
+        settings: runs of the lean model with other integrators. reasons: why the plan is not certified.
+        notes: limits of the check. dormant: by link, strains that are not excited.
     """
+
+    reference: Run
+    judge: Run
+    lean: Run
+    sources: Sources | None = None
+    best: Run
 
     def __init__(self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]) -> None:
         self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
@@ -46,8 +69,20 @@ class EconomizeSearch:
         own = scene.t[some_rows(len(scene.t), 400)]
         times = own if callable(measure.quantity) else times_to_compare(scene.t)
         self.trials = Trials(self.models, measure, times, budget)
-        self.reached: dict[int, Array] = {}
-        self.rebase = False
+        self.check: Run | None = None
+        self.off = self.gap = np.inf
+        self.lost = 0.0
+        self.share: dict[tuple[int, int, int], float] = {}
+        self.settings: list[Run] = []
+        self.known: list[tuple[Change, Change]] = []
+        self.refused: set[Part] = set()
+        self.reasons: list[str] = []
+        self.notes: list[str] = []
+
+    @property
+    def rich(self) -> Run:
+        """The run from which final errors are taken: the check, or the reference if there is none."""
+        return self.check or self.reference
 
     # -- models ------------------------------------------------------------------------------------------------------
 
@@ -66,260 +101,379 @@ class EconomizeSearch:
         model = self.models.rebased(self.enriched(0)) if lean.basis else self.enriched(0)
         return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
 
-    def find_symmetry(self) -> None:
-        """Finds the strains of each link that are excited, directly or through others."""
-        self.reached = moving_strains(self.models)
-
     def find_basis(self) -> None:
-        """Finds `own`, the scene's model without dormant coordinates. Legendre polynomials replace the scene's basis,
-        at the same count, if their first frequency (an upper bound, by Ritz's method) is lower by more than the
-        tolerance allows, or patches are driven."""
+        """Finds the strains of each link that are excited, directly or through others; and `own`, the scene's model
+        with these alone. Legendre polynomials replace the scene's basis, at the same count, if their first frequency
+        (an upper bound, by Ritz's method) is lower by more than the tolerance allows, or patches are driven."""
+        self.reached = moving_strains(self.models)
+        self.dormant = {k: {s for s, moves in zip(STRAINS, row, strict=True) if not moves}
+                        for k, row in self.reached.items()}  # fmt: skip
 
         def moving(k: int, beam: BeamModel) -> BeamModel:
             return replace(beam, counts=tuple(n * bool(m) for n, m in zip(beam.counts, self.reached[k], strict=True)))
 
-        self.own = self.models.given.each(moving)
+        self.own, self.rebase = self.models.given.each(moving), False
         other = self.models.rebased(self.own)
-        if other == self.own:
-            return
-        w, better = (first_frequency(self.models.arm(model)) for model in (self.own, other))
-        self.rebase = bool(split_drives(self.scene.arm, self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
-        self.own = other if self.rebase else self.own
+        if other != self.own:
+            w, better = (first_frequency(self.models.arm(model)) for model in (self.own, other))
+            self.rebase = bool(split_drives(self.scene.arm, self.scene.drive)[1]) or w - better > 0.1 * self.tol * w
+            self.own = other if self.rebase else self.own
 
-    # -- indicators --------------------------------------------------------------------------------------------------
-
-    def estimate(self, rich: Model, evidence: Evidence) -> None:
-        """Estimates the effect of each coordinate of the rich model and of each order from the run of the base."""
-        base = evidence.base.result
-        assert base is not None
-        scene = self.models.at(rich, {})
-        sizes, _ = indicate(scene, base, self.measure, {})
-        evidence.share = {key: x for key, x in zip(keys(scene.arm), sizes.tolist(), strict=True) if key[0] >= 0}
-        evidence.by_order, evidence.lacking = self._poorer(evidence.base)
-        evidence.first_frequency = first_frequency(base.arm)
-        most = {key: float(x.max()) for key, x in readings(base.arm, base, evidence.first_frequency).items()}
-        evidence.spin, evidence.rotation = ({k: x for (name, k), x in most.items() if name == kind}
-                                      for kind in ("spin", "rotation"))  # fmt: skip
-
-    def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
-        """Estimated errors of each order, and of each decision's variants by name."""
-        assert base.result is not None
-        exact = base.model.but(order="exact", rotary=True, gauss=None)
-        if not exact.elastic:
-            return {}, {}
-        variants: dict[Any, Arm] = {}
-        for decision in DECISIONS:
-            for name, model in decision.poorer(self.models, exact).items():
-                try:
-                    variants[name] = self.models.arm(model)
-                except ValueError:
-                    continue  # torsion and shear need rotary inertia; order 0 may lack inertia
-        _, errors = indicate(self.models.at(exact, {}), base.result, self.measure, variants)
-        by_order = {order: errors.pop(order) for order in ORDERS if order in errors}
-        return {**by_order, "exact": 0.0}, errors
-
-    def relevant(self, rich: Model, evidence: Evidence) -> Model:
+    def relevant(self, rich: Model, base: Run) -> Model:
         """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
-        small, share, base = _SMALL * self.tol, evidence.share, evidence.base.model
+        assert base.dense is not None
+        scene = self.models.at(rich, {})
+        sizes, _ = worth(scene, smoothed(base.dense), self.measure)
+        self.share = {key: float(x) for key, x in zip(keys(scene.arm), sizes, strict=True) if key[0] >= 0}
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
-            for s, (n, own) in enumerate(zip(beam.counts, base.counts(k), strict=True)):
-                seen = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
+            for s, (n, own) in enumerate(zip(beam.counts, base.model.counts(k), strict=True)):
+                seen = [i for i in range(1, n + 1) if max(self.share[j, s, i] for j in group) > _SMALL * self.tol]
                 numbers.append(max([min(own, n), *seen]))
             return replace(beam, counts=tuple(numbers))
 
-        return rich.each(matters)
+        return self.affordable(rich, base.model).each(matters)
+
+    def without(self, rich: Model, model: Model) -> tuple[Model, float]:
+        """The rich model without the shear and extension that another one has none of, and the estimated effect of
+        these: beams are stiff in them, and need very short steps."""
+        out = {(k, s) for k, beam in enumerate(rich.beams) for s in _FAST if beam and not model.counts(k)[s]}
+
+        def fewer(k: int, beam: BeamModel) -> BeamModel:
+            return replace(beam, counts=tuple(0 if (k, s) in out else n for s, n in enumerate(beam.counts)))
+
+        return rich.each(fewer), sum(x for (k, s, _), x in self.share.items() if (k, s) in out)
+
+    def affordable(self, rich: Model, model: Model) -> Model:
+        """The rich model, without shear and extension that the other has none of, if these have a small effect."""
+        few, lost = self.without(rich, model)
+        small = lost <= _LOST * self.tol
+        self.lost = lost if small else 0.0
+        return few if small else rich
+
+    # -- runs --------------------------------------------------------------------------------------------------------
+
+    def steps(self) -> float:
+        """A tolerance of steps whose error is negligible."""
+        share = min((self.measure.span[u] / self.measure.size_of(u) for u in self.measure.span), default=1.0)
+        return float(np.clip(_SMALL * self.tol * min(share, 1.0), *_STEPS))
+
+    def first(self) -> Run:
+        """A first run, and the setting of others: of the scene's own model if it can be run, else of that with exact
+        rotation."""
+        for model in dict.fromkeys((self.own, self.own.but(order="exact"))):
+            self.tell("the scene's own model")
+            for options in self.options(self.steps()):
+                run = self.trials.run(model, options, dense=_DENSE[1])
+                if run.values is not None:
+                    self.measure.set_span(run.values)
+                    name = "tolerance" if "tolerance" in options else "rtol"
+                    self.trials.setting = {**options, name: min(options[name], self.steps())}
+                    return run
+        reasons = [run.reason for run in self.trials.runs.values() if run.reason]
+        raise ValueError(f"scene: cannot be run to this tolerance: {reasons[0]}")
+
+    def options(self, steps: float, stages: int = 4) -> list[dict[str, Any]]:
+        """Arguments of `simulate` to try in turn for a run with steps of this tolerance."""
+        gauss = {"integrator": "gauss", "tolerance": steps, "stages": stages}
+        ida = by_tolerance(1e-2 * steps)
+        return [*([gauss] if self.scene.arm.nv <= DENSE else []), ida, {**ida, "max_order": 2}]
+
+    def attempt(self, model: Model, finer: bool = False) -> Run:
+        """A run of a model, with the setting, or with steps and a method that are independent of it; if it fails, with
+        another integrator."""
+        setting, usual = self.trials.setting, max(10.0, 100.0 * self.base.time)
+        steps = setting.get("tolerance", setting.get("rtol", 0.0)) / (10 if finer else 1)
+        dense = int(np.clip(_DENSE[0] * self.base.steps, *_DENSE[1:]))
+        for tried in self.options(steps, 3) if finer else [setting, *self.options(steps)[1:]]:
+            run = self.trials.run(model, tried, whole=finer and "tolerance" in tried, most=usual, dense=dense)
+            if run.values is not None:
+                break
+        return run
+
+    def error(self, model: Model) -> float:
+        """Error of a model beside the judge, by simulation; inf where it cannot be run."""
+        try:
+            self.models.check(model)
+            return self.trials.distance(self.trials.run(model, most=max(0.5, 3 * self.reference.time)), self.judge)
+        except ValueError:
+            return np.inf
+
+    # -- the walk ----------------------------------------------------------------------------------------------------
+
+    def estimate(self, model: Model) -> float:
+        """Estimated error of a model. Where runs of others are off from their estimates, so is this, by what those are
+        off that are near to it."""
+        assert self.sources is not None
+        change = self.sources.change(model)
+        if len(self.known) < 2 and self.judge is self.reference:  # which is not off
+            return size(change)
+        near = np.array([size({u: x - known[u] for u, x in change.items()}) for known, _ in self.known])
+        parts = 1.0 / np.maximum(near, 1e-9 * self.tol) ** 2
+        parts = parts / parts.sum()
+        return size({u: x + np.tensordot(parts, [off[u] for _, off in self.known], 1) for u, x in change.items()})
+
+    def learn(self, run: Run) -> None:
+        """Stores how far a run is off from its estimate."""
+        assert self.sources is not None and run.values is not None and self.judge.values is not None
+        change = self.sources.change(run.model)
+        self.known.append((change, {u: (run.values[u] - self.judge.values[u]) / span - change[u]
+                                    for u, span in self.measure.span.items()}))  # fmt: skip
+
+    def poorer(self, model: Model) -> Iterator[Model]:
+        """Models with one thing less, or of another order."""
+        for group in self.models.groups:
+            beam = model.beam(group[0])
+            if not self.models.pinned:
+                yield from (model.with_count(group, s, n - 1) for s, n in enumerate(beam.counts) if n)
+            if beam.rotary and (ROTARY, group[0]) not in self.refused:
+                yield model.but(group, rotary=False)
+            others = () if beam.rigid else orders(self.models, group)
+            yield from (model.but(group, order=order) for order in others
+                        if order != beam.order and (ORDER, group[0], order) not in self.refused)  # fmt: skip
+
+    def walk(self) -> Model:
+        """From the reference's model down, by what saves most time for its error, to the goal. Fewer shapes always save
+        time: those that hardly matter go first."""
+        goal, model, now = self.limit(_GOAL), self.reference.model, 0.0
+
+        def first(some: list[tuple[float, float, Model]]) -> tuple[float, float, Model] | None:
+            return next((x for x in sorted(some, key=lambda x: x[0]) if self.possible(x[2])), None)
+
+        while True:
+            known = [(self.estimate(other), other) for other in self.poorer(model)]
+            known = [x for x in known if x[0] <= goal]
+            step = first([(error, error, other) for error, other in known
+                          if other.size < model.size and error <= max(now, _SLIGHT * goal)])  # fmt: skip
+            step = step or first([(max(error - now, 0.0) / saved, error, other) for error, other in known
+                                  if (saved := self.trials.saved(model, other)) > 0.0])  # fmt: skip
+            if step is None:
+                return model
+            _, now, model = step
+
+    def possible(self, model: Model) -> bool:
+        """Whether the scene's controllers and sensors can work with a model."""
+        try:
+            self.models.check(model)
+        except ValueError:
+            return False
+        return True
+
+    def reduce(self) -> None:
+        """Finds `best`, the run of the cheapest model that keeps the goal: the walk's, again with what its runs tell;
+        then of those that lack one thing more, where the estimates say that they hardly miss the goal."""
+        self.tell("fewer coordinates")
+        self.best, self.known, self.refused = self.reference, [], set()
+        self.sources = Sources(self.models, self.measure, self.reference)
+        self.learn(self.reference)
+        ran = {self.reference.model}
+        for _ in range(_WALKS):
+            model = self.walk()
+            if model in ran:
+                near = [(self.estimate(x), x) for x in self.poorer(self.best.model) if x.size < self.best.model.size]
+                near = [x for x in near if x[1] not in ran and x[0] <= _NEAR * self.limit(_GOAL)]
+                near = [x for x in near if self.possible(x[1])]
+                if not near:
+                    break
+                model = min(near, key=lambda x: x[0])[1]
+            ran.add(model)
+            run = self.trials.run(model, most=max(0.5, 3 * self.reference.time))
+            if run.values is None:
+                gone = [part for part in self.sources.left_out(model) if part[0] != MODES]
+                self.refused |= {part for part in gone if part[0] == ROTARY} or set(gone)
+                continue
+            self.learn(run)
+            if self.good(run) and (self.best is self.reference or self.trials.saved(self.best.model, model) > 0.0):
+                self.best = run
+
+    def good(self, run: Run, share: float = _GOAL) -> bool:
+        return self.trials.distance(run, self.judge) <= self.limit(share)
+
+    def limit(self, share: float) -> float:
+        """The error that a run may have for this share of the tolerance."""
+        return share * self.tol - self.lost
+
+    def sliced(self, model: Model, share: float) -> Model:
+        """The model with this share of the Gauss points that its bases ask for."""
+        links = self.models.arm(model).links
+
+        def fewer(k: int, beam: BeamModel) -> BeamModel:
+            of = links[k].beam
+            assert of is not None
+            return beam if beam.rigid else replace(beam, gauss=max(2, int(np.ceil(share * of._core.gauss_points))))
+
+        return model.each(fewer) if share < 1.0 else model
+
+    def integrate(self) -> None:
+        """Finds the fastest run of the best model with an error below 0.85 of the tolerance: few Gauss points first,
+        where no new warning appears; chosen steps, loose ones first, then fixed ones of some times their length, then
+        short ones of a cheap method."""
+        self.tell("integrators")
+        tried = self.settings = []
+        span, gap = float(np.ptp(self.scene.t)), longest_gap(self.scene)
+
+        def good(run: Run) -> bool:
+            return self.good(run, _RUN_SHARE) and (bool(self.best.warning) or not run.warning)
+
+        def best() -> float:
+            return min((x.time for x in tried if good(x)), default=np.inf)
+
+        def run(model: Model, **options: Any) -> Run:
+            tried.append(self.trials.run(model, options, whole=True, most=max(0.2, 3 * best())))
+            return tried[-1]
+
+        setting = self.trials.setting
+        name = "tolerance" if "tolerance" in setting else "rtol"
+        for share, factor in ((0.5, 30), (1.0, 30), (1.0, 3), (1.0, 1)):
+            model = self.sliced(self.best.model, share)
+            value = min(factor * setting[name], 1e-2)
+            by = run(model, **(by_tolerance(value) if name == "rtol" else {"integrator": "gauss", name: value}))
+            if good(by):
+                break
+        if name == "tolerance":
+            step = min(4 * span / max(by.steps, 1), span)
+            fits = good(run(model, integrator="gauss", step=step))
+            run(model, integrator="gauss", step=2 * step if fits else step / 2)
+        if 8 * span / gap * self.trials.cost(model) < best():  # at least four evaluations a step
+            stable = stable_step(self.models.at(model, {}), gap) == gap
+            run(model, integrator="rk4" if stable else "implicit", step=gap)
+        found = sorted(filter(good, tried), key=lambda x: x.time)
+        for x in found[:2]:
+            self.trials.time_again(x, often=2)
+        self.lean = min(found, key=lambda x: x.time, default=by)
 
     # -- all together ------------------------------------------------------------------------------------------------
 
-    def start(self) -> Run:
-        """A first run: of the scene's own model if it can be run, else of that with exact rotation."""
-        for model in dict.fromkeys((self.own, self.own.but(order="exact"))):
-            self.tell("the scene's own model")
-            trial = settle(self.trials, model, self.tol)
-            if trial is not None:
-                return trial
-        reasons = [t.reason for t in self.trials.runs.values() if t.reason]
-        why = reasons[0] if reasons else "no setting of any integrator agrees with the next finer one"
-        raise ValueError(f"scene: cannot be run to this tolerance: {why}")
-
-    def __call__(self) -> Evidence:
-        """Decides. After OutOfTime the result so far is returned, not certified."""
-        self.find_symmetry()
+    def __call__(self) -> None:
+        """Decides. After OutOfTime the result so far stays, not certified."""
         self.find_basis()
         try:
-            base = self.start()
+            self.base = self.reference = self.judge = self.best = self.lean = self.first()
+            self.trials.states = self.base.result
         except OutOfTime:
             raise ValueError("budget: is over before the scene's own model could be run; give more") from None
-        assert base.values is not None
-        if not self.measure.span:
-            self.measure.set_span(base.values)
-        self.trials.states = base.result
-        evidence = Evidence(self.trials, self.tol, base)
-        evidence.notes += [note] if (note := self.models.start.note) else []
-        evidence.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
-                         for k, reached in self.reached.items()}  # fmt: skip
+        self.notes += [note] if (note := self.models.start.note) else []
+        assert self.base.result is not None
+        arm = self.base.result.arm
+        self.first_frequency = first_frequency(arm)
+        most = {key: float(x.max()) for key, x in readings(arm, self.base.result, self.first_frequency).items()}
+        self.spin, self.rotation = ({k: x for (name, k), x in most.items() if name == kind}
+                                    for kind in ("spin", "rotation"))  # fmt: skip
         try:
-            self._decide(evidence)
+            self.decide()
         except OutOfTime:
-            evidence.reasons.append("the time for deciding was used up")
-        self.find_unstable(evidence)
-        return evidence
+            self.reasons.append("the time for deciding was used up")
+        self.find_unstable()
 
-    def find_unstable(self, evidence: Evidence) -> None:
+    def decide(self) -> None:
+        self.tell("a rich model")
+        reference = self.attempt(self.relevant(self.enriched(0), self.base))
+        if reference.values is None:
+            reference = self.base  # the check measures its error
+        if self.models.jumps:
+            self.in_pieces(reference)
+            return
+        for k in range(_ROUNDS):
+            assert reference.values is not None
+            self.measure.set_span(reference.values)
+            self.reference = self.judge = reference
+            rich = self.affordable(self.enriched(2 * k, reference.model), reference.model)
+            if self.descended(rich) or self.check is None or self.check.values is None:
+                return
+            reference = self.check
+            self.trials.setting = {k: v for k, v in self.check.options.items() if k != "stages"} | {"stages": 4}
+
+    def descended(self, rich: Model) -> bool:
+        """Finds the lean run and checks it; whether they agree."""
+        self.reasons, self.check = [], None
+        self.reduce()
+        self.integrate()
+        self.tell("check")
+        self.notes = self.notes[: bool(self.models.start.note)]
+        check = self.attempt(rich, finer=True)
+        few, lost = self.without(rich, self.reference.model)
+        if check.values is None and few != rich:  # for example with switching friction and fast shear
+            check, self.lost = self.attempt(few, finer=True), lost
+            self.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
+        self.check = check
+        if check.values is None:
+            self.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+            return False
+        self.off, self.gap = (self.trials.distance(run, check) for run in (self.lean, self.judge))
+        if self.gap <= _AGREE * self.tol:  # else the choices were made against a wrong run
+            for run in (self.lean, *sorted(self.settings, key=lambda x: x.time)):
+                off = self.trials.distance(run, check)
+                if off + _REMAINDER * self.gap + self.lost <= self.tol and (run is self.lean or not run.warning):
+                    self.lean, self.off = run, off
+                    return True
+        self.reasons = [
+            f"against the check it is off by {self.off:.2g}, and the reference, against which choices were "
+            f"made, by {self.gap:.2g}; tolerance {self.tol:.2g}"
+        ]
+        return False
+
+    def in_pieces(self, reference: Run) -> None:
+        """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
+        taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
+        come near these."""
+        self.reference = reference
+        advice = (
+            f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
+            "Arm([*fa.split(link), ...])"
+        )
+        if self.models.pinned or callable(self.measure.quantity):
+            why = self.models.pinned or "the quantity is a function, which may count on the links"
+            self.reasons.append(f"{advice}; the check cannot, as {why}")
+            return
+        rich = replace(self.affordable(self.enriched(0, reference.model), reference.model), pieces=True)
+        self.tell("beams in pieces")
+        judge, near = self.attempt(rich), False
+        for k in range(_ROUNDS):
+            if judge.values is None or reference.values is None:
+                break
+            self.measure.set_span(judge.values)
+            self.reference = reference
+            near = self.trials.distance(reference, judge) <= _GOAL * self.tol
+            if near:
+                break
+            reference = self.attempt(self.enriched(2 * k + 1, self.reference.model))
+        self.judge = judge if near else self.reference  # too far from the pieces: the check reports it
+        many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
+        more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
+        if not self.descended(more) and self.check is not None:
+            self.reasons[0] += f"; {advice}"
+
+    def find_unstable(self) -> None:
         """Tests whether disturbances of motions that symmetry excludes stay small."""
-        run = evidence.reference
+        run = self.reference
         if self.models.pinned or run.result is None:
             return
-        rich, lean = self.enriched(0, all_strains=True), run.model
+        rich = self.enriched(0, all_strains=True)
 
         def few(k: int, own: BeamModel) -> BeamModel:
             numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
             return BeamModel(numbers, "exact", True, None, own.basis)
 
         try:
-            scene = self.models.at(lean.each(few), {})
+            scene = self.models.at(run.model.each(few), {})
             moves = excited(scene)
-            for rows in (31, 241, _MANY_ROWS):  # too few rows for fast vibrations show false growth
-                result = run.result if rows < _MANY_ROWS else self.trials.at_rows(run, rows)
+            for rows in _ROWS:
+                result = run.result if rows < _ROWS[-1] else self.trials.at_rows(run, rows)
                 grown = growth(scene, result, moves, rows)
                 if grown <= _GROWTH:
                     return
         except ValueError as e:
-            evidence.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
+            self.notes.append(f"the stability of motions that symmetry excludes could not be tested: {e}")
             return
         left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
-        evidence.reasons.append(
+        self.reasons.append(
             f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
             f"but a disturbance of them grows {grown:.2g} times within the run; add them to the scene"
         )
 
-    def attempt(self, model: Model, options: dict[str, Any], whole: bool, base: Run) -> Run:
-        """A run of a model; if it fails, one with finer steps, or with variable steps.
-
-        Args:
-            whole: with all output times, where the integrator has fixed steps. base: a run whose time is usual.
-        """
-        setting, slow, most = self.trials.setting, by_tolerance(1e-6), max(10.0, 100.0 * base.time)
-        finer_steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
-        for tried in (options, *finer_steps, slow, {**slow, "max_order": 2}):
-            run = self.trials.run(model, tried, whole=whole and "step" in tried, most=most)
-            if run.values is not None:
-                break
-            most = max(5.0, 0.5 * self.trials.seconds)
-        return run
-
-    def checked(self, rich: Model, evidence: Evidence) -> Run:
-        """A run of the enriched model with finer steps at all output times. If no integrator completes it (for example
-        with switching friction and fast shear), shear and extension are left out if their estimated effect is small; a
-        note tells."""
-        options, evidence.notes = finer(self.trials, evidence.reference), evidence.notes[: bool(self.models.start.note)]
-        check = self.attempt(rich, options, True, evidence.base)
-        few = self.as_in(rich, evidence.reference.model, _FAST)
-        lost = self.effect(evidence, _FAST)
-        if check.values is None and few != rich and lost <= _SMALL * self.tol:
-            check = self.attempt(few, options, True, evidence.base)
-            evidence.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
-        return check
-
-    def worth_a_check(self, rich: Model, evidence: Evidence) -> Model:
-        """The enriched model with the extension of the reference, if more has a small estimated effect: a beam that is
-        stiff in extension needs very short steps."""
-        small = self.effect(evidence, (_EXTENSION,)) <= _SMALL * self.tol
-        return self.as_in(rich, evidence.reference.model, (_EXTENSION,)) if small else rich
-
-    @staticmethod
-    def effect(evidence: Evidence, strains: tuple[int, ...]) -> float:
-        """The largest estimated effect of a coordinate of these strains."""
-        return max((x for (_, s, _), x in evidence.share.items() if s in strains), default=0.0)
-
-    @staticmethod
-    def as_in(rich: Model, other: Model, strains: tuple[int, ...]) -> Model:
-        """The rich model with the other's numbers of shapes of these strains."""
-
-        def change(k: int, beam: BeamModel) -> BeamModel:
-            counts = enumerate(zip(beam.counts, other.counts(k), strict=True))
-            return replace(beam, counts=tuple(own if s in strains else n for s, (n, own) in counts))
-
-        return rich.each(change)
-
-    def _decide(self, evidence: Evidence) -> None:
-        rich = self.enriched(0)
-        self.tell("indicators")
-        self.estimate(rich, evidence)
-        reference = self.attempt(self.relevant(rich, evidence), self.trials.setting, False, evidence.base)
-        if reference.values is None:
-            reference = evidence.base  # the check measures its error
-        if self.models.jumps:
-            self._in_pieces(evidence, reference)
-            return
-        for k in range(_ROUNDS):
-            assert reference.values is not None
-            self.measure.set_span(reference.values)
-            evidence.reference = evidence.judge = reference
-            rich = self.worth_a_check(self.enriched(k, reference.model), evidence)
-            if self._descended(evidence, rich) or evidence.check is None or evidence.check.values is None:
-                return
-            reference, self.trials.setting = evidence.check, evidence.check.options
-
-    def _descended(self, evidence: Evidence, rich: Model) -> bool:
-        """Makes the descent and its check; returns whether they agree."""
-        evidence.reasons, evidence.check = [], None
-        down = Descent(evidence, self.tell)
-        model = down.reduce()
-        self.tell("integrators")
-        evidence.lean, evidence.settings = down.integrate(model)
-        self.tell("check")
-        check = evidence.check = self.checked(rich, evidence)
-        if check.values is None:
-            evidence.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
-            return False
-        if not (differs(check, evidence.judge) and differs(check, evidence.lean)):
-            evidence.reasons.append(f"the check took no more steps, {check.steps}, than the run it checks")
-            evidence.check = None
-            return False
-        evidence.off = self.trials.distance(evidence.lean, check)
-        evidence.gap = self.trials.distance(evidence.judge, check)
-        if evidence.off + _REMAINDER * evidence.gap <= self.tol and evidence.gap <= _AGREE * self.tol:
-            return True
-        evidence.reasons = [
-            f"against the check it is off by {evidence.off:.2g}, and the reference, against which choices were "
-            f"made, by {evidence.gap:.2g}; tolerance {self.tol:.2g}"
-        ]
-        return False
-
-    def _in_pieces(self, evidence: Evidence, reference: Run) -> None:
-        """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
-        taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
-        come near these."""
-        if self.models.pinned or callable(self.measure.quantity):
-            why = self.models.pinned or "the quantity is a function, which may count on the links"
-            evidence.reasons.append(f"{self.advice}; the check cannot, as {why}")
-            return
-        evidence.reference = reference
-        rich = replace(self.worth_a_check(self.enriched(0, reference.model), evidence), pieces=True)
-        self.tell("beams in pieces")
-        judge, near = self.trials.run(rich, most=max(10.0, 100.0 * evidence.base.time)), False
-        for k in range(_ROUNDS):
-            if judge.values is None or reference.values is None:
-                break
-            self.measure.set_span(judge.values)
-            evidence.reference = reference
-            near = self.trials.distance(reference, judge) <= _NEAR * self.tol
-            if near:
-                break
-            reference = self.trials.run(self.enriched(2 * k + 1, evidence.reference.model))
-        evidence.judge = judge if near else evidence.reference  # too far from the pieces: the check reports it
-        many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
-        more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
-        if not self._descended(evidence, more) and evidence.check is not None:
-            evidence.reasons[0] += f"; {self.advice}"
-
-    @property
-    def advice(self) -> str:
-        """Advice for a scene with beams whose strains jump."""
-        return (
-            f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
-            "Arm([*fa.split(link), ...])"
-        )
+    def by_order(self) -> dict[int | str, float]:
+        """Estimated error of the rich model by the order of all its beams."""
+        known = [part for part in self.sources.changes if part[0] == ORDER] if self.sources else []
+        parts = {order: [part for part in known if part[2] == order] for order in self.models.orders}
+        return {order: self.sources.size_of(*some) for order, some in parts.items() if some and self.sources}

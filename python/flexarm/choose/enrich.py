@@ -10,9 +10,9 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..model.parts.beam import STRAINS
-from .decisions import keys
 from .indicators import excited
 from .models import BeamModel, Model, Models
+from .states import keys
 
 _MANY = 4  # with more beams than this, each gets fewer further shapes
 

@@ -27,7 +27,6 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensitivity import ByForces, RunStopped
 from ..run.simulation import SimulationError, simulated, source
-from .decisions import keys
 from .enrich import enriched, moving_strains
 from .error_estimate import ErrorEstimate, ErrorSource
 from .indicators import elastic, response
@@ -35,7 +34,7 @@ from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
 from .models import BeamModel, Model, Models
 from .pieces import leaps
-from .states import embed, some_rows
+from .states import embed, keys, some_rows
 
 _SMALL = 0.003  # of the estimated response of all strains: those of a smaller one are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")

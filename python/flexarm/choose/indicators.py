@@ -7,7 +7,8 @@ of the excitation, estimates the error of leaving them out. The cost is one inve
 integration of small matrices: less than a run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,11 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.start import acting
 from .measures import Measure, probes
-from .states import embed, restated, some_rows
+from .states import embed, keys, restated, some_rows
 
 _ROWS = 121  # rows of a run for the residuals
+_PLACES = 61  # of a run, at which its equations of small motions are found; between them they are interpolated
+_STUCK = 1e-6  # rad/s or m/s: joints with dry friction that are slower stick
 
 
 def _driven(scene: Scene) -> NDArray[np.bool_]:
@@ -149,7 +152,7 @@ def elastic(arm: Arm) -> tuple[Array, Array]:
     return K, D
 
 
-def _forces(scene: Scene, arm: Arm, run: Result) -> Array:
+def forces_of(scene: Scene, arm: Arm, run: Result) -> Array:
     """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
     patched, loads = bool(split_drives(arm, scene.drive)[1]), [*scene.loads, *pushes(arm, scene.drive)]
     if not loads and not patched:
@@ -179,25 +182,6 @@ def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
     return out
 
 
-def indicate(
-    rich: Scene, result: Result, measure: Measure, variants: Mapping[Any, Arm]
-) -> tuple[Array, dict[Any, float]]:
-    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,); and by name, the
-    estimated difference of each variant from the richer arm.
-
-    Args:
-        rich: the scene with the richer arm. result: a run of a poorer one. measure: the quantity, with its span.
-        variants: arms with the richer one's coordinates, poorer in another property (order, rotary inertia).
-    """
-    run, x = _lacking(rich, result, variants)
-    size = measure.sense(rich, run.q)
-    share = np.array([size(x[:, :, 0] * unit) for unit in np.eye(rich.arm.nv)])
-    return share, {
-        name: size(x[:, :, k]) + measure.kinematic(rich, other, run.q)
-        for k, (name, other) in enumerate(variants.items(), 1)
-    }
-
-
 def response(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
     """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,), and that of all."""
     run, x = _lacking(rich, result, {})
@@ -210,9 +194,9 @@ def _lacking(rich: Scene, result: Result, variants: Mapping[Any, Arm]) -> tuple[
     lacking: those of the poorer arm, and those of each variant."""
     arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
     run = embed(result, arm, rows)
-    full = _forces(rich, arm, run)
-    known = restated(_forces(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
-    missing = [full - known, *(full - _forces(rich, other, run) for other in variants.values())]
+    full = forces_of(rich, arm, run)
+    known = restated(forces_of(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
+    missing = [full - known, *(full - forces_of(rich, other, run) for other in variants.values())]
     return run, _response(rich, run, -np.stack(missing, axis=2))
 
 
@@ -236,3 +220,109 @@ def _response(scene: Scene, run: Result, forces: Array) -> Array:
         with np.errstate(all="ignore"):
             x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
     return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)
+
+
+class Tangents:
+    """The equations of small motions about a run, M x'' + D x' + K x = f, at some of its times; with controllers, but
+    without their memory.
+
+    Args:
+        scene: with the run's arm. run: at evenly spaced times.
+
+    Attributes:
+        rows: of the run. matrices: M, D and K there, (3, rows, nv, nv).
+    """
+
+    def __init__(self, scene: Scene, run: Result) -> None:
+        arm, n = scene.arm, scene.arm.nv
+        self.scene, self.run = scene, run
+        laws = arm.by_rate("drive", split_drives(arm, scene.drive)[0])
+        self.free = np.flatnonzero([not isinstance(laws.get(i), Motion) for i in range(n)])
+        rates = [arm.coordinate_of(i) for i in range(n)]
+        more = np.zeros((3, n, n))
+        for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
+            more[1] += np.outer(f.column[:n], f.by_v[:n])
+            more[2] += np.outer(f.column[:n], [f.by_q[j] if j >= 0 else 0.0 for j in rates])
+        loads = [*scene.loads, *pushes(arm, scene.drive)]
+        rubs = np.zeros(n, dtype=bool)
+        for k, link in enumerate(arm.links):
+            first = arm._core.first(k)
+            rubs[first : first + link.joint.nv] = np.array(link.joint._per_freedom("coulomb", link.joint.nv)) > 0.0
+        self.rows, out = some_rows(len(run.t), _PLACES), []
+        for k in self.rows:
+            q, v, a = run.q[k], run.v[k], run.a[k]
+            by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, loads, float(run.t[k])))
+            M, K = arm._core.mass_matrix(q), by_q @ arm._core.rates(q, v)[2]
+            stuck = np.diag(np.where(rubs & (np.abs(v) < _STUCK), 1e6 * np.diag(M) / np.ptp(run.t), 0.0))
+            out.append(np.stack([M, by_v + stuck, K]) + more)
+        self.matrices: Array = np.array(out).transpose(1, 0, 2, 3)
+
+    def answers(
+        self, forces: Array, held: Sequence[Sequence[int]] = (), balanced: bool = False
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Motions x and rates (nt, nv, m) under forces (nt, nv, m), by the midpoint rule.
+
+        Args:
+            held: of the first columns, the rates that undo the run's: without these coordinates it would be like this.
+            balanced: whether it begins where the elastic coordinates are in balance; else, but for those held, at zero.
+        """
+        free, h = self.free, float(np.ptp(self.run.t)) / (len(self.run.t) - 1)
+        M, D, K = self.matrices[:, :, free[:, None], free]
+        before, after = M + 0.5 * h * D + 0.25 * h**2 * K, M - 0.5 * h * D - 0.25 * h**2 * K
+        at = np.array([self.scene.arm.coordinate_of(int(i)) for i in free])
+        target, groups = -self.run.v[:, free], [np.searchsorted(free, list(some)) for some in held]
+        out = np.zeros((2, *forces.shape))
+        x, v = np.zeros((2, len(free), forces.shape[2]))
+        elastic = [i for i, j in enumerate(free) if keys(self.scene.arm)[j][0] >= 0]
+        for c in range(forces.shape[2]):
+            mine = groups[c] if c < len(groups) else np.zeros(0, dtype=int)
+            x[mine, c] = -self.run.q[0, at[mine]]
+            others = np.array([i for i in elastic if i not in mine] if balanced else [], dtype=int)
+            push = forces[0, free[others], c] - K[0][np.ix_(others, mine)] @ x[mine, c]
+            x[others, c] = np.linalg.lstsq(K[0][np.ix_(others, others)], push, rcond=None)[0]
+        out[0, 0, free] = x
+        single = [c for c, some in enumerate(groups) if len(some) == 1]
+        one = [groups[c][0] for c in single]
+        pushed = 0.5 * h * (forces[1:, free] + forces[:-1, free])
+        with np.errstate(all="ignore"):
+            for i, (first, last) in enumerate(zip(self.rows[:-1], self.rows[1:], strict=True)):
+                part = ((np.arange(first, last) + 0.5 - first) / (last - first))[:, None, None]
+                S, T, stiff = (X[i] + part * (X[i + 1] - X[i]) for X in (before, after, h * K))
+                S = np.linalg.inv(S)
+                for n, k in enumerate(range(first, last)):
+                    new = S[n] @ (T[n] @ v - stiff[n] @ x + pushed[k])
+                    if single:
+                        new[:, single] += S[n][:, one] * ((target[k + 1, one] - new[one, single]) / S[n][one, one])
+                    for c, some in enumerate(groups):
+                        if len(some) > 1:
+                            lacks = target[k + 1, some] - new[some, c]
+                            new[:, c] += S[n][:, some] @ np.linalg.solve(S[n][np.ix_(some, some)], lacks)
+                    x, v = x + 0.5 * h * (v + new), new
+                    out[0, k + 1, free], out[1, k + 1, free] = x, v
+        x, v = np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
+        return x, v
+
+
+def smoothed(run: Result) -> Result:
+    """A run at evenly spaced times with the rates and accelerations that its coordinates have from row to row: without
+    those of vibrations that the rows do not follow, whose accelerations are large."""
+    arm, v = run.arm, run.v.copy()
+    plain = [(i, j) for i in range(arm.nv) if (j := arm.coordinate_of(i)) >= 0]
+    of, places = [i for i, _ in plain], [j for _, j in plain]
+    v[:, of] = np.gradient(run.q[:, places], run.t, axis=0)
+    return replace(run, v=v, a=np.gradient(v, run.t, axis=0))
+
+
+def worth(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
+    """What the quantity of a run changes, over its span, by the force that it lacks on each further coordinate of a
+    richer arm, (nv,), 0 of those that it has, and by all of them: the motions of the richer arm under these."""
+    arm, rows = rich.arm, some_rows(len(result.t), 201)
+    some, run = embed(result, result.arm, rows), embed(result, arm, rows)
+    lacking = restated(forces_of(rich, result.arm, some), result.arm, arm, rates=True) - forces_of(rich, arm, run)
+    new = [i for i, key in enumerate(keys(arm)) if key not in set(keys(result.arm))]
+    each = np.zeros((*lacking.shape, len(new) + 1))
+    each[:, new, range(len(new))], each[:, :, -1] = lacking[:, new], lacking
+    x = Tangents(rich, run).answers(each)[0]
+    sizes, size = np.zeros(arm.nv), measure.sense(rich, run.q)
+    sizes[new] = [size(x[:, :, k]) for k in range(len(new))]
+    return sizes, size(x[:, :, -1])

@@ -21,9 +21,8 @@ from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.start import state
-from .decisions import keys
 from .models import BeamModel, Model, Models
-from .states import embed, restated
+from .states import embed, keys, restated
 
 ORDER, ROTARY, GAUSS = "order of rotation", "rotary inertia", "Gauss points"
 BASIS, START, REST = "basis", "start", "rest"

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, choice
-from .._core import PiecewisePolynomial
 from ..arm.arm import Arm
 from ..model.acting.drive import Motion, split_drives
 from ..model.parts.beam import STRAIN_NAMES
@@ -75,19 +74,6 @@ def between(result: Result, t: Array) -> Result:
 def probes(scene: Scene) -> Array:
     """Times (s) at which functions of time in Python are sampled."""
     return np.asarray(scene.t[0] + np.ptp(scene.t) * np.sort(np.random.default_rng(4).random(_PROBES)))
-
-
-def callables(scene: Scene) -> list[Any]:
-    """Functions of time in Python, t -> number or numbers, that drive the scene; of motions, their accelerations."""
-    out: list[Any] = []
-    given = [*scene.drive.values(), *scene.loads, *(getattr(c, "reference", None) for c in scene.control)]
-    for law in given:
-        inner = getattr(law, "law", law)
-        if isinstance(law, Motion) and callable(inner) and not isinstance(inner, PiecewisePolynomial):
-            out.append(lambda t, f=inner: f(t)[2])
-        elif callable(inner) and not isinstance(inner, PiecewisePolynomial):
-            out.append(inner)
-    return out
 
 
 MEASURES = ("tip", "joint", "strain")
@@ -180,6 +166,14 @@ class Measure:
         # a unit with almost no motion, such as shear angles beside curvatures, must not set the scale
         self.span = {u: 1.0 for u in self.ranges} if self.atol is not None else dict(self.ranges)
 
+    def size_of(self, unit: str) -> float:
+        """The size of the arm, which a tolerance of steps is a part of, in a unit of the quantity."""
+        arm = self.scene.arm
+        if unit != "m":
+            return 1.0 if unit == "rad" else self.span[unit]
+        places = [arm.frame(arm.zero, link=k)[0] for k in range(len(arm.links))]
+        return float(np.linalg.norm(np.diff(places, axis=0, prepend=np.zeros((1, 3))), axis=1).sum())
+
     def by_unit(self, a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
         """Largest distance over all times and places, by unit."""
         return {u: float(np.linalg.norm(a[u] - b[u], axis=-1).max()) for u in self.span}
@@ -216,10 +210,3 @@ class Measure:
             return [J / self.span["m"]]
         moved = float(np.ptp(arm.end_places(q), axis=0).max()) or 1.0
         return [J / moved * self.ranges[""] / self.span[""]]
-
-    def kinematic(self, scene: Scene, other: Arm, q: Array) -> float:
-        """Difference of the quantity between this arm and another with the same coordinates, at the same q."""
-        if self.quantity != "tip":
-            return 0.0
-        away = np.linalg.norm(scene.arm.end_places(q) - other.end_places(q), axis=-1)
-        return float(away.max()) / self.span["m"]

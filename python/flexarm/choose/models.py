@@ -99,6 +99,16 @@ class Model:
     def elastic(self) -> list[BeamModel]:
         return [b for b in self.beams if b is not None and not b.rigid]
 
+    @property
+    def size(self) -> int:
+        """The number of its elastic coordinates."""
+        return sum(sum(b.counts) for b in self.elastic)
+
+    def less(self, other: Model) -> bool:
+        """Whether it has fewer elastic coordinates than another model, or fewer beams with rotary inertia."""
+        mine, theirs = (sum(b.rotary for b in model.beams if b) for model in (self, other))
+        return self.size < other.size or (self.size == other.size and mine < theirs)
+
     # for models whose beams are changed alike:
 
     @property
@@ -198,6 +208,7 @@ class Models:
             else:
                 self.groups.append([k])
         self._arms: dict[Model, Arm] = {}
+        self._links: dict[Any, Link] = {}
         self._pieces: dict[Model, Pieces] = {}
         self._states: dict[Model, tuple[Any, Any]] = {}
         self.pinned = self._pinned()
@@ -292,14 +303,13 @@ class Models:
         if model.pieces:
             return self._in_pieces(model).arm
         if model not in self._arms:
-            made: dict[Any, Link] = {}
             links = []
             for k, (link, beam) in enumerate(zip(self.scene.arm.links, model.beams, strict=True)):
-                if (key := (id(link), beam)) not in made:
-                    made[key] = link
+                if (key := (id(link), beam)) not in self._links:
+                    self._links[key] = link
                     if link.beam is not None and beam is not None and beam != self.given.beams[k]:
-                        made[key] = replace(link, beam=beam_at(link.beam, beam, link.tip))
-                links.append(made[key])
+                        self._links[key] = replace(link, beam=beam_at(link.beam, beam, link.tip))
+                links.append(self._links[key])
             whole = self.scene.arm
             self._arms[model] = Arm(links, whole.gravity, whole.struts, whole.contacts, whole.loops)
         return self._arms[model]

@@ -116,6 +116,14 @@ def embed(result: Result, arm: Arm, rows: Any = slice(None)) -> Result:
     return Result(arm, t, restated(result.q[rows], of, arm), v, a, tau)
 
 
+def keys(arm: Arm) -> list[tuple[int, int, int]]:
+    """(link, strain, number) of each rate; (-1, -1, -1) of joints."""
+    out = [(-1, -1, -1)] * arm.nv
+    for k, beam, _, at in arm.beams():
+        out[at] = [(k, STRAINS.index(name), i + 1) for name, n in beam.counts.items() for i in range(n)]
+    return out
+
+
 def some_rows(n: int, most: int) -> Array:
     """Indices of at most `most` of n rows, evenly spaced, with the first and the last."""
     return np.unique(np.linspace(0, n - 1, most).astype(int))

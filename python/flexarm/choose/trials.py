@@ -11,10 +11,12 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.findings import RangeWarning
+from ..model.acting.drive import Motion, split_drives
 from ..run.integrators import INTEGRATORS, OPTIONS, asks_functions
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.simulation import SimulationError, simulated
+from ..run.steps import explicit_limit
 from .measures import Measure, between, thinned
 from .models import Model, Models
 from .states import embed, some_rows
@@ -39,13 +41,17 @@ BY_TOLERANCE = frozenset(name for name in LINES if SETTINGS[name] != "step")
 #: The integrators with a step that step over output times.
 OVER_OUTPUTS = frozenset({"gauss"})
 
-#: What `economize` tries: integrators of high order first.
-IN_TURN = sorted((*INTEGRATORS, CHOSEN), key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
-
 
 def longest_gap(scene: Scene) -> float:
     """The longest gap between output times (s)."""
     return float(np.diff(scene.t).max())
+
+
+def stable_step(scene: Scene, step: float) -> float:
+    """The longest step (s) up to this one in which explicit integrators are stable, of small motions about rest."""
+    laws = scene.arm.by_rate("drive", split_drives(scene.arm, scene.drive)[0])
+    held = [i for i, law in laws.items() if isinstance(law, Motion)]
+    return min(step, explicit_limit(scene.arm, step, scene.start(), held)[2])
 
 
 def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
@@ -72,17 +78,6 @@ def by_tolerance(rtol: float) -> dict[str, Any]:
     return {"integrator": "ida", "rtol": float(rtol), "atol": float(rtol * 1e-3)}
 
 
-def settings_to_try(scene: Scene, line: str, step: float) -> list[dict[str, Any]]:
-    """Settings of a line for `economize` in order of trial: steps from `step` to long, tolerances from loose."""
-    if line in BY_TOLERANCE:
-        of = by_tolerance if SETTINGS[line] == "rtol" else lambda x: {**LINES[line], SETTINGS[line]: x}
-        return [of(x) for x in (1e-3, 1e-4, 1e-5)]
-    if line not in OVER_OUTPUTS:
-        return [{"integrator": line, "step": longest_gap(scene)}]
-    longer = [step * 2.0**k for k in range(6) if step * 2.0**k <= float(np.ptp(scene.t))]
-    return [{"integrator": line, "step": h} for h in longer or [step]]
-
-
 def setting_of(options: dict[str, Any]) -> str:
     """The argument that makes a run with these more accurate; "" where it is not among them."""
     return next((name for name in ("step", "tolerance", "rtol") if name in options), "")
@@ -96,7 +91,7 @@ def setting_words(options: dict[str, Any]) -> str:
 
 
 _LONG = 0.3  # s: longer runs are not repeated
-_ROUNDS = 15  # timings of an evaluation
+_ROUNDS = 5  # timings of an evaluation
 _EQUAL = 0.05  # of an evaluation's time: least saving, with all beams changed, that counts as cheaper
 
 
@@ -159,6 +154,7 @@ class Run:
     values: dict[str, Array] | None = field(default=None, repr=False)  #: where runs are compared; None: it failed
     full: dict[str, Array] | None = field(default=None, repr=False)  #: of a kept whole run, at all output times, too
     result: Result | None = field(default=None, repr=False)  #: where runs are compared, if kept
+    dense: Result | None = field(default=None, repr=False)  #: at evenly spaced times, if asked for
 
     @property
     def key(self) -> Any:
@@ -194,7 +190,7 @@ class Trials:
 
     Attributes:
         all: the times of comparison and all of the scene's output times.
-        runs: all runs made, by `Run.key`. seconds: spent in them.
+        runs: all runs made, by `Run.key`.
         setting: arguments of `simulate` for comparing models.
         busy: wall time of the last run over its time on this thread; above 1 if other processes slow it.
         states: a run at whose states evaluations of the dynamics are timed.
@@ -204,7 +200,7 @@ class Trials:
         self.models, self.measure, self.t, self.budget, self.keep = models, measure, t, budget, keep
         self.all: Array = np.union1d(models.scene.t, t)
         self.runs: dict[Any, Run] = {}
-        self.seconds, self.busy = 0.0, 1.0
+        self.busy = 1.0
         self.setting: dict[str, Any] = {"integrator": "gauss"}
         self._costs: dict[tuple[Model, str], float] = {}
         self.states: Result | None = None
@@ -213,7 +209,7 @@ class Trials:
 
     def run(
         self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf,
-        choice: str = "", often: int = 1, tell: Callable[[], None] = lambda: None,
+        choice: str = "", often: int = 1, tell: Callable[[], None] = lambda: None, dense: int = 0,
     ) -> Run:  # fmt: skip
         """The run of this model with this setting, made now unless it was made before.
 
@@ -224,13 +220,14 @@ class Trials:
             most: processor time that the run may take (s).
             often: number of repetitions of short runs, of which the least time counts.
             tell: called at times during the run, to update a progress bar.
+            dense: keep the run also at so many evenly spaced times.
 
         Raises:
             OutOfTime: the budget is used up.
         """
         run = Run(model, self.setting if options is None else options, choice, whole)
         known = self.runs.get(run.key)
-        if known is not None and known.status in ("ok", "failed"):
+        if known is not None and (known.status == "failed" or (known.status == "ok" and (known.dense or not dense))):
             return known
         if self.budget.left < 0:
             raise OutOfTime
@@ -240,7 +237,9 @@ class Trials:
             # where more output times do not shorten the steps
             inside = run.options["integrator"] in OVER_OUTPUTS and ("step" in run.options or not asks_functions(scene))
             times = self.t if not whole else self.all if inside else scene.t
-            self._read(run, self._run_timed(run, replace(scene, t=times), most, often, tell))
+            even = np.linspace(self.t[0], self.t[-1], dense) if dense else self.t
+            times = np.union1d(times, even) if dense else times
+            self._read(run, self._run_timed(run, replace(scene, t=times), most, often, tell), even)
         except OutOfTime:
             if self.budget.left < 0:
                 raise
@@ -249,8 +248,6 @@ class Trials:
             if isinstance(e, ValueError) and str(e).startswith("quantity"):
                 raise
             run.status, run.reason = "failed", str(e)
-        finally:
-            self.seconds += time.thread_time() - started
         return self.store(run)
 
     def store(self, run: Run) -> Run:
@@ -279,10 +276,11 @@ class Trials:
         self.busy = max(1.0, float(result.stats["wall_time"]) / used)
         return result
 
-    def _read(self, run: Run, result: Result) -> None:
+    def _read(self, run: Run, result: Result, even: Array) -> None:
         run.steps, run.evaluations, run.halved = (
             int(result.stats[name]) for name in ("steps", "evaluations", "failed_steps")
         )
+        run.dense = None if even is self.t else between(result, even)
         with np.errstate(all="ignore"):
             result = between(result, self.all) if run.whole else result
             seen = thinned(result, self.t)
@@ -335,10 +333,7 @@ class Trials:
         tau, least = np.zeros(states.v.shape), np.inf
         for _ in range(_ROUNDS):
             started = time.thread_time()
-            try:
-                arm._core.forward_dynamics(states.q, states.v, tau, method)
-            except ValueError:
-                pass
+            arm._core.forward_dynamics(states.q, states.v, tau, method)
             least = min(least, time.thread_time() - started)
         return least / len(tau)
 
@@ -349,9 +344,10 @@ class Trials:
         except ValueError:
             return None
 
-    def cheaper(self, model: Model, than: Model) -> bool:
-        """Whether an evaluation of `model` takes less time than of `than`, as measured; False if one of them is
-        impossible."""
-        share = self.share(model, than)
-        changed = [a != b for a, b in zip(model.beams, than.beams, strict=True) if b is not None]
-        return share is not None and share < -_EQUAL * sum(changed) / max(1, len(changed))
+    def saved(self, model: Model, other: Model) -> float:
+        """The share of the time of an evaluation that another model saves; 0 if it is impossible, or saves less than
+        measurements are known."""
+        share = self.share(other, model)
+        changed = [a != b for a, b in zip(model.beams, other.beams, strict=True) if b is not None]
+        least = 0.0 if other.less(model) else _EQUAL * sum(changed) / max(1, len(changed))
+        return 0.0 if share is None or share > -least else -share
