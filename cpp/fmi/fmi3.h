@@ -39,14 +39,7 @@ typedef const fmi3Byte* fmi3Binary;
 typedef bool fmi3Clock;
 
 typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
-typedef enum {
-  fmi3Independent,
-  fmi3Constant,
-  fmi3Fixed,
-  fmi3Tunable,
-  fmi3Discrete,
-  fmi3Dependent
-} fmi3DependencyKind;
+typedef enum { fmi3Independent, fmi3Constant, fmi3Fixed, fmi3Tunable, fmi3Discrete, fmi3Dependent } fmi3DependencyKind;
 typedef enum { fmi3IntervalNotYetKnown, fmi3IntervalUnchanged, fmi3IntervalChanged } fmi3IntervalQualifier;
 
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String category, fmi3String message);
@@ -85,11 +78,11 @@ FMI3_API fmi3Status fmi3Terminate(fmi3Instance);
 FMI3_API fmi3Status fmi3Reset(fmi3Instance);
 
 /* Variables: all of a unit's are Float64. */
-#define FMI3_NUMBERS(Type)                                                                                        \
-  FMI3_API fmi3Status fmi3Get##Type(fmi3Instance, const fmi3ValueReference[], size_t count, fmi3##Type values[],   \
-                                    size_t valueCount);                                                            \
-  FMI3_API fmi3Status fmi3Set##Type(fmi3Instance, const fmi3ValueReference[], size_t count,                        \
-                                    const fmi3##Type values[], size_t valueCount);
+#define FMI3_NUMBERS(Type)                                                                                             \
+  FMI3_API fmi3Status fmi3Get##Type(fmi3Instance, const fmi3ValueReference[], size_t count, fmi3##Type values[],       \
+                                    size_t valueCount);                                                                \
+  FMI3_API fmi3Status fmi3Set##Type(fmi3Instance, const fmi3ValueReference[], size_t count, const fmi3##Type values[], \
+                                    size_t valueCount);
 FMI3_NUMBERS(Float32)
 FMI3_NUMBERS(Float64)
 FMI3_NUMBERS(Int8)
