@@ -7,7 +7,7 @@ of the excitation, estimates the error of leaving them out. The cost is one inve
 integration of small matrices: less than a run.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -165,8 +165,8 @@ def forces_of(scene: Scene, arm: Arm, run: Result) -> Array:
 
 
 def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
-    """x (nt, n, m) of M x'' + D x' + K x = f from rest, f (nt, n, m), by Newmark's method with numerical damping of
-    modes too fast for dt: their coordinates follow f quasi-statically."""
+    """x (nt, n) of M x'' + D x' + K x = f from rest, f (nt, n), by Newmark's method with numerical damping of modes too
+    fast for dt: their coordinates follow f quasi-statically."""
     gamma, beta = 0.55, 0.276
     size = 1.0 / np.sqrt(np.diag(M) + beta * dt**2 * np.abs(np.diag(K)))
     S = size[:, None] * (M + gamma * dt * D + beta * dt**2 * K) * size
@@ -183,25 +183,17 @@ def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
 
 
 def response(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
-    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,), and that of all."""
-    run, x = _lacking(rich, result, {})
-    size = measure.sense(rich, run.q)
-    return np.array([size(x[:, :, 0] * unit) for unit in np.eye(rich.arm.nv)]), size(x[:, :, 0])
-
-
-def _lacking(rich: Scene, result: Result, variants: Mapping[Any, Arm]) -> tuple[Result, Array]:
-    """Some rows of a run in a richer arm, and the motions (nt, nv, 1 + variants) of that under the forces that are
-    lacking: those of the poorer arm, and those of each variant."""
+    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,), and that of all, at
+    one stiffness; `worth` takes that of each time."""
     arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
     run = embed(result, arm, rows)
-    full = forces_of(rich, arm, run)
     known = restated(forces_of(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
-    missing = [full - known, *(full - forces_of(rich, other, run) for other in variants.values())]
-    return run, _response(rich, run, -np.stack(missing, axis=2))
+    x, size = _response(rich, run, known - forces_of(rich, arm, run)), measure.sense(rich, run.q)
+    return np.array([size(x * unit) for unit in np.eye(arm.nv)]), size(x)
 
 
 def _response(scene: Scene, run: Result, forces: Array) -> Array:
-    """Motions (nt, nv, m) of the linearised arm under forces (nt, nv, m), from rest."""
+    """Motions (nt, nv) of the linearised arm under forces (nt, nv), from rest."""
     arm, n = scene.arm, scene.arm.nv
     k, still = len(run.t) // 2, np.zeros(n)
     loads = at_time(arm, [*scene.loads, *pushes(arm, scene.drive)], float(run.t[k]))
