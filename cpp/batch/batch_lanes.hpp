@@ -122,7 +122,7 @@ class LaneGroup final : lanes::Scenarios {
   const BatchSteps& first_steps_;
   const BatchOutput& out_;
   std::function<bool(long)> tell_;
-  const lanes::Kernels& kernels_;
+  const lanes::LaneKernels& kernels_;
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::KernelArm> packed_;
   bool one_for_all_ = true;                                ///< one arm, with loads at the same places

@@ -62,7 +62,7 @@ BatchSteps::BatchSteps(const Problem& problem, const Eigen::VectorXd& t, double 
 }
 
 Index LaneGroup::width(const BatchProblem& p) {
-  const int width = lanes::best_kernels().width;
+  const int width = lanes::best_lanes().width;
   const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
   return p.lanes && !few ? width : 1;
 }
@@ -73,7 +73,7 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchSteps& steps, const
       first_steps_(steps),
       out_(out),
       tell_(std::move(tell)),
-      kernels_(lanes::best_kernels()),
+      kernels_(lanes::best_lanes()),
       width_(width(problem)) {
   const Problem& one = *p_.problems[0];
   for (const auto& p : p_.problems) {

@@ -42,7 +42,7 @@ NearArm near_of(const Problem& problem, const lanes::KernelArm& run,
 class SideBySide {
  public:
   /// Of as many from `first` on as are alike and fit.
-  SideBySide(const std::vector<NearArm>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_kernels()) {
+  SideBySide(const std::vector<NearArm>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_lanes()) {
     std::vector<const lanes::KernelArm*> arms;
     const std::size_t nodes = all[first].own.size();
     own_ = std::make_unique<bool[]>(nodes);
@@ -115,7 +115,7 @@ class SideBySide {
   }
 
  private:
-  const lanes::Kernels& kernels_;
+  const lanes::LaneKernels& kernels_;
   std::vector<const NearArm*> near_;
   std::vector<std::unique_ptr<Places>> at_;
   std::unique_ptr<bool[]> own_;

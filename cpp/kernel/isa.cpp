@@ -333,13 +333,13 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   loop_rows,
                                                   hold,
                                                   stiffness_times,
-                                                  side_memory,
-                                                  inverse_side_by_side,
-                                                  roll_memory,
-                                                  roll,
                                                   slopes_memory,
                                                   inverse_slopes,
                                                   forward_slopes};
+
+extern const LaneKernels FLEXARM_JOIN(lanes_, FLEXARM_ISA);
+const LaneKernels FLEXARM_JOIN(lanes_, FLEXARM_ISA){FLEXARM_WIDTH, side_memory, inverse_side_by_side, roll_memory,
+                                                    roll};
 
 }  // namespace lanes
 }  // namespace flexarm

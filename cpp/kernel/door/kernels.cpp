@@ -10,13 +10,16 @@ namespace lanes {
 
 extern const Kernels kernels_base;
 extern const FrameKernels frames_base;
+extern const LaneKernels lanes_base;
 #ifdef FLEXARM_HAS_AVX2
 extern const Kernels kernels_avx2;
 extern const FrameKernels frames_avx2;
+extern const LaneKernels lanes_avx2;
 #endif
 #ifdef FLEXARM_HAS_AVX512
 extern const Kernels kernels_avx512;
 extern const FrameKernels frames_avx512;
+extern const LaneKernels lanes_avx512;
 #endif
 
 namespace {
@@ -57,6 +60,15 @@ const Set& best() {
 
 const Kernels& best_kernels() { return best().kernels; }
 const FrameKernels& best_frames() { return best().frames; }
+const LaneKernels& best_lanes() {  // in no table with the others
+#ifdef FLEXARM_HAS_AVX512
+  if (&best_kernels() == &kernels_avx512) return lanes_avx512;
+#endif
+#ifdef FLEXARM_HAS_AVX2
+  if (&best_kernels() == &kernels_avx2) return lanes_avx2;
+#endif
+  return lanes_base;
+}
 
 }  // namespace lanes
 }  // namespace flexarm

@@ -155,16 +155,6 @@ struct Kernels {
   /// Changes of the forces of joints, beams and struts (nv) where the coordinates change by x (nv, turns of balls),
   /// by their stiffness as implicit steps take it, without loads by state; after `factor` with a shift.
   void (*stiffness_times)(void* self, const double* x, double* out);
-  /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
-  /// lane l are at i width + l; they and the memory are aligned to 64 bytes. Elastic bodies of nodes that are not
-  /// `own` (without loads, and not cut) are the same in all lanes, and in all calls from one in which none is `known`
-  /// on, at the same q and v: they are bent once.
-  std::size_t (*side_memory)(const Layout&);
-  void (*inverse_side_by_side)(const Layout&, const double* numbers, const bool* own, void* memory, bool* known,
-                               const double* wrenches, const double* q, const double* v, const double* a, double* tau);
-  std::size_t (*roll_memory)(Roll&);
-  /// From coordinates q and rates v; memory aligned to 64 bytes.
-  void (*roll)(Roll&, void* memory, const double* q, const double* v);
   std::size_t (*slopes_memory)(const SlopesOf&);
   /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns, and, unless null, those of
   /// d^2 g/dt^2 of the rigid rows of loops, by columns of q and, if asked for, v; memory aligned to 64 bytes.
@@ -176,8 +166,24 @@ struct Kernels {
                             const double* tau, double* a, double* by_q, double* by_v, double* by_tau);
 };
 
+/// Of several arms, one in each lane. A table of its own: programs that never run arms side by side are linked without.
+struct LaneKernels {
+  int width;  ///< doubles in a pack
+  /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
+  /// lane l are at i width + l; they and the memory are aligned to 64 bytes. Elastic bodies of nodes that are not
+  /// `own` (without loads, and not cut) are the same in all lanes, and in all calls from one in which none is `known`
+  /// on, at the same q and v: they are bent once.
+  std::size_t (*side_memory)(const Layout&);
+  void (*inverse_side_by_side)(const Layout&, const double* numbers, const bool* own, void* memory, bool* known,
+                               const double* wrenches, const double* q, const double* v, const double* a, double* tau);
+  std::size_t (*roll_memory)(Roll&);
+  /// From coordinates q and rates v; memory aligned to 64 bytes.
+  void (*roll)(Roll&, void* memory, const double* q, const double* v);
+};
+
 /// The widest that this processor has; FLEXARM_ISA = base or avx2 in the environment asks for less.
 const Kernels& best_kernels();
+const LaneKernels& best_lanes();
 
 }  // namespace lanes
 }  // namespace flexarm
