@@ -203,5 +203,5 @@ def closed_start(
             both = ", ".join(names)
             raise ValueError(f"{closure.worst(rates, '/s')}; take {both} = arm.assemble({both}), {remedy}")
     except ValueError as e:
-        raise ValueError(f"{names[1]}: {e}") from None
+        raise OpenLoops(f"{names[1]}: {e}") from None
     return q, v

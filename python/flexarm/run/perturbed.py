@@ -168,8 +168,8 @@ def _parameter(
                 found += [problem(near, i, alike) for i in range(1, len(steps))]
             except OpenLoops as e:
                 raise ValueError(
-                    f"parameters: '{path}' = {value} moves what loops hold, which a q0 in numbers does not follow "
-                    f"(leave q0 out, or name joints, as in q0 = {{'crank': 0.5}}): {e}"
+                    f"parameters: '{path}' = {value} moves what loops hold, which a start in numbers does not follow "
+                    f"(leave q0 and v0 out, or name joints, as in q0 = {{'crank': 0.5}}): {e}"
                 ) from None
             except ValueError as e:
                 why = why or e
@@ -186,12 +186,13 @@ def _begun(
 ) -> Problem:  # fmt: skip
     """A neighbour. `begin`: the start of the run in numbers; `follows`: whether its q0 and its v0 are its own, of the
     balance or the closed loops that it has."""
-    made = near.scenario(i)
-    if not follows[0]:
-        ties = starts and made.arm.constrained
-        q, v = begin.values()
-        q0 = moved(made.arm, q, v, made.drive, float(np.ravel(t)[0]))[0] if ties else None
-    out = Problem(made.arm, t, q0, None, tau, made.drive, made.loads, made.control, None, starts=starts)
+    made, v0 = near.scenario(i), None
+    if starts and made.arm.constrained:  # what is given in numbers must leave the loops closed
+        q, v, _ = moved(made.arm, begin["q0"], begin["v0"], made.drive, float(np.ravel(t)[0]))
+        q0, v0 = q0 if follows[0] else q, None if follows[1] else v
+    elif not follows[0]:
+        q0 = None
+    out = Problem(made.arm, t, q0, v0, tau, made.drive, made.loads, made.control, None, starts=starts)
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
     for (name, value), own in zip(begin.items(), follows, strict=True):
         rows = near.initial(name, (out.start[name].copy() if own else value)[None])
