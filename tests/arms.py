@@ -394,3 +394,17 @@ def side_by_side(*arms: fa.Arm) -> fa.Arm:
         for link, parent in zip(arm.links, arm.parents, strict=True):
             links.append(replace(link, parent="world" if parent < 0 else at + parent))
     return fa.Arm(links, arms[0].gravity)
+
+
+def bennett(mass: float = 0.3) -> fa.Arm:
+    """Bennett's linkage of four skew hinges, three of whose conditions are redundant; nothing closes it from zero.
+    `mass` is that of its second bar."""
+    long, short, twist = 0.4, 0.3, np.pi / 3
+    other = np.arcsin(short * np.sin(twist) / long)
+    links = []
+    for name, of, length, turn in (("a", long, long, 0.0), ("b", mass, short, twist), ("c", long, long, other)):
+        body = fa.RigidBody(of, (length / 2, 0, 0), (1e-3, length**3 / 12, length**3 / 12), (length, 0, 0))
+        links.append(fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=(turn, 0, 0))), body, name=name))
+    hinge = fa.Revolute("z", inboard=fa.Placement(rotation=(twist, 0, 0)),
+                        outboard=fa.Placement((short, 0, 0), (other, 0, 0)))  # fmt: skip
+    return fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge, name="close")])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import derivative
+from arms import bennett, derivative
 from messages import refuses
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
@@ -156,31 +155,17 @@ def test_a_start_in_numbers_does_not_follow_a_loop() -> None:
     assert np.isfinite(moving.sensitivities(["link.0.hub.mass", "v0.0"]).q).all()
 
 
-def test_derivatives_need_no_way_to_the_loops_from_zero() -> None:
-    """Bennett's linkage, which nothing closes from zero."""
-    long, short, twist = 0.4, 0.3, np.pi / 3
-    other = np.arcsin(short * np.sin(twist) / long)
-
-    def link(length: float, turn: float, name: str) -> fa.Link:
-        body = fa.RigidBody(length, (length / 2, 0, 0), (1e-3, length**3 / 12, length**3 / 12), (length, 0, 0))
-        return fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=(turn, 0, 0))), body, name=name)
-
-    hinge = fa.Revolute("z", inboard=fa.Placement(rotation=(twist, 0, 0)),
-                        outboard=fa.Placement((short, 0, 0), (other, 0, 0)))  # fmt: skip
-    links = [link(long, 0, "a"), link(short, twist, "b"), link(long, other, "c")]
-    arm = fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge)])
+def test_derivatives_and_batches_need_no_way_to_the_loops_from_zero() -> None:
+    arm, method = bennett(), fa.Gauss(1e-2, rtol=1e-13)
     q0, t = arm.assemble([1.0, 2.5, 1.0]), np.linspace(0, 0.1, 11)
-    method = fa.Gauss(1e-2, rtol=1e-13)
 
-    def run(mass: float = short) -> fa.Result:
-        body = replace(links[1].hub, mass=mass)
-        changed = fa.Arm([links[0], replace(links[1], hub=body), links[2]], arm.gravity, loops=arm.loops)
-        return fa.simulate(changed, t, q0, integrator=method)
+    def run(mass: float = 0.3) -> fa.Result:
+        return fa.simulate(bennett(mass), t, q0, integrator=method)
 
-    expected = derivative(lambda x: run(x).q, short, 1e-3)
+    expected = derivative(lambda x: run(x).q, 0.3, 1e-3)
     found = run().sensitivities(["link.b.hub.mass"]).q[0]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
-    batch = fa.simulate_batch(arm, t, q0, parameters={"link.b.hub.mass": [short, 0.31]}, integrator=method)
+    batch = fa.simulate_batch(arm, t, q0, parameters={"link.b.hub.mass": [0.3, 0.31]}, integrator=method)
     np.testing.assert_allclose(batch.q[1], run(0.31).q, atol=1e-12)
     rolled = fa.rollout(arm, q0[None], step=1e-3, nstep=100)
     np.testing.assert_allclose(rolled.q[0, -1], run().q[-1], atol=1e-5)

@@ -11,7 +11,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import STEEL
+from arms import STEEL, bennett
 from messages import refuses
 
 G = (0, -9.81, 0)
@@ -314,15 +314,8 @@ def test_ida_runs_loops_of_beams_of_any_size(size: float) -> None:
 
 
 def test_a_linkage_that_folds_flat_keeps_its_energy() -> None:
-    """Bennett's, whose conditions are redundant, and some of which hold nothing where it is flat."""
-    long, short, twist = 0.4, 0.3, np.pi / 3
-    other = np.arcsin(short * np.sin(twist) / long)
-    turns = {"a": (long, 0.0), "b": (short, twist), "c": (long, other)}
-    links = [fa.Link(fa.Revolute("z", inboard=fa.Placement(rotation=(turn, 0, 0))), bar(length), name=name)
-             for name, (length, turn) in turns.items()]  # fmt: skip
-    hinge = fa.Revolute("z", inboard=fa.Placement(rotation=(twist, 0, 0)),
-                        outboard=fa.Placement((short, 0, 0), (other, 0, 0)))  # fmt: skip
-    arm = fa.Arm(links, (0, -9.81, -3.0), loops=[fa.Loop("c", (0, 0, 0), hinge, name="close")])
+    """Some of its conditions hold nothing where it is flat."""
+    arm = bennett()
     q = arm.assemble([1.0, 2.5, 1.0])
     assert arm.mobility(q).redundant == 3
     run = fa.simulate(arm, np.linspace(0, 0.4, 401), q, integrator="implicit", step=2.5e-4)
