@@ -127,10 +127,6 @@ class Reduced(NamedTuple):
     C: Array
     M: Array
 
-    def of(self, rows: Array) -> Array:
-        """T^+ times rows of rates (nv, ...)."""
-        return np.asarray(self.T.T @ self.M @ rows)
-
 
 def reduced(
     arm: Chain, closure: Closure, q: Array, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any = ()

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite
 from ..model.parts.chain import Chain
-from ..model.parts.loop import Loop
 from .assembly import Closure, assemble, closed_start
 from .closed import carried, tangent
 from .rates import coordinate_sizes, displaced, elastic_rates, locked_rates
@@ -426,11 +425,6 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     return q
 
 
-def _holds(loop: Loop) -> bool:
-    """Whether nothing of it gives way."""
-    return loop.stiffness is None and loop.angular_stiffness is None
-
-
 def _with_rigid_loops(arm: Chain, q: Array, tau: Array, lock: Iterable[Any] | None, loads: Any) -> Array | None:
     """The equilibrium with all loops rigid, which is near that with stiff ones; None where there is none."""
     still: dict[str, Any] = {"stiffness": None, "damping": 0.0, "angular_stiffness": None, "angular_damping": 0.0}
@@ -454,7 +448,7 @@ def equilibrium(
         q0 = assemble(arm, q0, None, lock or ())
     b = _balance_of(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
-    if wrong and any(not _holds(x) for x in arm.loops):
+    if wrong and any(x.gives_way for x in arm.loops):
         near = _with_rigid_loops(arm, q0, forces, lock, loads)
         again, failed = (found, wrong) if near is None else balance(b, near, descend=True)
         found, wrong = (found, wrong) if failed else (again, "")

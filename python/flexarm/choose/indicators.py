@@ -199,12 +199,8 @@ def _response(scene: Scene, run: Result, forces: Array) -> Array:
     loads = at_time(arm, [*scene.loads, *pushes(arm, scene.drive)], float(run.t[k]))
     M, (by_q, D) = arm._core.mass_matrix(run.q[k]), arm._core.inverse_derivatives(run.q[k], still, still, *loads)
     K = np.asarray(by_q @ arm._core.rates(run.q[k], still)[2])
-    rates = [arm.coordinate_of(i) for i in range(n)]
-    for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
-        by_rate = np.array([f.by_q[j] if j >= 0 else 0.0 for j in rates])
-        K, D = K + np.outer(f.column[:n], by_rate), D + np.outer(f.column[:n], f.by_v[:n])
-    laws = arm.by_rate("drive", split_drives(arm, scene.drive)[0])
-    free = np.array([not isinstance(laws.get(i), Motion) for i in range(n)])
+    more, free = _by_controllers(scene), _free(scene)
+    K, D = K + more[1], D + more[0]
     x = np.zeros(forces.shape)
     if free.any() and len(run.t) > 1:
         at2 = np.ix_(free, free)
@@ -212,6 +208,22 @@ def _response(scene: Scene, run: Result, forces: Array) -> Array:
         with np.errstate(all="ignore"):
             x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
     return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)
+
+
+def _by_controllers(scene: Scene) -> Array:
+    """Damping and stiffness of controllers, without their memory, (2, nv, nv)."""
+    arm, n = scene.arm, scene.arm.nv
+    out, rates = np.zeros((2, n, n)), [arm.coordinate_of(i) for i in range(n)]
+    for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
+        out[0] += np.outer(f.column[:n], f.by_v[:n])
+        out[1] += np.outer(f.column[:n], [f.by_q[j] if j >= 0 else 0.0 for j in rates])
+    return out
+
+
+def _free(scene: Scene) -> NDArray[np.bool_]:
+    """Mask of rates that no motion prescribes."""
+    laws = scene.arm.by_rate("drive", split_drives(scene.arm, scene.drive)[0])
+    return np.array([not isinstance(laws.get(i), Motion) for i in range(scene.arm.nv)])
 
 
 class Tangents:
@@ -228,13 +240,7 @@ class Tangents:
     def __init__(self, scene: Scene, run: Result) -> None:
         arm, n = scene.arm, scene.arm.nv
         self.scene, self.run = scene, run
-        laws = arm.by_rate("drive", split_drives(arm, scene.drive)[0])
-        self.free = np.flatnonzero([not isinstance(laws.get(i), Motion) for i in range(n)])
-        rates = [arm.coordinate_of(i) for i in range(n)]
-        more = np.zeros((3, n, n))
-        for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
-            more[1] += np.outer(f.column[:n], f.by_v[:n])
-            more[2] += np.outer(f.column[:n], [f.by_q[j] if j >= 0 else 0.0 for j in rates])
+        self.free, more = np.flatnonzero(_free(scene)), np.concatenate([np.zeros((1, n, n)), _by_controllers(scene)])
         loads = [*scene.loads, *pushes(arm, scene.drive)]
         rubs = np.zeros(n, dtype=bool)
         for k, link in enumerate(arm.links):

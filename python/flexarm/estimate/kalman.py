@@ -151,7 +151,7 @@ class KalmanFilter:
             self._start[0][arm.coordinate_of(i)], self._start[1][i] = at[0], at[1]
         self.reset()
         links = zip(arm.joint_names, arm.links, strict=True)
-        rubs = [name for name, link in links if np.any(link.joint.coulomb) or np.any(link.joint.stiction)]
+        rubs = [name for name, link in links if link.joint.rubs]
         if rubs:
             warnings.warn(ModelWarning(
                 f"dry friction of {', '.join(map(repr, rubs))}: where it holds a joint still, the filter's creeps: its "

@@ -396,7 +396,7 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
     ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
     slack = _note("the end of a tendon's damping where it is slack", ropes)
-    soft = [name for name, x in zip(arm.loop_names, arm.loops, strict=True) if x.stiffness or x.angular_stiffness]
+    soft = [name for name, x in zip(arm.loop_names, arm.loops, strict=True) if x.gives_way]
     left_out = missing_features(cut, _MJCF) + name + slack + _note("contacts", arm.contact_names)
     left_out += _note("the stiffness of loops (MuJoCo's constraints give way by solref)", soft)
     return _written(path, ".xml", mjcf(cut, arm), cut, left_out)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, ClassVar
 
-import numpy as np
-
 import flexarm._core as _core
 
 from .._check import choice, positive, whole, within
@@ -207,7 +205,7 @@ def asks_functions(of: Any) -> bool:
 
 def beyond_ida(arm: Arm) -> bool:
     """Whether dry friction of joints stands beside loops or contacts with friction, which "ida" cannot run."""
-    rubs = any(np.any(link.joint.coulomb) or np.any(link.joint.stiction) for link in arm.links)
+    rubs = any(link.joint.rubs for link in arm.links)
     return rubs and bool(arm.loops or arm.rubbing)
 
 

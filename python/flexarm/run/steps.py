@@ -165,7 +165,7 @@ class Struck:
         from scipy.linalg import LinAlgError, eigh
 
         joints = {i: name for n, (name, link) in enumerate(zip(arm.joint_names, arm.links, strict=True))
-                  if np.any(link.joint.coulomb) or np.any(link.joint.stiction) for i in arm.joint_rates(n)}  # fmt: skip
+                  if link.joint.rubs for i in arm.joint_rates(n)}  # fmt: skip
         free = np.setdiff1d(np.arange(arm.nv), held)
         try:
             about = motions_about(arm, q, np.zeros(arm.nv), free=np.isin(np.arange(arm.nv), free))

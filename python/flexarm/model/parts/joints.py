@@ -136,6 +136,11 @@ class Joint(Part):
     motions: ClassVar[tuple[tuple[str, bool, str], ...]] = ()
     ball: ClassVar[bool] = False
 
+    @property
+    def rubs(self) -> bool:
+        """Whether it has dry friction."""
+        return bool(np.any(self.coulomb) or np.any(self.stiction))
+
     def _freedoms(self) -> list[_Freedom]:
         own: Any = getattr(self, "axis", "z")
         axes: dict[str, Vector] = {**UNIT, "axis": UNIT[own] if isinstance(own, str) else own}

@@ -102,6 +102,11 @@ class Loop(Part):
         turns = self.angular_stiffness is None and not isinstance(self.joint, Spherical)
         return self.stiffness is None or turns
 
+    @property
+    def gives_way(self) -> bool:
+        """Whether it gives way in anything that it holds."""
+        return self.stiffness is not None or self.angular_stiffness is not None
+
     def place(self, p: Array, R: Array) -> Array:
         """The joint's coordinates (..., nq), as of a link's joint, of its frame on b as seen from that on a: the origin
         (..., 3) and the axes (columns, (..., 3, 3))."""
