@@ -80,6 +80,14 @@ class Variables:
     def _parameter(self, name: str, kind: str, start: float, i: int = 0, j: int = 0, **xml: Any) -> None:
         self._add(name, kind, i, j, causality="parameter", variability="fixed", initial="exact", start=start, **xml)
 
+    def _calculated(
+        self, name: str, kind: str, i: int, j: int = 0, more: dict[str, Any] | None = None, output: bool = False,
+        **xml: Any,
+    ) -> int:  # fmt: skip
+        return self._add(
+            name, kind, i, j, more, causality="output" if output else "local", initial="calculated", **xml
+        )  # fmt: skip
+
     def _rates(self) -> None:
         """Names, units and coordinates of all rates, those of controllers' states too."""
         arm, links = self.scene.arm, self.of["arm"]["links"]
@@ -141,84 +149,42 @@ class Variables:
                 derivative[c] = at_v[-1]
         for c in range(len(self.q_names)):
             if c not in derivative and c not in moved:
-                derivative[c] = self._add(
-                    f"der(q.{self.q_names[c]})", "dq", c, causality="local", initial="calculated", derivative=at_q[c]
-                )
+                derivative[c] = self._calculated(f"der(q.{self.q_names[c]})", "dq", c, derivative=at_q[c])
         self.states = [derivative[c] for c in sorted(derivative)]
         for i, name in enumerate(self.rate_names):
             free = i not in self.prescribed
-            at = self._add(
-                f"der(v.{name})" if free else f"a.{name}",
-                "a",
-                i,
-                causality="local",
-                initial="calculated",
-                unit=f"{per[i]}2" if i in per else None,
-                derivative=at_v[i] if free else None,
+            unit_of = f"{per[i]}2" if i in per else None
+            at = self._calculated(
+                f"der(v.{name})" if free else f"a.{name}", "a", i, unit=unit_of, derivative=at_v[i] if free else None
             )
             if free:
                 self.states.append(at)
         for i, u in self.unit.items():
-            about: dict[str, Any] = {"causality": "local", "initial": "calculated", "unit": _FORCE[u]}
-            self._add(
-                f"force.{self.rate_names[i]}",
-                "tau",
-                i,
-                **about,
-                description="force of drives and controllers; of a prescribed motion its reaction",
-            )
+            what = "force of drives and controllers; of a prescribed motion its reaction"
+            self._calculated(f"force.{self.rate_names[i]}", "tau", i, unit=_FORCE[u], description=what)
         self.indicators = []
         for i, n, k in self.joints:
             forces = self.of["arm"]["links"][n]["joint"]["forces"]
             if not forces or not (forces[k]["coulomb"] or forces[k]["stiction"]):
                 continue
-            self._add(
-                f"friction.{self.rate_names[i]}",
-                "friction",
-                i,
-                causality="local",
-                initial="calculated",
-                unit=_FORCE[self.unit[i]],
-                description="dry friction",
-            )
+            rate, unit_of = self.rate_names[i], _FORCE[self.unit[i]]
+            self._calculated(f"friction.{rate}", "friction", i, unit=unit_of, description="dry friction")
             if i not in self.prescribed:
-                at = self._add(
-                    f"indicator.{self.rate_names[i]}",
-                    "indicator",
-                    i,
-                    causality="local",
-                    initial="calculated",
-                    description="changes its sign where it sticks, or is torn loose",
-                )
-                self.indicators.append(at)
+                what = "changes its sign where it sticks, or is torn loose"
+                self.indicators.append(self._calculated(f"indicator.{rate}", "indicator", i, description=what))
 
     def _ends(self) -> None:
         """Place and rotation of the links on which no other sits."""
         parents = set(self.of["arm"]["parents"])
-        ends = [n for n in range(len(self.scene.arm.links)) if n not in parents]
-        for n in ends:
-            name = "tip" if len(ends) == 1 else f"tip.{identifier(self.scene.arm.names[n])}"
+        self.ends = [n for n in range(len(self.scene.arm.links)) if n not in parents]
+        for n in self.ends:
+            name = "tip" if len(self.ends) == 1 else f"tip.{identifier(self.scene.arm.names[n])}"
             for j, axis in enumerate("xyz"):
-                self._add(
-                    f"{name}.{axis}",
-                    "place",
-                    n,
-                    j,
-                    causality="output",
-                    initial="calculated",
-                    unit="m",
-                    description="place of the end in the world",
-                )
+                what = "place of the end in the world"
+                self._calculated(f"{name}.{axis}", "place", n, j, output=True, unit="m", description=what)
             for j in range(9):
-                self._add(
-                    f"{name}.R[{j // 3 + 1},{j % 3 + 1}]",
-                    "rotation",
-                    n,
-                    j,
-                    causality="output",
-                    initial="calculated",
-                    description="its axes in the world, in columns",
-                )
+                at, what = f"{name}.R[{j // 3 + 1},{j % 3 + 1}]", "its axes in the world, in columns"
+                self._calculated(at, "rotation", n, j, output=True, description=what)
 
     def _sensors(self) -> None:
         """Readings of instruments that are functions of the state."""
@@ -242,17 +208,8 @@ class Variables:
                     more |= {"x": sensor.x, "along": (gain[j] * np.eye(3)[j]).tolist()}
                 link = arm._link(sensor.link) if isinstance(sensor, Camera) else 0
                 name = base if len(parts) == 1 else f"{base}.{identifier(label)}"
-                self._add(
-                    name,
-                    "reading",
-                    link,
-                    0,
-                    more,
-                    causality="output",
-                    initial="calculated",
-                    unit=unit if unit in UNITS else None,
-                    description=sensor.title(arm),
-                )
+                known = unit if unit in UNITS else None
+                self._calculated(name, "reading", link, 0, more, True, unit=known, description=sensor.title(arm))
 
     def _inputs(self) -> None:
         """What is added to the scene's own forces, loads and references."""
@@ -308,9 +265,8 @@ class Variables:
             self._parameter(
                 f"gravity.{axis}", "gravity", self.of["arm"]["gravity"][j], j, unit="m/s2", description="gravity"
             )
-        parents = set(self.of["arm"]["parents"])
         for n in range(len(arm.links)):
-            if n not in parents:
+            if n in self.ends:
                 self._parameter(
                     f"payload.{identifier(arm.names[n])}",
                     "payload",
