@@ -19,7 +19,7 @@ import numpy as np
 from .._check import Array, positive
 from .._console import progress_bar
 from ..arm.variation import Setup, value_at
-from ..model.acting.drive import Motion, Torque, split_drives
+from ..model.acting.drive import Motion, Torque, moved_rates, split_drives
 from ..model.parts.beam import STRAINS
 from ..run.integrators import Gauss
 from ..run.perturbed import start_of
@@ -320,8 +320,7 @@ class _Estimating:
         E = np.asarray(at.arm._core.rates(by.result.q[0], by.result.v[0])[2])
         dq = np.linalg.lstsq(E, start.q[0] - by.result.q[0], rcond=None)[0]
         begun = -float(by.q0 @ dq + by.v0 @ (start.v[0] - by.result.v[0]))
-        prescribed = [i for i, law in at.arm.by_rate("drive", split_drives(at.arm, at.drive)[0]).items()
-                      if isinstance(law, Motion)]  # fmt: skip
+        prescribed = moved_rates(at.arm, at.drive)
         weights = weights.copy()
         weights[:, prescribed] = 0.0
         static = self.models.start.balanced and bool(dq.any())

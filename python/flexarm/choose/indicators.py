@@ -18,7 +18,7 @@ from .._check import Array
 from ..analysis.closed import turning
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws
-from ..model.acting.drive import Motion, split_drives, voltage_forces
+from ..model.acting.drive import moved_rates, split_drives, voltage_forces
 from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
@@ -222,8 +222,7 @@ def _by_controllers(scene: Scene) -> Array:
 
 def _free(scene: Scene) -> NDArray[np.bool_]:
     """Mask of rates that no motion prescribes."""
-    laws = scene.arm.by_rate("drive", split_drives(scene.arm, scene.drive)[0])
-    return np.array([not isinstance(laws.get(i), Motion) for i in range(scene.arm.nv)])
+    return ~np.isin(np.arange(scene.arm.nv), moved_rates(scene.arm, scene.drive))
 
 
 class Tangents:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._check import Array, choice
 from ..arm.arm import Arm
-from ..model.acting.drive import Motion, split_drives
+from ..model.acting.drive import moved_rates
 from ..model.parts.beam import STRAIN_NAMES
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -104,8 +104,8 @@ class Measure:
 
     def _joints(self, arm: Arm) -> dict[str, list[tuple[int, int]]]:
         """By unit, (index in q, index in v or -1) of the joint coordinates that are not prescribed."""
-        given, joints = self.scene.arm, split_drives(self.scene.arm, self.scene.drive)[0]
-        held = {given.coordinate_of(i) for i, law in given.by_rate("drive", joints).items() if isinstance(law, Motion)}
+        given = self.scene.arm
+        held = {given.coordinate_of(i) for i in moved_rates(given, self.scene.drive)}
         out: dict[str, list[tuple[int, int]]] = {}
         rates = {arm.coordinate_of(i): i for i in range(arm.nv)}
         moving = [k for k, link in enumerate(arm.links) if link.joint.nq]  # pieces of a beam add fixed ones

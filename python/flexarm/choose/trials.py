@@ -11,7 +11,7 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.findings import RangeWarning
-from ..model.acting.drive import Motion, split_drives
+from ..model.acting.drive import moved_rates
 from ..run.integrators import INTEGRATORS, OPTIONS, asks_functions
 from ..run.result import Result
 from ..run.scene.scene import Scene
@@ -49,8 +49,7 @@ def longest_gap(scene: Scene) -> float:
 
 def stable_step(scene: Scene, step: float) -> float:
     """The longest step (s) up to this one in which explicit integrators are stable, of small motions about rest."""
-    laws = scene.arm.by_rate("drive", split_drives(scene.arm, scene.drive)[0])
-    held = [i for i, law in laws.items() if isinstance(law, Motion)]
+    held = moved_rates(scene.arm, scene.drive)
     return min(step, explicit_limit(scene.arm, step, scene.start(), held)[2])
 
 

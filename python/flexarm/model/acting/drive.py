@@ -313,6 +313,11 @@ def split_drives(arm: Chain, drive: Any) -> tuple[Any, dict[Any, Any], dict[str,
     return found[0], found[1], found[2]
 
 
+def moved_rates(arm: Chain, drive: Any) -> list[int]:
+    """The rates that motions prescribe."""
+    return [i for i, law in arm.by_rate("drive", split_drives(arm, drive)[0]).items() if isinstance(law, Motion)]
+
+
 def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Drive]:
     """The core's drives for voltages of patches, keyed by ("patch", link, patch)."""
     out: dict[int, Any] = {}
