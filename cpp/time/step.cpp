@@ -138,7 +138,7 @@ struct OneStep::Run {
   virtual int iterations() const = 0;
   virtual bool asked_at_end() const = 0;
 
-  bool divided() const { return alpha && alpha->divided; }
+  int parts() const { return alpha && alpha->divided ? static_cast<int>(alpha->parts) : 0; }
   bool met() const { return alpha && alpha->met; }
   void memory(const std::function<void(double&)>& visit) {
     for (double& x : numbers) visit(x);
@@ -320,7 +320,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->alpha ? run_->alpha->lag(h) : 1.0, tape_->points()});
-  if (run_->divided() || run_->met() || (run_->switches_within && run_->joints->switches())) {
+  if (run_->parts() > 0 || run_->met() || (run_->switches_within && run_->joints->switches())) {
     const JointFriction<Engine>& c = *run_->joints;
     const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
     Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
@@ -334,7 +334,8 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                      all(c.sense, c.count),
                      all(c.before, c.count),
                      {c.at, c.at + c.count},
-                     tape_->tau};
+                     tape_->tau,
+                     run_->parts()};
     run_->note_beginning(h, now);
     tape_->entries.back().point = -1;
     tape_->switches.push_back(std::move(now));
@@ -391,7 +392,9 @@ bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q
   q = from.q;
   v = from.v;
   remember_contacts(*arm_, ws, q, v);
+  run_->alpha->parts_again = from.parts;
   const bool solved = run_->step(from.h, q.data(), v.data(), tau.data(), ws.a.data(), given);
+  run_->alpha->parts_again = 0;
   run_->accept(from.h, v.data(), ws.a.data());
   return solved;
 }
@@ -401,7 +404,8 @@ std::vector<double> OneStep::way() const {
   const JointFriction<Engine>& c = *run_->joints;
   for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
   out.push_back(c.left);
-  for (const bool x : {run_->divided(), run_->met()}) out.push_back(x ? 1.0 : 0.0);
+  out.push_back(run_->parts());
+  out.push_back(run_->met() ? 1.0 : 0.0);
   return out;
 }
 

@@ -97,6 +97,65 @@ def test_a_divided_step_has_derivatives() -> None:
         np.testing.assert_allclose(np.hstack([found.A, found.B])[:, k], expected, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize("coulomb", [0.0, 0.3])
+def test_a_rollout_with_divided_steps_has_derivatives(coulomb: float) -> None:
+    """By forces, where earlier steps have been faster, and where joints rub."""
+    beam = fa.Beam(0.4, fa.Rectangle(0.006, 0.03), fa.Material(2700, 70e9, 0.33), {"bending_y": 2}, "legendre",
+                   damping_ratio=0.01)  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=coulomb), None, beam, fa.RigidBody(0.2))] * 2, (0, -9.81, 0))
+    rng, step = np.random.default_rng(0), 2e-3
+    tau, along = rng.standard_normal((20, arm.nv)), rng.standard_normal(20)
+
+    def roll(by: float) -> fa.BatchResult:
+        other = tau.copy()
+        other[:, 0] += by * along
+        with warns(fa.errors.StepWarning, "divided"):
+            return fa.rollout(arm, arm.zero, tau=other, step=step)
+
+    here = roll(0.0)
+    weights = np.zeros(here.q[0].shape)
+    weights[-1, 0] = 1.0
+    found = fa.rollout_gradient(arm, here.q[0], here.v[0], tau, weights, step=step).tau[:, 0] @ along
+    expected = (roll(1e-5).q[0, -1, 0] - roll(-1e-5).q[0, -1, 0]) / 2e-5
+    assert here.stats["failed_steps"] > 1
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_run_of_a_ball_with_a_divided_step_has_derivatives() -> None:
+    """A ball has four coordinates for its three rates."""
+    link = _explorer(0.004).links[0]
+    ball = fa.Link(fa.Spherical(), link.hub, link.beam, link.tip)
+    tau = np.zeros(fa.Arm([ball, link]).nv)
+    tau[:3] = (4.0, -4.0, 1.0)
+
+    def run(gravity: float) -> fa.Result:
+        arm = fa.Arm([ball, link], (0, 0, gravity))
+        with warns(fa.errors.StepWarning, "divided"):
+            return fa.simulate(arm, [0, 0.03], tau=tau, integrator="implicit", step=5e-3)
+
+    here = run(-9.81)
+    expected = (run(-9.81 + 1e-4).v[-1] - run(-9.81 - 1e-4).v[-1]) / 2e-4
+    found = here.sensitivities(["gravity.2"]).v[0, -1]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+    weights = np.zeros(here.v.shape)
+    weights[-1, 0] = 1.0
+    by = here.gradient({"v": weights}, ["gravity.2"])["gravity.2"]
+    assert by == pytest.approx(found[0], rel=1e-6)
+
+
+def test_a_divided_step_leaves_friction_as_it_is() -> None:
+    """A single arm and a lane have the same motion behind it."""
+    arm = fa.Arm([fa.Link(fa.Revolute(axis, coulomb=0.3), link.hub, link.beam, link.tip)
+                  for axis, link in zip("zy", _explorer(0.004).links, strict=True)], gravity=(0, 0, -9.81))  # fmt: skip
+    t, tau = np.linspace(0, 0.04, 9), np.zeros(arm.nv)
+    tau[[0, arm.coordinates.index("link 1 revolute")]] = (3.0, -4.0)
+    with warns(fa.errors.StepWarning, "divided"):
+        alone = fa.simulate(arm, t, tau=tau, integrator=fa.Implicit(step=5e-3))
+    with warns(fa.errors.StepWarning, "divided"):
+        both = fa.simulate_batch(arm, t, q0=np.array([arm.zero] * 2), tau=tau[None], integrator="implicit", step=5e-3)
+    np.testing.assert_allclose(both[1].q, alone.q, rtol=0, atol=1e-8)
+
+
 def test_a_step_that_fails_leaves_nothing_behind() -> None:
     """A step, shorter than the one before, that fails: what comes behind it is as if it had not been tried."""
     scene = fa.load(CRANE)

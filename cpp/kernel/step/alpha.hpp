@@ -2,6 +2,8 @@
 // engine and its interface.
 #pragma once
 
+#include <limits>
+
 #include "door/kernels.hpp"
 #include "door/layout.hpp"
 #include "step/joint_friction.hpp"
@@ -58,10 +60,12 @@ struct GeneralisedAlpha : AlphaNumbers {
   S *v0, *a0, *a_before, *alpha0, *lagged, *alpha, *a, *u, *r, *turn, *tau_own;  // lagged: alpha0 as this step has it
   S *closed_q, *closed_v;  // displacement and rates that keep loops closed, in this step
   S *part_q, *part_v, *part_a, *part_alpha, *part_closed_q, *part_closed_v, *none;  // of `divide`; none: zeros
-  S *kept_q, *kept_v, *coarse_q, *coarse_v, *end_v, *start_sense, *start_before;
+  S *kept_q, *kept_v, *coarse_q, *coarse_v, *end_v;
   int iterations = 0;
   Work work;
   Mask divided = L::everywhere(false), met = divided;  // the last step; contacts touched or let go in it
+  S parts{};                                           // of the last step that was divided
+  int parts_again = 0;                                 // of a step that is taken again: not 0 if it was divided
   S divisions{}, doubt{};  // how many were; the largest change of an end by twice as many parts, in parts of the speed
   JointFriction<Engine> joints;
 
@@ -75,7 +79,6 @@ struct GeneralisedAlpha : AlphaNumbers {
     arena.take_zeros(nv, v0, a0, a_before, alpha0, lagged, alpha, a, u, r, turn, tau_own);
     arena.take_zeros(nv, part_v, part_a, part_alpha, none, coarse_v, end_v, kept_v);
     arena.take_zeros(nv, closed_q, closed_v, part_closed_q, part_closed_v);
-    arena.take_zeros(rubbing_count, start_sense, start_before);
     joints.lay_out(arena, rubbing, rubbing_count, nv);
     forget();
   }
@@ -221,6 +224,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     Mask good = L::everywhere(false);
     engine.step_contacts(gamma * by_a());
     converge(engine, h, q, v, tau, skip, good);
+    if (parts_again > 0) good = L::everywhere(false);
     if (engine.closes()) engine.let_go();
     met = engine.met() & good;
     engine.step_contacts(-1.0);
@@ -240,15 +244,13 @@ struct GeneralisedAlpha : AlphaNumbers {
   /// Takes the step in 1, 2, 4 .. parts by Euler's implicit method, until twice as many parts lead to nearly the same
   /// motion; both are extrapolated to second order. It remembers no accelerations, and damps all vibration too fast for
   /// its parts: a vibration so loud that it made the iteration fail dies out. What acts is that of the step's end.
+  /// A step that is taken again has as many parts as it had.
   /// @param asked  lanes; `divided`: where that was possible, whose state is in coarse_q and coarse_v
   void divide(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& asked) {
     const AlphaNumbers own = *this;
     const S scale0 = scale, contraction0 = newton.contraction;
     for (int i = 0; i < nv; ++i) end_v[i] = v[i];
-    for (int c = 0; c < joints.count; ++c) {
-      start_sense[c] = joints.sense[c];
-      start_before[c] = joints.before[c];
-    }
+    joints.keep_beginning();
     S *const begin_q = q0, *const begin_v = v0, *const own_a = a, *const own_alpha = alpha, *const own_lagged = lagged;
     S *const own_closed_q = closed_q, *const own_closed_v = closed_v;
     q0 = part_q;
@@ -261,14 +263,16 @@ struct GeneralisedAlpha : AlphaNumbers {
     alpha_m = alpha_f = 0.0;
     beta = gamma = 1.0;
     Mask known = L::everywhere(false);  // coarse_q, coarse_v, of half as many parts
-    for (int count = 1; count <= kParts && !L::all(divided | L::none_of(asked)); count *= 2) {
+    for (int count = parts_again > 1 ? parts_again / 2 : 1; count <= kParts && !L::all(divided | L::none_of(asked));
+         count *= 2) {
       const Mask open = asked & L::none_of(divided);
       scale = scale0;
       const Mask solved = take_parts(engine, h, count, begin_q, begin_v, own_a, q, v, tau, open);
       for (int i = 0; i < nv; ++i) turn[i] = L::select(solved & known, v[i] - coarse_v[i], S{});
       const S off = speed(engine, q, turn), size = speed(engine, q, v);
       const S part = L::root(off / L::larger(size + (h * h) * engine.weight, kForget * scale0));
-      const Mask near = solved & known & (part <= kNear);
+      const double most = count == parts_again ? std::numeric_limits<double>::max() : kNear;
+      const Mask near = solved & known & (part <= most);
       for (int i = 0; i < nq; ++i) {
         const S better = 2.0 * q[i] - coarse_q[i];
         coarse_q[i] = L::select(near, better, L::select(solved, q[i], coarse_q[i]));
@@ -280,6 +284,7 @@ struct GeneralisedAlpha : AlphaNumbers {
       divisions += L::select(near, number<S>(1.0), S{});
       doubt = L::select(near, L::larger(doubt, part), doubt);
       divided = divided | near;
+      parts = L::select(near, number<S>(count), parts);
       known = solved;
     }
     engine.normalise(coarse_q);
@@ -301,10 +306,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     newton.contraction = contraction0;
     for (int i = 0; i < nq; ++i) q[i] = q0[i];
     for (int i = 0; i < nv; ++i) v[i] = end_v[i];
-    for (int c = 0; c < joints.count; ++c) {
-      joints.sense[c] = start_sense[c];
-      joints.before[c] = start_before[c];
-    }
+    joints.go_back(L::everywhere(true));
   }
 
   /// v^T M v
@@ -322,10 +324,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     const double part = h / count;
     for (int i = 0; i < nq; ++i) q0[i] = begin_q[i];
     for (int i = 0; i < nv; ++i) v0[i] = begin_v[i];
-    for (int c = 0; c < joints.count; ++c) {
-      joints.sense[c] = L::select(open, start_sense[c], joints.sense[c]);
-      joints.before[c] = L::select(open, start_before[c], joints.before[c]);
-    }
+    joints.go_back(open);
     for (int k = 1; k <= count && L::any(open); ++k) {
       const double left = h * (1.0 - static_cast<double>(k) / count);
       for (int i = 0; i < nv; ++i) {

@@ -24,10 +24,11 @@ struct JointFriction {
   using Mask = typename L::Mask;
 
   int count = 0, nv = 0;
-  const int* at = nullptr;  ///< their rates
-  S *coulomb, *stiction;    ///< zero where an arm of the pack has no friction
-  S* sense;                 ///< at the step's beginning: 1 or -1: it slides; 0: it rests, or has no friction
-  S *before, *force;        ///< at the step's beginning, and at its end; `force` of resting ones is an unknown
+  const int* at = nullptr;      ///< their rates
+  S *coulomb, *stiction;        ///< zero where an arm of the pack has no friction
+  S* sense;                     ///< at the step's beginning: 1 or -1: it slides; 0: it rests, or has no friction
+  S *before, *force;            ///< at the step's beginning, and at its end; `force` of resting ones is an unknown
+  S *kept_sense, *kept_before;  ///< `sense` and `before` of a step that is taken in parts
   // of this step, by number: held at its end; gone over to sliding along `way`; share of the step before that
   S *held, *over, *way, *share;
   S *end, *pull, *burden;  ///< rate at its end; holding force, and in parts of the stiction
@@ -43,6 +44,7 @@ struct JointFriction {
     nv = nv_;
     arena.take_zeros(count, coulomb, stiction, sense, before, force, held, over, way);
     arena.take_zeros(count, share, end, pull, burden, turn, rhs, made);
+    arena.take_zeros(count, kept_sense, kept_before);
     arena.take_zeros(count * count, W, G);
     arena.take_zeros(count * nv, columns);
     arena.take_zeros(nv, column);
@@ -61,6 +63,19 @@ struct JointFriction {
     return found;
   }
 
+  /// For a step that is taken in parts, more than once.
+  void keep_beginning() {
+    for (int c = 0; c < count; ++c) {
+      kept_sense[c] = sense[c];
+      kept_before[c] = before[c];
+    }
+  }
+  void go_back(const Mask& where) {
+    for (int c = 0; c < count; ++c) {
+      sense[c] = L::select(where, kept_sense[c], sense[c]);
+      before[c] = L::select(where, kept_before[c], before[c]);
+    }
+  }
   /// At the beginning of a step.
   void begin_step(const Mask& where) {
     left = L::select(where, number<S>(4.0 + 6.0 * count), left);

@@ -33,7 +33,7 @@ Eigen::VectorXd weigh(const Problem& of, const std::vector<Parameter>& parameter
 
 /// Steps that this problem takes from the beginnings of the tape's switches.
 struct Repeated {
-  Trajectory::Rows ends;                  ///< states [q; v] (switches, 2 nv)
+  Trajectory::Rows ends;  ///< [displacement from the coordinates that the tape's step led to; v] (switches, 2 nv)
   std::vector<std::vector<double>> ways;  ///< which way friction went in each (OneStep::way)
 };
 Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options);
@@ -52,8 +52,8 @@ struct Adjoint {
   Trajectory::Rows looks;            ///< by the result of `repeat_looks`
 };
 
-/// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
-/// holds, lets go or turns a joint, by differences of such a step.
+/// Derivatives of the method's own equations at their solution, exact but for rounding; of steps without equations
+/// of their own (Tape::Switch), by differences of such a step.
 /// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
 /// @param parameters  whose neighbours tell the start, and whose sampled laws are asked too, each at its own state
 /// @param accelerations  whether a and tau are asked for as well

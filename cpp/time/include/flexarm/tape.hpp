@@ -37,7 +37,8 @@ struct Tape {
     double lag;          ///< of alpha0 - a0, the part of it at the beginning: 1 but where the step changes
     Eigen::Index point;  ///< its first place
   };
-  /// The beginning of a step in which dry friction came to hold a joint, let it go, or turned: its entry has no places.
+  /// The beginning of a step that was divided, met or left a contact, or in which dry friction came to hold a joint,
+  /// let it go, or turned: its entry has no places.
   struct Switch {
     Eigen::Index entry;
     double t, h;                             ///< time and length (s)
@@ -45,6 +46,7 @@ struct Tape {
     Eigen::VectorXd sense, before;           ///< of each rate that rubs: 1, -1 or 0, held; force of friction
     std::vector<int> rates;                  ///< which these are
     Eigen::VectorXd tau;                     ///< forces held over the step beside the problem's; empty: none
+    int parts = 0;                           ///< into which the step was divided; 0: it was not
   };
   /// Controllers have sampled, or let pass a force that was on its way. The state that they saw is a place of its own,
   /// at which the forces are those of before.
