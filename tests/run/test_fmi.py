@@ -1,4 +1,4 @@
-"""Units of FMI 3.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the model in it.
+"""Units of FMI 3.0 and 2.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the model in it.
 
 Co-simulation is the native run to the last bit; CVode, which knows only derivatives and events, comes near it.
 """
@@ -23,6 +23,7 @@ from messages import naming, refuses, warns
 
 fmpy = pytest.importorskip("fmpy", reason="SKIPPED, not passed: needs fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
 from fmpy.fmi3 import FMU3Model, FMU3Slave, fmi3LogMessageCallback  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
@@ -63,25 +64,56 @@ SCENES = {
 }
 
 
+#: What FMPy calls otherwise for FMI 2.0.
+IN_FMI_2 = {
+    "getFloat64": "getReal",
+    "setFloat64": "setReal",
+    "getInt32": "getInteger",
+    "getFMUState": "getFMUstate",
+    "setFMUState": "setFMUstate",
+    "freeFMUState": "freeFMUstate",
+    "serializeFMUState": "serializeFMUstate",
+    "deserializeFMUState": "deSerializeFMUstate",
+    "updateDiscreteStates": "newDiscreteStates",
+    "getContinuousStateDerivatives": "getDerivatives",
+}
+
+
 class Instance:
-    """An instance of a unit, by names."""
+    """An instance of a unit, by names. Functions are called as those of FMI 3.0."""
 
     def __init__(
-        self, file: Path, folder: Path, slave: bool = True, log: list[str] | None = None, token: str | None = None
-    ) -> None:
+        self, file: Path, folder: Path, slave: bool = True, log: list[str] | None = None, token: str | None = None,
+        events: bool = False,
+    ) -> None:  # fmt: skip
         self.about = fmpy.read_model_description(str(file))
         self.number = {v.name: v.valueReference for v in self.about.modelVariables}
         with zipfile.ZipFile(file) as archive:
             archive.extractall(folder)
-        kind, way = (FMU3Slave, self.about.coSimulation) if slave else (FMU3Model, self.about.modelExchange)
-        self.fmu = kind(guid=token or self.about.guid, unzipDirectory=str(folder), modelIdentifier=way.modelIdentifier)
+        self.two = self.about.fmiVersion == "2.0"
+        kind = (FMU2Model, FMU2Slave) if self.two else (FMU3Model, FMU3Slave)
+        way = self.about.coSimulation if slave else self.about.modelExchange
+        self.fmu: Any = kind[slave](
+            guid=token or self.about.guid, unzipDirectory=str(folder), modelIdentifier=way.modelIdentifier,
+            instanceName="arm",
+        )  # fmt: skip
         said = [] if log is None else log
-        self.log = fmi3LogMessageCallback(lambda environment, status, category, text: said.append(text.decode()))
-        self.fmu.instantiate(logMessage=self.log)
+        if self.two:
+            for three, two in IN_FMI_2.items():
+                setattr(self.fmu, three, getattr(self.fmu, two))
+            self.log: Any = fmi2CallbackLoggerTYPE(lambda *told: said.append(told[-1].decode()))
+            self.fmu.instantiate(callbacks=fmi2CallbackFunctions(logger=self.log))
+            return
+        self.log = fmi3LogMessageCallback(lambda *told: said.append(told[-1].decode()))
+        self.fmu.instantiate(logMessage=self.log, **({"eventModeUsed": True} if events else {}))
 
     def begin(self, **start: float) -> Instance:
         self.set(**start)
-        self.fmu.enterInitializationMode(startTime=0.0)
+        if self.two:
+            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=0.0)
         self.fmu.exitInitializationMode()
         return self
 
@@ -116,16 +148,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def unit(scene: fa.Scene, folder: Path, integrator: Any = fa.Implicit(1e-3)) -> Path:  # noqa: B008
+def unit(scene: fa.Scene, folder: Path, integrator: Any = fa.Implicit(1e-3), version: int = 3) -> Path:  # noqa: B008
     file = folder / "unit.fmu"
-    scene.to_fmu(file, integrator)
+    scene.to_fmu(file, integrator, version)
     return file
 
 
 @contextmanager
 def instance(scene: fa.Scene, folder: Path, **given: Any) -> Iterator[Instance]:
     integrator = given.pop("integrator", fa.Implicit(1e-3))
-    out = Instance(unit(scene, folder, integrator), folder / f"unit{next(NUMBERS)}", **given)
+    version = given.pop("version", 3)
+    out = Instance(unit(scene, folder, integrator, version), folder / f"unit{next(NUMBERS)}", **given)
     yield out
     out.close()
 
@@ -133,12 +166,14 @@ def instance(scene: fa.Scene, folder: Path, **given: Any) -> Iterator[Instance]:
 # -- co-simulation and validation --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integrator", [fa.Implicit(1e-3), fa.Gauss(), fa.RK4(1e-4)], ids=repr)
+@pytest.mark.parametrize(
+    ("version", "integrator"), [(3, fa.Implicit(1e-3)), (3, fa.Gauss()), (3, fa.RK4(1e-4)), (2, fa.Implicit(1e-3))]
+)
 @pytest.mark.parametrize("case", SCENES)
-def test_co_simulation_is_the_native_run(folder: Path, case: str, integrator: Any) -> None:
+def test_co_simulation_is_the_native_run(folder: Path, case: str, version: int, integrator: Any) -> None:
     scene = SCENES[case]
     sim = fa.Simulation(scene, integrator)
-    with instance(scene, folder, integrator=integrator) as of:
+    with instance(scene, folder, integrator=integrator, version=version) as of:
         assert not validate_fmu(str(folder / "unit.fmu"))
         of.begin()
         for t0, t1 in itertools.pairwise(T):
@@ -262,11 +297,12 @@ def test_readings(folder: Path) -> None:
 # -- model exchange ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("version", [3, 2])
 @pytest.mark.parametrize("case", SCENES)
-def test_model_exchange_by_cvode(folder: Path, case: str) -> None:
+def test_model_exchange_by_cvode(folder: Path, case: str, version: int) -> None:
     """FMPy's CVode (BDF), at a tolerance of 1e-8, against the native run with an error below 1e-8."""
     scene = SCENES[case]
-    file = unit(scene, folder, fa.Gauss(tolerance=1e-9))
+    file = unit(scene, folder, fa.Gauss(tolerance=1e-9), version)
     names = [v.name for v in fmpy.read_model_description(str(file)).modelVariables if v.name.startswith("q.")]
     got = fmpy.simulate_fmu(
         str(file),
@@ -307,12 +343,14 @@ def test_friction_holds_at_events(folder: Path) -> None:
     np.testing.assert_allclose(got["q.upper_revolute"], run.q[:, 0], atol=1e-5)
 
 
-@pytest.mark.parametrize("case", ["loads", "PD", "ball", "dry friction", "torque and motion"])
-def test_directional_derivatives(folder: Path, case: str) -> None:
+@pytest.mark.parametrize(
+    ("version", "case"), [*((3, c) for c in ("loads", "PD", "ball", "dry friction", "torque and motion")), (2, "ball")]
+)
+def test_directional_derivatives(folder: Path, case: str, version: int) -> None:
     """Of all derivatives and outputs by all states and inputs, against differences of fourth order."""
     scene = SCENES[case]
     rng = np.random.default_rng(1)
-    with instance(scene, folder, slave=False) as of:
+    with instance(scene, folder, slave=False, version=version) as of:
         of.begin()
         of.fmu.updateDiscreteStates()
         of.fmu.enterContinuousTimeMode()
@@ -359,9 +397,11 @@ def test_what_is_no_ordinary_differential_equation_is_for_co_simulation(folder: 
 # -- states, errors, threads -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("version", [3, 2])
 @pytest.mark.parametrize("case", ["loads", "sampled", "dry friction", "computed torque"])
-def test_states_go_on_to_the_last_bit(folder: Path, case: str) -> None:
-    with instance(SCENES[case], folder) as of, instance(SCENES[case], folder) as other:
+def test_states_go_on_to_the_last_bit(folder: Path, case: str, version: int) -> None:
+    of_version = {"version": version}
+    with instance(SCENES[case], folder, **of_version) as of, instance(SCENES[case], folder, **of_version) as other:
         of.begin(add__force__upper_revolute=0.1)
         of.go(T[:41])
         state = of.fmu.getFMUState()
@@ -372,6 +412,8 @@ def test_states_go_on_to_the_last_bit(folder: Path, case: str) -> None:
         np.testing.assert_array_equal(of.go(T[40:]), want)
         content = of.fmu.serializeFMUState(state)
         of.fmu.freeFMUState(state)
+        with refuses("failed", error=FMICallException):
+            other.fmu.deserializeFMUState(content[:40] + b"?" + content[41:])  # a byte is damaged
         there = other.begin().fmu.deserializeFMUState(content)
         other.fmu.setFMUState(there)
         assert other.get("add.force.upper_revolute") == 0.1
@@ -390,9 +432,10 @@ def test_reset(folder: Path) -> None:
         np.testing.assert_array_equal(of.begin().go(), want)
 
 
-def test_errors_are_logged_by_name(folder: Path) -> None:
+@pytest.mark.parametrize("version", [3, 2])
+def test_errors_are_logged_by_name(folder: Path, version: int) -> None:
     log: list[str] = []
-    with instance(SCENES["PD"], folder, log=log) as of:
+    with instance(SCENES["PD"], folder, log=log, version=version) as of:
 
         def fails(what: Any, *named: Any) -> None:
             log.clear()
@@ -405,18 +448,18 @@ def test_errors_are_logged_by_name(folder: Path) -> None:
         of.set(payload__fore_arm=0.0)
         fails(lambda: of.set(add__force__upper_revolute=np.nan), "add.force.upper_revolute", "nan", "finite")
         fails(lambda: of.set(tip__x=1.0), "tip.x", "calculated")
-        fails(lambda: of.go([0.0, 0.1]), "fmi3DoStep", "instantiated")
+        fails(lambda: of.go([0.0, 0.1]), f"fmi{version}DoStep", "instantiated")
         of.begin()
         fails(lambda: of.set(law_0__kp=1.0), "law_0.kp", 1, "initialisation")
         fails(lambda: of.go([0.05, 0.1]), "currentCommunicationPoint", 0.05)
-        fails(lambda: of.fmu.getInt32([1]), "Int32", "Float64")
+        fails(lambda: of.fmu.getInt32([1]), *(("Int32", "Float64") if version == 3 else ("Integer", "Real")))
         fails(lambda: of.fmu.getFloat64([99999]), "value reference", 99999)
         of.set(add__force__upper_revolute=1e12)
         fails(lambda: of.go([0.0, 1.0]), "step")
     log.clear()
     with refuses("instantiate", error=Exception):
-        Instance(unit(SCENES["PD"], folder), folder / "other", log=log, token="another")
-    assert re.search(naming("instantiationToken", "another"), log[0])
+        Instance(unit(SCENES["PD"], folder, version=version), folder / "other", log=log, token="another")
+    assert re.search(naming("token", "another"), log[0])
 
 
 def test_threads(folder: Path) -> None:

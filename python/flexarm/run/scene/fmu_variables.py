@@ -1,4 +1,4 @@
-"""The variables of a unit of FMI 3.0, listed once: as XML for the importer, and as JSON for the unit's library, whose
+"""The variables of a unit of FMI, listed once: as XML for the importer, and as JSON for the unit's library, whose
 kinds of variables are those of its room `fmi`."""
 
 from __future__ import annotations
@@ -106,6 +106,8 @@ class Variables:
                 self.joints += [(first + k, n, k) for k in range(count)]
             first += count + (len(link["beam"]["stiffness"]) if link["beam"] else 0)
         self.prescribed = {d["rate"] for d in self.of["drives"] if d["motion"] is not None}
+        forces = {i: (links[n]["joint"]["forces"] or {k: None})[k] for i, n, k in self.joints}
+        self.rubs = [i for i, f in forces.items() if f and (f["coulomb"] or f["stiction"])]
 
     def _motion(self) -> None:
         """The states, their derivatives, and forces."""
@@ -142,6 +144,7 @@ class Variables:
                     unit=per.get(i),
                     description="rate",
                     derivative=at_q[c] if free else None,
+                    reinit="true" if i in self.rubs and i not in self.prescribed else None,
                     **start,
                 )
             )
@@ -163,10 +166,7 @@ class Variables:
             what = "force of drives and controllers; of a prescribed motion its reaction"
             self._calculated(f"force.{self.rate_names[i]}", "tau", i, unit=_FORCE[u], description=what)
         self.indicators = []
-        for i, n, k in self.joints:
-            forces = self.of["arm"]["links"][n]["joint"]["forces"]
-            if not forces or not (forces[k]["coulomb"] or forces[k]["stiction"]):
-                continue
+        for i in self.rubs:
             rate, unit_of = self.rate_names[i], _FORCE[self.unit[i]]
             self._calculated(f"friction.{rate}", "friction", i, unit=unit_of, description="dry friction")
             if i not in self.prescribed:
