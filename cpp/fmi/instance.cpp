@@ -74,7 +74,8 @@ void needs(const char* name, std::initializer_list<const void*> pointers) {
 
 void check_categories(const char* const categories[], std::size_t count) {
   for (std::size_t k = 0; k < count; ++k) {
-    needs("categories", {categories, categories[k]});
+    needs("categories", {categories});
+    needs("category", {categories[k]});
     if (std::strcmp(categories[k], "logStatusError") != 0)
       bad_value("category", categories[k], "must be logStatusError");  // errors are always told
   }

@@ -367,8 +367,9 @@ void Unit::restore(const State& state) {
   };
   const std::vector<double> before = values_;
   const double start = start_;
+  bool other = !made_;
   memory(take);
-  bool other = start != start_;
+  other = other || start != start_;
   for (std::size_t k = 0; k < values_.size(); ++k)
     other = other || (resources_.variables[k].parameter() && before[k] != values_[k]);
   if (other) {

@@ -211,7 +211,7 @@ def test_bad_arguments_are_named() -> None:
         rubbing.to_casadi(step=STEP)
     with refuses("ball"):
         ball.to_casadi(step=STEP)
-    with refuses("step", "column 1", error=RuntimeError):
+    with refuses("step", "state 1", error=RuntimeError):
         arm.to_casadi(step=1.0, columns=2)(np.outer(np.ones(2 * arm.nv), [0.0, 1e200]), 0)
 
 

@@ -7,6 +7,7 @@ import hashlib
 import html
 import json
 import platform
+import re
 import warnings
 import zipfile
 from io import BytesIO
@@ -25,8 +26,12 @@ _LIBRARY = "libflexarm_fmi.so"
 _DATE = (1980, 1, 1, 0, 0, 0)  # of the files within: the same scene gives the same bytes
 
 
+#: What XML cannot hold.
+_UNTOLD = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
 def _tag(name: str, given: dict[str, Any], inside: str = "") -> str:
-    text = "".join(f" {k}={quoteattr(str(v))}" for k, v in given.items() if v is not None)
+    text = "".join(f" {k}={quoteattr(_UNTOLD.sub(' ', str(v)))}" for k, v in given.items() if v is not None)
     return f"<{name}{text}>{inside}</{name}>" if inside else f"<{name}{text}/>"
 
 
