@@ -3,7 +3,7 @@
     python bench/run/fmusim.py PROGRAM [--docs]
 
 PROGRAM is fmusim of the Reference FMUs 0.0.39 (https://github.com/modelica/Reference-FMUs, folder fmusim), built with
-Debian's libxml2-dev, zlib1g-dev, libminizip-dev and libsundials-dev 6.4, which has no SUN_COMM_NULL. It frees a state by
+Debian's libxml2-dev, zlib1g-dev, libminizip-dev and libsundials-dev 6.4, without SUN_COMM_NULL. It frees a state by
 its value where the standard wants its address, which the first line mends:
 
     sed -i 's/\\(Free[A-Za-z]*\\)(S, FMUState)/\\1(S, \\&FMUState)/' FMIUtil.c

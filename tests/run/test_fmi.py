@@ -1,4 +1,5 @@
-"""Units of FMI 3.0 and 2.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the model in it.
+"""Units of FMI 3.0 and 2.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the
+model in it.
 
 Co-simulation is the native run to the last bit; CVode, which knows only derivatives and events, comes near it.
 """
@@ -12,6 +13,7 @@ import threading
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -421,7 +423,7 @@ def test_states_go_on_to_the_last_bit(folder: Path, case: str, version: int) -> 
         of.fmu.freeFMUState(state)
         with refuses("failed", error=FMICallException):
             other.fmu.deserializeFMUState(content[:40] + b"?" + content[41:])  # a byte is damaged
-        there = other.begin().fmu.deserializeFMUState(content)
+        there = other.fmu.deserializeFMUState(content)  # in an instance that has not begun
         other.fmu.setFMUState(there)
         assert other.get("add.force.upper_revolute") == 0.1
         other.set(add__force__upper_revolute=0.2)
@@ -437,6 +439,88 @@ def test_reset(folder: Path) -> None:
         of.fmu.reset()
         assert np.abs(other - want).max() > 1e-4
         np.testing.assert_array_equal(of.begin().go(), want)
+
+
+def test_a_state_brings_its_parameters(folder: Path) -> None:
+    """Into an instance whose own were others, and have not yet been used."""
+    with instance(SCENES["free"], folder) as of:
+        of.begin(payload__fore_arm=0.1).go(T[:21])
+        state = of.fmu.getFMUState()
+        want = of.go(T[20:])
+        of.fmu.reset()
+        of.begin().go(T[:5])
+        of.fmu.reset()
+        of.set(payload__fore_arm=0.1)
+        of.fmu.setFMUState(state)
+        np.testing.assert_array_equal(of.go(T[20:]), want)
+        of.fmu.freeFMUState(state)
+
+
+def test_event_mode_of_co_simulation(folder: Path) -> None:
+    """For importers that set inputs in it; steps meet events themselves."""
+    log: list[str] = []
+    with instance(SCENES["sampled"], folder) as of, instance(SCENES["sampled"], folder, events=True, log=log) as other:
+        want = of.begin(add__force__upper_revolute=0.2).go()
+        other.begin()
+        with refuses("failed", error=FMICallException):
+            other.go(T[:2])
+        assert re.search(naming("fmi3DoStep", "event"), log[-1])
+        other.set(add__force__upper_revolute=0.2)
+        assert not any(other.fmu.updateDiscreteStates()[:5])
+        other.fmu.enterStepMode()
+        other.go(T[:51])
+        other.fmu.enterEventMode()
+        other.fmu.updateDiscreteStates()
+        other.fmu.enterStepMode()
+        np.testing.assert_array_equal(other.go(T[50:]), want)
+        with refuses("failed", error=FMICallException):
+            of.fmu.enterEventMode()
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_events_ask_solvers_to_begin_anew(folder: Path, version: int) -> None:
+    """Forces leap there, also where states do not."""
+    with instance(SCENES["sampled"], folder, slave=False, version=version) as of:
+        of.begin()
+        *_, changed, defined, when = of.fmu.updateDiscreteStates()
+        assert changed and defined and when == 1e-3  # the delayed force of the first sample
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_calls_that_are_wrong_give_errors(folder: Path, version: int) -> None:
+    """Pointers to nothing, and calls in the wrong mode: each is refused, with a reason."""
+    log: list[str] = []
+    none = ctypes.c_void_p()
+    with instance(SCENES["dry friction"], folder, slave=False, log=log, version=version) as of:
+
+        def refused(name: str, *given: Any) -> None:
+            log.clear()
+            call = of.fmu.dll[f"fmi{version}{name}"]  # without FMPy's types
+            assert call(ctypes.c_void_p(of.fmu.component), *given) == 3, name
+            assert len(log) == 1, name
+            assert call(none, *given) == 3, name
+
+        number, many = (ctypes.c_double * 99)(), ctypes.c_size_t(12)
+        state, values = ("FMUState", "Float64") if version == 3 else ("FMUstate", "Real")
+        refused("EnterEventMode")
+        refused("SetTime", ctypes.c_double(0.1))
+        refused("SetContinuousStates", number, many)
+        refused("CompletedIntegratorStep", 1, number, number)
+        refused("ExitInitializationMode")
+        of.begin()
+        for get_or_set in ("Get", "Set"):
+            refused(get_or_set + values, none, many, none, many)
+        refused("GetContinuousStates", none, many)
+        refused("GetContinuousStates", number, ctypes.c_size_t(11))
+        refused("GetEventIndicators", none, ctypes.c_size_t(1))
+        refused("SetDebugLogging", 1, many, none)
+        refused("Get" + state, none)
+        refused("Set" + state, none)
+        refused(f"Serialized{state}Size", none, number)
+        refused("DoStep", ctypes.c_double(0.0), ctypes.c_double(1e-3), 1, number, number, number, number)
+        rest = [many, none, many] if version == 3 else [none]
+        refused("GetDirectionalDerivative", none, many, none, many, none, *rest)
+        refused("UpdateDiscreteStates" if version == 3 else "NewDiscreteStates", *[none] * 6)
 
 
 @pytest.mark.parametrize("version", [3, 2])
@@ -488,6 +572,27 @@ def test_threads(folder: Path) -> None:
     assert np.abs(found[0] - found[1]).max() > 1e-4
 
 
+# -- names -----------------------------------------------------------------------------------------------------
+
+
+def test_names_that_become_alike_are_told_apart(folder: Path) -> None:
+    link, other = arm().links
+    links = [replace(link, name="a b"), replace(other, name="a_b", joint=fa.Revolute("y", coulomb=0.1))]
+    scene = fa.Scene(fa.Arm(links), t=T, name="of <two> \"arms\"\x01")
+    with instance(scene, folder) as of:
+        assert not validate_fmu(str(folder / "unit.fmu"))
+        assert {"q.a_b_revolute", "der(v.a_b_revolute_2)", "friction.a_b_revolute_2", "payload.a_b_2"} <= {*of.number}
+
+
+def test_an_arm_with_a_servo_has_its_end(folder: Path) -> None:
+    """Links of the controller's states come behind it."""
+    servo = fa.Servo(0, kp=6.0, kv=0.4, current_loop=100.0, rate=250.0, reference=0.3)
+    scene = fa.Scene(arm(), t=T, control=(servo,))
+    with instance(scene, folder) as of:
+        q = of.begin(payload__fore_arm=0.0).go()
+        np.testing.assert_allclose(of.get("tip.x", "tip.y", "tip.z"), scene.arm.frame(q[: scene.arm.nq])[0], atol=1e-14)
+
+
 # -- the archive -------------------------------------------------------------------------------------------------------
 
 
@@ -500,12 +605,16 @@ def test_command(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> 
     with zipfile.ZipFile("ist.fmu") as archive:
         assert "documentation/index.html" in archive.namelist()
     assert main(["export", "ist", "--fmi", "ist.fmu", "--step", "-1"]) == 2
+    assert main(["export", "ist", "--fmi", "two.fmu", "--step", "1e-3", "--fmi-version", "2"]) == 0
+    assert fmpy.read_model_description("two.fmu").fmiVersion == "2.0" and not validate_fmu("two.fmu")
 
 
 def test_refuses(folder: Path) -> None:
     scene = SCENES["free"]
     with refuses("integrator", "ida", "Implicit"):
         scene.to_fmu(folder / "bad.fmu", fa.Ida())
+    with refuses("version", 1, 3):
+        scene.to_fmu(folder / "bad.fmu", fa.Implicit(1e-3), version=1)
     with refuses("path", ".fmu"):
         scene.to_fmu(folder / "bad.zip", fa.Implicit(1e-3))
     with refuses("drive 0", "samples"):
