@@ -320,9 +320,7 @@ TEST_CASE("linear laws say what does not fit") {
   CHECK(begins(said([&] { integral_resonant(arm, path, {1.0, 2.0, nan}, 0.01); }), "reference = nan"));
   CHECK(begins(said([&] { pd(flexarm_test::floating_arm(), 3, 1, 1); }), "rate = 3: is a ball's"));
   CHECK(said([&] { pd(flexarm_test::floating_arm(), 2, 1, 1); }).empty());
-  Problem problem;
-  problem.arm = std::make_shared<const Arm>(arm);
-  problem.q0 = problem.v0 = problem.tau = Eigen::VectorXd::Zero(1);
+  Problem problem(arm);
   LinearLaw law = pid(arm, 0, {1, 1, 1}, 0.1);
   const auto checked = [&] {
     problem.samplers = {{0.0, 0.1, 0.0, law}};
