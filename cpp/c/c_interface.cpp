@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <new>
 #include <optional>
@@ -69,6 +70,21 @@ void needs(const void* pointer, const char* name) {
   if (!pointer) bad_value(name, "NULL", "must be given");
 }
 
+/// What is asked of a handle; `otherwise` where it is NULL.
+template <class Handle, class Ask, class Result>
+Result ask(Handle* handle, const Ask& what, Result otherwise) {
+  return tried([&]() -> Result { return needs(handle, "handle"), what(*handle); }, otherwise);
+}
+template <class Handle, class Ask>
+int count(Handle* handle, const Ask& what) {
+  return ask(handle, [&](const auto& s) { return static_cast<int>(what(s)); }, FLEXARM_INVALID);
+}
+template <class Handle, class Ask>
+const double* numbers(Handle* s, const Ask& what) {
+  return ask(s, [&](auto& of) { return what(of.simulation).data(); }, static_cast<const double*>(nullptr));
+}
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
 std::size_t index(const char* name, int given, std::size_t count) {
   if (given < 0 || static_cast<std::size_t>(given) >= count)
     bad_value(name, given, "must be from 0 to " + std::to_string(static_cast<long>(count) - 1) + " here");
@@ -114,18 +130,35 @@ flexarm_scene* flexarm_parse(const char* json) {
 }
 void flexarm_free_scene(flexarm_scene* scene) { delete scene; }
 
-int flexarm_nq(const flexarm_scene* s) { return s->scene->problem.arm->nq(); }
-int flexarm_nv(const flexarm_scene* s) { return s->scene->problem.arm->nv(); }
-int flexarm_links(const flexarm_scene* s) { return static_cast<int>(s->scene->problem.arm->size()); }
-int flexarm_drives(const flexarm_scene* s) { return static_cast<int>(s->scene->problem.drives.size()); }
-int flexarm_loads(const flexarm_scene* s) { return static_cast<int>(s->scene->problem.loads.size()); }
-int flexarm_laws(const flexarm_scene* s) { return static_cast<int>(s->scene->problem.feedback.size()); }
-const char* flexarm_rate_name(const flexarm_scene* s, int rate) {
-  return tried([&] { return s->rates[index("rate", rate, s->rates.size())].c_str(); },
-               static_cast<const char*>(nullptr));
+int flexarm_nq(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.arm->nq(); });
 }
-double flexarm_begin(const flexarm_scene* s) { return s->scene->t[0]; }
-double flexarm_end(const flexarm_scene* s) { return s->scene->t[s->scene->t.size() - 1]; }
+int flexarm_nv(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.arm->nv(); });
+}
+int flexarm_links(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.arm->size(); });
+}
+int flexarm_drives(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.drives.size(); });
+}
+int flexarm_loads(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.loads.size(); });
+}
+int flexarm_laws(const flexarm_scene* s) {
+  return count(s, [](const auto& of) { return of.scene->problem.feedback.size(); });
+}
+const char* flexarm_rate_name(const flexarm_scene* s, int rate) {
+  return ask(
+      s, [&](const auto& of) { return of.rates[index("rate", rate, of.rates.size())].c_str(); },
+      static_cast<const char*>(nullptr));
+}
+double flexarm_begin(const flexarm_scene* s) {
+  return ask(s, [](const auto& of) { return of.scene->t[0]; }, kNone);
+}
+double flexarm_end(const flexarm_scene* s) {
+  return ask(s, [](const auto& of) { return of.scene->t[of.scene->t.size() - 1]; }, kNone);
+}
 
 flexarm_simulation* flexarm_start(const flexarm_scene* of, double step) {
   return tried(
@@ -144,24 +177,40 @@ flexarm_simulation* flexarm_start(const flexarm_scene* of, double step) {
 void flexarm_free_simulation(flexarm_simulation* s) { delete s; }
 
 int flexarm_step(flexarm_simulation* s) {
+  if (!s) return done([] { needs(nullptr, "simulation"); });
   return tried([&] { return went(*s, s->simulation.step()); }, FLEXARM_STOPPED);
 }
 int flexarm_advance(flexarm_simulation* s, double until) {
-  if (!(until >= s->simulation.t()) || !std::isfinite(until))
-    return done(
-        [&] { bad_value("until", until, "must be finite, and not before " + std::to_string(s->simulation.t())); });
+  if (!s || !(until >= s->simulation.t()) || !std::isfinite(until))
+    return done([&] {
+      needs(s, "simulation");
+      bad_value("until", until, "must be finite, and not before " + std::to_string(s->simulation.t()));
+    });
   return tried([&] { return went(*s, s->simulation.advance(until)); }, FLEXARM_STOPPED);
 }
 
-double flexarm_time(const flexarm_simulation* s) { return s->simulation.t(); }
-const double* flexarm_q(const flexarm_simulation* s) { return s->simulation.q().data(); }
-const double* flexarm_v(const flexarm_simulation* s) { return s->simulation.v().data(); }
-const double* flexarm_a(flexarm_simulation* s) { return s->simulation.a().data(); }
-const double* flexarm_tau(flexarm_simulation* s) { return s->simulation.tau().data(); }
-const double* flexarm_friction(flexarm_simulation* s) { return s->simulation.friction().data(); }
+double flexarm_time(const flexarm_simulation* s) {
+  return ask(s, [](const auto& of) { return of.simulation.t(); }, kNone);
+}
+const double* flexarm_q(const flexarm_simulation* s) {
+  return numbers(s, [](auto& of) -> auto& { return of.q(); });
+}
+const double* flexarm_v(const flexarm_simulation* s) {
+  return numbers(s, [](auto& of) -> auto& { return of.v(); });
+}
+const double* flexarm_a(flexarm_simulation* s) {
+  return numbers(s, [](auto& of) -> auto& { return of.a(); });
+}
+const double* flexarm_tau(flexarm_simulation* s) {
+  return numbers(s, [](auto& of) -> auto& { return of.tau(); });
+}
+const double* flexarm_friction(flexarm_simulation* s) {
+  return numbers(s, [](auto& of) -> auto& { return of.friction(); });
+}
 
 int flexarm_pose(flexarm_simulation* s, int link, double place[3], double rotation[9]) {
   return done([&] {
+    needs(s, "simulation");
     const Arm& arm = *s->scene->problem.arm;
     const std::size_t at = index("link", link, arm.size());
     move_arm(arm, s->ws, s->simulation.q(), s->simulation.v());
@@ -175,31 +224,41 @@ int flexarm_pose(flexarm_simulation* s, int link, double place[3], double rotati
 
 int flexarm_set_tau(flexarm_simulation* s, const double* tau) {
   return done([&] {
+    needs(s, "simulation");
     needs(tau, "tau");
     s->tau = Eigen::Map<const VectorXd>(tau, s->tau.size());
     s->simulation.set_tau(s->tau);
   });
 }
 int flexarm_set_force(flexarm_simulation* s, int drive, double value) {
-  return done([&] { s->simulation.set_force(index("drive", drive, s->scene->problem.drives.size()), value); });
+  return done([&] {
+    needs(s, "simulation");
+    s->simulation.set_force(index("drive", drive, s->scene->problem.drives.size()), value);
+  });
 }
 int flexarm_set_load(flexarm_simulation* s, int load, const double wrench[6]) {
   return done([&] {
+    needs(s, "simulation");
     const std::size_t at = index("load", load, s->scene->problem.loads.size());
     needs(wrench, "wrench");
     s->simulation.set_load(at, Eigen::Map<const Vec6<double>>(wrench));
   });
 }
 int flexarm_set_reference(flexarm_simulation* s, int law, double value) {
-  return done([&] { s->simulation.set_reference(index("law", law, s->scene->problem.feedback.size()), value); });
+  return done([&] {
+    needs(s, "simulation");
+    s->simulation.set_reference(index("law", law, s->scene->problem.feedback.size()), value);
+  });
 }
 
 flexarm_state* flexarm_save(const flexarm_simulation* s) {
-  return tried([&] { return new flexarm_state{s->scene, s->simulation.state()}; },
-               static_cast<flexarm_state*>(nullptr));
+  return ask(
+      s, [](const auto& of) { return new flexarm_state{of.scene, of.simulation.state()}; },
+      static_cast<flexarm_state*>(nullptr));
 }
 int flexarm_restore(flexarm_simulation* s, const flexarm_state* state) {
   return done([&] {
+    needs(s, "simulation");
     needs(state, "state");
     if (state->scene != s->scene) bad_value("state", "of another scene", "must be of this simulation's");
     s->simulation.restore(state->state);
@@ -210,6 +269,7 @@ void flexarm_free_state(flexarm_state* state) { delete state; }
 int flexarm_accelerate(flexarm_simulation* s, const double* q, const double* v, const double* tau, double* a,
                        double* by_q, double* by_v, double* by_tau) {
   const auto work = [&] {
+    needs(s, "simulation");
     const Arm& arm = *s->scene->problem.arm;
     s->q = values("q", q, arm.nq());
     s->v = values("v", v, arm.nv());

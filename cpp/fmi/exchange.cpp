@@ -105,13 +105,11 @@ const Eigen::VectorXd& Exchange::friction() {
   return s_.friction;
 }
 
-bool Exchange::event() {
-  bool changed = false;
+void Exchange::event() {
   for (const Rub& r : rubs_) {
     const auto at = static_cast<std::size_t>(r.rate);
     const bool slid = ways_[at] == Tape::ahead || ways_[at] == Tape::back;
     if (!(slid ? ways_[at] * s_.v[r.rate] < kStill : std::abs(s_.v[r.rate]) <= kStill)) continue;
-    changed = changed || s_.v[r.rate] != 0.0;
     s_.v[r.rate] = 0.0;
   }
   touch();
@@ -123,7 +121,6 @@ bool Exchange::event() {
     rubbing_->ways(s_.v, true, ways_.data());
   }
   touch();
-  return changed;
 }
 
 double Exchange::next_event() const { return next_sample(s_.drives, s_.loads, control_, t_ + kSameInstant); }

@@ -47,8 +47,8 @@ class Exchange {
   const Eigen::VectorXd& friction();
 
   /// An event: controllers sample, and each joint with dry friction sticks or slides anew.
-  /// @return whether rates have changed
-  bool event();
+  /// Rates may leap to zero, and accelerations anywhere.
+  void event();
   /// The next event that is known beforehand (s); infinite: none.
   double next_event() const;
   /// Passes through zero where a joint begins to slide, or comes to rest.

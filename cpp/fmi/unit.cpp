@@ -17,8 +17,12 @@ constexpr double kElasticNominal = 1e-2;
 
 }  // namespace
 
-Unit::Unit(Resources resources, bool exchanges)
-    : resources_(std::move(resources)), exchanges_(exchanges), in_(resources_.inputs()) {
+Unit::Unit(Resources resources, bool exchanges, bool events)
+    : resources_(std::move(resources)),
+      name_(resources_.token + (exchanges ? " model exchange" : " co-simulation")),
+      exchanges_(exchanges),
+      events_(events),
+      in_(resources_.inputs()) {
   if (!exchanges && resources_.scene.method.name == "ida")
     bad_value("integrator", "ida",
               "takes no steps one by one: export the scene with \"implicit\", \"gauss\" or \"rk4\"");
@@ -46,16 +50,15 @@ void Unit::need(const char* call, std::initializer_list<Mode> allowed) const {
     bad_value(call, std::string(kModes[static_cast<int>(mode_)]) + " mode", "cannot be called in this mode");
 }
 
-void Unit::initialise(double start) {
-  if (!std::isfinite(start)) bad_value("startTime", start, "must be finite");
-  start_ = start;
+void Unit::start_at(double time) {
+  if (!std::isfinite(time)) bad_value("startTime", time, "must be finite");
+  start_ = time;
   made_ = false;
-  mode_ = Mode::initialising;
 }
 
 void Unit::begin() {
   make();
-  mode_ = exchanges_ ? Mode::event : Mode::stepping;
+  mode_ = exchanges_ || events_ ? Mode::event : Mode::stepping;
 }
 
 /// What is added to the forces and references of a problem, from the inputs' values.
@@ -186,6 +189,7 @@ double Unit::get(std::size_t reference) {
 void Unit::set(std::size_t reference, double value) {
   const Variable& x = variable(reference);
   if (!std::isfinite(value)) bad_value(x.name, value, "must be finite");
+  if (mode_ == Mode::terminated) bad_value(x.name, value, "cannot be set: the run has ended");
   if (x.input()) {
     values_[reference] = value;
     if (before() || !made_) {
@@ -338,7 +342,7 @@ void Unit::check_bytes() const {
 
 Unit::State Unit::state() {
   make();
-  State out;
+  State out{name_, {}, nullptr};
   const auto add = [&out](double& x) { out.numbers.push_back(x); };
   memory(add);
   if (exchanges_) {
@@ -355,6 +359,7 @@ Unit::State Unit::state() {
 }
 
 void Unit::restore(const State& state) {
+  if (state.of != name_) bad_value("state", state.of, "must be of " + name_);
   const double *from = state.numbers.data(), *end = from + state.numbers.size();
   const auto take = [&](double& x) {
     if (from == end) bad_value("state", state.numbers.size(), "numbers: is of another unit");
@@ -362,8 +367,9 @@ void Unit::restore(const State& state) {
   };
   const std::vector<double> before = values_;
   const double start = start_;
+  bool other = !made_;
   memory(take);
-  bool other = start != start_;
+  other = other || start != start_;
   for (std::size_t k = 0; k < values_.size(); ++k)
     other = other || (resources_.variables[k].parameter() && before[k] != values_[k]);
   if (other) {

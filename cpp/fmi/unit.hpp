@@ -15,12 +15,16 @@ class Unit {
  public:
   enum class Mode { instantiated, initialising, event, continuous, stepping, terminated };
 
-  Unit(Resources resources, bool exchanges);
+  /// @param exchanges  model exchange, or else co-simulation
+  /// @param events     co-simulation with event mode, in which inputs are set
+  Unit(Resources resources, bool exchanges, bool events);
 
-  Mode mode() const { return mode_; }
+  /// Of its archive and kind.
+  const std::string& name() const { return name_; }
   /// @throws std::invalid_argument where the mode is none of `allowed`
   void need(const char* call, std::initializer_list<Mode> allowed) const;
-  void initialise(double start);
+  /// The time at which it begins (s), instead of the scene's.
+  void start_at(double time);
   void begin();
   void enter(Mode mode) { mode_ = mode; }
   void reset();
@@ -29,6 +33,7 @@ class Unit {
   void set(std::size_t reference, double value);
 
   bool exchanges() const { return exchanges_; }
+  bool events() const { return events_; }
   Exchange& exchange();
   /// References of its event indicators, in the order of the file.
   const std::vector<std::size_t>& indicators() const { return indicators_; }
@@ -43,6 +48,7 @@ class Unit {
 
   /// All that determines the rest of the run; `laws` are of this instance alone.
   struct State {
+    std::string of;  ///< name of the unit
     std::vector<double> numbers;
     std::shared_ptr<const Control> laws;  ///< with all that they remember; none: of bytes
   };
@@ -64,7 +70,8 @@ class Unit {
   void memory(const std::function<void(double&)>& visit);
 
   const Resources resources_;
-  const bool exchanges_;
+  const std::string name_;
+  const bool exchanges_, events_;
   Mode mode_ = Mode::instantiated;
   std::vector<std::size_t> indicators_;
   std::vector<double> values_;  // of inputs and parameters as given, of starts; by reference

@@ -10,6 +10,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/computed_torque.hpp"
 #include "flexarm/laws.hpp"
+#include "flexarm/problem.hpp"
 #include "watch.hpp"
 
 namespace test_laws {
@@ -319,6 +320,17 @@ TEST_CASE("linear laws say what does not fit") {
   CHECK(begins(said([&] { integral_resonant(arm, path, {1.0, 2.0, nan}, 0.01); }), "reference = nan"));
   CHECK(begins(said([&] { pd(flexarm_test::floating_arm(), 3, 1, 1); }), "rate = 3: is a ball's"));
   CHECK(said([&] { pd(flexarm_test::floating_arm(), 2, 1, 1); }).empty());
+  Problem problem(arm);
+  LinearLaw law = pid(arm, 0, {1, 1, 1}, 0.1);
+  const auto checked = [&] {
+    problem.samplers = {{0.0, 0.1, 0.0, law}};
+    return said([&] { problem.check(); });
+  };
+  CHECK(checked().empty());
+  law.columns.resize(2, 1);
+  CHECK(begins(checked(), "size of a law's columns = 2 x 1: must be 1 x 1"));
+  law.C.resize(0, law.A.rows());  // without outputs
+  CHECK(begins(checked(), "size of a law's D = 1 x "));
 }
 
 }  // namespace test_laws

@@ -75,6 +75,16 @@ def test_jacobians_are_those_of_casadis_differences(columns: int, options: dict[
         assert np.abs(exact - near).max() < 2e-6 * np.abs(exact).max()
 
 
+def test_a_jacobian_may_be_asked_for_by_itself() -> None:
+    """CasADi gives nothing for arguments that are zero."""
+    arm = two_links()
+    of = arm.to_casadi()
+    at = [np.full((arm.nq, 1), 1e-3), np.zeros((arm.nv, 1)), np.ones((arm.nv, 1))]
+    found = of.jacobian()(*at, 0)
+    for exact, near in zip(found, jacobians(of, at), strict=True):
+        np.testing.assert_array_equal(np.array(exact), near)
+
+
 def test_columns_are_states_by_themselves() -> None:
     """One call for all: numbers and slopes are those of flexarm's own functions, blocks on the diagonal."""
     arm, count = two_links(), 4
@@ -211,7 +221,7 @@ def test_bad_arguments_are_named() -> None:
         rubbing.to_casadi(step=STEP)
     with refuses("ball"):
         ball.to_casadi(step=STEP)
-    with refuses("step", "column 1", error=RuntimeError):
+    with refuses("step", "state 1", error=RuntimeError):
         arm.to_casadi(step=1.0, columns=2)(np.outer(np.ones(2 * arm.nv), [0.0, 1e200]), 0)
 
 

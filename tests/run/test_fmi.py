@@ -1,4 +1,5 @@
-"""Units of FMI 3.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the model in it.
+"""Units of FMI 3.0 and 2.0 in an importer of others, FMPy: its validation, its co-simulation, and its CVode on the
+model in it.
 
 Co-simulation is the native run to the last bit; CVode, which knows only derivatives and events, comes near it.
 """
@@ -12,6 +13,7 @@ import threading
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from messages import naming, refuses, warns
 
 fmpy = pytest.importorskip("fmpy", reason="SKIPPED, not passed: needs fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
 from fmpy.fmi3 import FMU3Model, FMU3Slave, fmi3LogMessageCallback  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
@@ -63,25 +66,57 @@ SCENES = {
 }
 
 
+#: What FMPy calls otherwise for FMI 2.0.
+IN_FMI_2 = {
+    "getFloat64": "getReal",
+    "setFloat64": "setReal",
+    "getInt32": "getInteger",
+    "getFMUState": "getFMUstate",
+    "setFMUState": "setFMUstate",
+    "freeFMUState": "freeFMUstate",
+    "serializeFMUState": "serializeFMUstate",
+    "deserializeFMUState": "deSerializeFMUstate",
+    "updateDiscreteStates": "newDiscreteStates",
+    "getContinuousStateDerivatives": "getDerivatives",
+}
+
+
 class Instance:
-    """An instance of a unit, by names."""
+    """An instance of a unit, by names. Functions are called as those of FMI 3.0."""
 
     def __init__(
-        self, file: Path, folder: Path, slave: bool = True, log: list[str] | None = None, token: str | None = None
-    ) -> None:
+        self, file: Path, folder: Path, slave: bool = True, log: list[str] | None = None, token: str | None = None,
+        events: bool = False,
+    ) -> None:  # fmt: skip
         self.about = fmpy.read_model_description(str(file))
         self.number = {v.name: v.valueReference for v in self.about.modelVariables}
         with zipfile.ZipFile(file) as archive:
             archive.extractall(folder)
-        kind, way = (FMU3Slave, self.about.coSimulation) if slave else (FMU3Model, self.about.modelExchange)
-        self.fmu = kind(guid=token or self.about.guid, unzipDirectory=str(folder), modelIdentifier=way.modelIdentifier)
+        self.two = self.about.fmiVersion == "2.0"
+        kind = (FMU2Model, FMU2Slave) if self.two else (FMU3Model, FMU3Slave)
+        way = self.about.coSimulation if slave else self.about.modelExchange
+        self.fmu: Any = kind[slave](
+            guid=token or self.about.guid, unzipDirectory=str(folder), modelIdentifier=way.modelIdentifier,
+            instanceName="arm",
+        )  # fmt: skip
         said = [] if log is None else log
-        self.log = fmi3LogMessageCallback(lambda environment, status, category, text: said.append(text.decode()))
-        self.fmu.instantiate(logMessage=self.log)
+        if self.two:
+            for three, two in IN_FMI_2.items():
+                if hasattr(self.fmu, two):
+                    setattr(self.fmu, three, getattr(self.fmu, two))
+            self.log: Any = fmi2CallbackLoggerTYPE(lambda *told: said.append(told[-1].decode()))
+            self.fmu.instantiate(callbacks=fmi2CallbackFunctions(logger=self.log))
+            return
+        self.log = fmi3LogMessageCallback(lambda *told: said.append(told[-1].decode()))
+        self.fmu.instantiate(logMessage=self.log, **({"eventModeUsed": True} if events else {}))
 
     def begin(self, **start: float) -> Instance:
         self.set(**start)
-        self.fmu.enterInitializationMode(startTime=0.0)
+        if self.two:
+            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=0.0)
         self.fmu.exitInitializationMode()
         return self
 
@@ -116,16 +151,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def unit(scene: fa.Scene, folder: Path, integrator: Any = fa.Implicit(1e-3)) -> Path:  # noqa: B008
+def unit(scene: fa.Scene, folder: Path, integrator: Any = fa.Implicit(1e-3), version: int = 3) -> Path:  # noqa: B008
     file = folder / "unit.fmu"
-    scene.to_fmu(file, integrator)
+    scene.to_fmu(file, integrator, version)
     return file
 
 
 @contextmanager
 def instance(scene: fa.Scene, folder: Path, **given: Any) -> Iterator[Instance]:
     integrator = given.pop("integrator", fa.Implicit(1e-3))
-    out = Instance(unit(scene, folder, integrator), folder / f"unit{next(NUMBERS)}", **given)
+    version = given.pop("version", 3)
+    out = Instance(unit(scene, folder, integrator, version), folder / f"unit{next(NUMBERS)}", **given)
     yield out
     out.close()
 
@@ -133,12 +169,17 @@ def instance(scene: fa.Scene, folder: Path, **given: Any) -> Iterator[Instance]:
 # -- co-simulation and validation --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integrator", [fa.Implicit(1e-3), fa.Gauss(), fa.RK4(1e-4)], ids=repr)
-@pytest.mark.parametrize("case", SCENES)
-def test_co_simulation_is_the_native_run(folder: Path, case: str, integrator: Any) -> None:
+@pytest.mark.parametrize(
+    ("case", "version", "integrator"),
+    [
+        *((case, 3, method) for case in SCENES for method in (fa.Implicit(1e-3), fa.Gauss(), fa.RK4(1e-4))),
+        *((case, 2, fa.Implicit(1e-3)) for case in ("sampled", "ball")),
+    ],
+)
+def test_co_simulation_is_the_native_run(folder: Path, case: str, version: int, integrator: Any) -> None:
     scene = SCENES[case]
     sim = fa.Simulation(scene, integrator)
-    with instance(scene, folder, integrator=integrator) as of:
+    with instance(scene, folder, integrator=integrator, version=version) as of:
         assert not validate_fmu(str(folder / "unit.fmu"))
         of.begin()
         for t0, t1 in itertools.pairwise(T):
@@ -262,11 +303,13 @@ def test_readings(folder: Path) -> None:
 # -- model exchange ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", SCENES)
-def test_model_exchange_by_cvode(folder: Path, case: str) -> None:
+@pytest.mark.parametrize(
+    ("case", "version"), [*((case, 3) for case in SCENES), ("sampled", 2), ("dry friction", 2), ("ball", 2)]
+)
+def test_model_exchange_by_cvode(folder: Path, case: str, version: int) -> None:
     """FMPy's CVode (BDF), at a tolerance of 1e-8, against the native run with an error below 1e-8."""
     scene = SCENES[case]
-    file = unit(scene, folder, fa.Gauss(tolerance=1e-9))
+    file = unit(scene, folder, fa.Gauss(tolerance=1e-9), version)
     names = [v.name for v in fmpy.read_model_description(str(file)).modelVariables if v.name.startswith("q.")]
     got = fmpy.simulate_fmu(
         str(file),
@@ -307,12 +350,14 @@ def test_friction_holds_at_events(folder: Path) -> None:
     np.testing.assert_allclose(got["q.upper_revolute"], run.q[:, 0], atol=1e-5)
 
 
-@pytest.mark.parametrize("case", ["loads", "PD", "ball", "dry friction", "torque and motion"])
-def test_directional_derivatives(folder: Path, case: str) -> None:
+@pytest.mark.parametrize(
+    ("version", "case"), [*((3, c) for c in ("loads", "PD", "ball", "dry friction", "torque and motion")), (2, "ball")]
+)
+def test_directional_derivatives(folder: Path, case: str, version: int) -> None:
     """Of all derivatives and outputs by all states and inputs, against differences of fourth order."""
     scene = SCENES[case]
     rng = np.random.default_rng(1)
-    with instance(scene, folder, slave=False) as of:
+    with instance(scene, folder, slave=False, version=version) as of:
         of.begin()
         of.fmu.updateDiscreteStates()
         of.fmu.enterContinuousTimeMode()
@@ -359,9 +404,13 @@ def test_what_is_no_ordinary_differential_equation_is_for_co_simulation(folder: 
 # -- states, errors, threads -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", ["loads", "sampled", "dry friction", "computed torque"])
-def test_states_go_on_to_the_last_bit(folder: Path, case: str) -> None:
-    with instance(SCENES[case], folder) as of, instance(SCENES[case], folder) as other:
+@pytest.mark.parametrize(
+    ("case", "version"),
+    [("loads", 3), ("sampled", 3), ("dry friction", 3), ("computed torque", 3), ("sampled", 2), ("dry friction", 2)],
+)
+def test_states_go_on_to_the_last_bit(folder: Path, case: str, version: int) -> None:
+    of_version = {"version": version}
+    with instance(SCENES[case], folder, **of_version) as of, instance(SCENES[case], folder, **of_version) as other:
         of.begin(add__force__upper_revolute=0.1)
         of.go(T[:41])
         state = of.fmu.getFMUState()
@@ -372,7 +421,9 @@ def test_states_go_on_to_the_last_bit(folder: Path, case: str) -> None:
         np.testing.assert_array_equal(of.go(T[40:]), want)
         content = of.fmu.serializeFMUState(state)
         of.fmu.freeFMUState(state)
-        there = other.begin().fmu.deserializeFMUState(content)
+        with refuses("failed", error=FMICallException):
+            other.fmu.deserializeFMUState(content[:40] + b"?" + content[41:])  # a byte is damaged
+        there = other.fmu.deserializeFMUState(content)  # in an instance that has not begun
         other.fmu.setFMUState(there)
         assert other.get("add.force.upper_revolute") == 0.1
         other.set(add__force__upper_revolute=0.2)
@@ -390,9 +441,92 @@ def test_reset(folder: Path) -> None:
         np.testing.assert_array_equal(of.begin().go(), want)
 
 
-def test_errors_are_logged_by_name(folder: Path) -> None:
+def test_a_state_brings_its_parameters(folder: Path) -> None:
+    """Into an instance whose own were others, and have not yet been used."""
+    with instance(SCENES["free"], folder) as of:
+        of.begin(payload__fore_arm=0.1).go(T[:21])
+        state = of.fmu.getFMUState()
+        want = of.go(T[20:])
+        of.fmu.reset()
+        of.begin().go(T[:5])
+        of.fmu.reset()
+        of.set(payload__fore_arm=0.1)
+        of.fmu.setFMUState(state)
+        np.testing.assert_array_equal(of.go(T[20:]), want)
+        of.fmu.freeFMUState(state)
+
+
+def test_event_mode_of_co_simulation(folder: Path) -> None:
+    """For importers that set inputs in it; steps meet events themselves."""
     log: list[str] = []
-    with instance(SCENES["PD"], folder, log=log) as of:
+    with instance(SCENES["sampled"], folder) as of, instance(SCENES["sampled"], folder, events=True, log=log) as other:
+        want = of.begin(add__force__upper_revolute=0.2).go()
+        other.begin()
+        with refuses("failed", error=FMICallException):
+            other.go(T[:2])
+        assert re.search(naming("fmi3DoStep", "event"), log[-1])
+        other.set(add__force__upper_revolute=0.2)
+        assert not any(other.fmu.updateDiscreteStates()[:5])
+        other.fmu.enterStepMode()
+        other.go(T[:51])
+        other.fmu.enterEventMode()
+        other.fmu.updateDiscreteStates()
+        other.fmu.enterStepMode()
+        np.testing.assert_array_equal(other.go(T[50:]), want)
+        with refuses("failed", error=FMICallException):
+            of.fmu.enterEventMode()
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_events_ask_solvers_to_begin_anew(folder: Path, version: int) -> None:
+    """Forces leap there, also where states do not."""
+    with instance(SCENES["sampled"], folder, slave=False, version=version) as of:
+        of.begin()
+        *_, changed, defined, when = of.fmu.updateDiscreteStates()
+        assert changed and defined and when == 1e-3  # the delayed force of the first sample
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_calls_that_are_wrong_give_errors(folder: Path, version: int) -> None:
+    """Pointers to nothing, and calls in the wrong mode: each is refused, with a reason."""
+    log: list[str] = []
+    none = ctypes.c_void_p()
+    with instance(SCENES["dry friction"], folder, slave=False, log=log, version=version) as of:
+
+        def refused(name: str, *given: Any) -> None:
+            log.clear()
+            call = of.fmu.dll[f"fmi{version}{name}"]  # without FMPy's types
+            assert call(ctypes.c_void_p(of.fmu.component), *given) == 3, name
+            assert len(log) == 1, name
+            assert call(none, *given) == 3, name
+
+        number, many = (ctypes.c_double * 99)(), ctypes.c_size_t(12)
+        state, values = ("FMUState", "Float64") if version == 3 else ("FMUstate", "Real")
+        refused("EnterEventMode")
+        refused("SetTime", ctypes.c_double(0.1))
+        refused("SetContinuousStates", number, many)
+        refused("CompletedIntegratorStep", 1, number, number)
+        refused("ExitInitializationMode")
+        of.begin()
+        for get_or_set in ("Get", "Set"):
+            refused(get_or_set + values, none, many, none, many)
+        refused("GetContinuousStates", none, many)
+        refused("GetContinuousStates", number, ctypes.c_size_t(11))
+        refused("GetEventIndicators", none, ctypes.c_size_t(1))
+        refused("SetDebugLogging", 1, many, none)
+        refused("Get" + state, none)
+        refused("Set" + state, none)
+        refused(f"Serialized{state}Size", none, number)
+        refused("DoStep", ctypes.c_double(0.0), ctypes.c_double(1e-3), 1, number, number, number, number)
+        rest = [many, none, many] if version == 3 else [none]
+        refused("GetDirectionalDerivative", none, many, none, many, none, *rest)
+        refused("UpdateDiscreteStates" if version == 3 else "NewDiscreteStates", *[none] * 6)
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_errors_are_logged_by_name(folder: Path, version: int) -> None:
+    log: list[str] = []
+    with instance(SCENES["PD"], folder, log=log, version=version) as of:
 
         def fails(what: Any, *named: Any) -> None:
             log.clear()
@@ -405,18 +539,18 @@ def test_errors_are_logged_by_name(folder: Path) -> None:
         of.set(payload__fore_arm=0.0)
         fails(lambda: of.set(add__force__upper_revolute=np.nan), "add.force.upper_revolute", "nan", "finite")
         fails(lambda: of.set(tip__x=1.0), "tip.x", "calculated")
-        fails(lambda: of.go([0.0, 0.1]), "fmi3DoStep", "instantiated")
+        fails(lambda: of.go([0.0, 0.1]), f"fmi{version}DoStep", "instantiated")
         of.begin()
         fails(lambda: of.set(law_0__kp=1.0), "law_0.kp", 1, "initialisation")
         fails(lambda: of.go([0.05, 0.1]), "currentCommunicationPoint", 0.05)
-        fails(lambda: of.fmu.getInt32([1]), "Int32", "Float64")
+        fails(lambda: of.fmu.getInt32([1]), *(("Int32", "Float64") if version == 3 else ("Integer", "Real")))
         fails(lambda: of.fmu.getFloat64([99999]), "value reference", 99999)
         of.set(add__force__upper_revolute=1e12)
         fails(lambda: of.go([0.0, 1.0]), "step")
     log.clear()
     with refuses("instantiate", error=Exception):
-        Instance(unit(SCENES["PD"], folder), folder / "other", log=log, token="another")
-    assert re.search(naming("instantiationToken", "another"), log[0])
+        Instance(unit(SCENES["PD"], folder, version=version), folder / "other", log=log, token="another")
+    assert re.search(naming("token", "another"), log[0])
 
 
 def test_threads(folder: Path) -> None:
@@ -438,6 +572,27 @@ def test_threads(folder: Path) -> None:
     assert np.abs(found[0] - found[1]).max() > 1e-4
 
 
+# -- names -----------------------------------------------------------------------------------------------------
+
+
+def test_names_that_become_alike_are_told_apart(folder: Path) -> None:
+    link, other = arm().links
+    links = [replace(link, name="a b"), replace(other, name="a_b", joint=fa.Revolute("y", coulomb=0.1))]
+    scene = fa.Scene(fa.Arm(links), t=T, name="of <two> \"arms\"\x01")
+    with instance(scene, folder) as of:
+        assert not validate_fmu(str(folder / "unit.fmu"))
+        assert {"q.a_b_revolute", "der(v.a_b_revolute_2)", "friction.a_b_revolute_2", "payload.a_b_2"} <= {*of.number}
+
+
+def test_an_arm_with_a_servo_has_its_end(folder: Path) -> None:
+    """Links of the controller's states come behind it."""
+    servo = fa.Servo(0, kp=6.0, kv=0.4, current_loop=100.0, rate=250.0, reference=0.3)
+    scene = fa.Scene(arm(), t=T, control=(servo,))
+    with instance(scene, folder) as of:
+        q = of.begin(payload__fore_arm=0.0).go()
+        np.testing.assert_allclose(of.get("tip.x", "tip.y", "tip.z"), scene.arm.frame(q[: scene.arm.nq])[0], atol=1e-14)
+
+
 # -- the archive -------------------------------------------------------------------------------------------------------
 
 
@@ -450,12 +605,16 @@ def test_command(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> 
     with zipfile.ZipFile("ist.fmu") as archive:
         assert "documentation/index.html" in archive.namelist()
     assert main(["export", "ist", "--fmi", "ist.fmu", "--step", "-1"]) == 2
+    assert main(["export", "ist", "--fmi", "two.fmu", "--step", "1e-3", "--fmi-version", "2"]) == 0
+    assert fmpy.read_model_description("two.fmu").fmiVersion == "2.0" and not validate_fmu("two.fmu")
 
 
 def test_refuses(folder: Path) -> None:
     scene = SCENES["free"]
     with refuses("integrator", "ida", "Implicit"):
         scene.to_fmu(folder / "bad.fmu", fa.Ida())
+    with refuses("version", 1, 3):
+        scene.to_fmu(folder / "bad.fmu", fa.Implicit(1e-3), version=1)
     with refuses("path", ".fmu"):
         scene.to_fmu(folder / "bad.zip", fa.Implicit(1e-3))
     with refuses("drive 0", "samples"):

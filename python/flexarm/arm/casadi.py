@@ -12,12 +12,11 @@ import flexarm._core as _core
 
 from .._check import Array, at_least, choice, positive
 from ..analysis.linear import forward_derivatives
+from ..analysis.step import step_slopes
 from ..model.parts.chain import Chain
 
 #: Of the inputs, each (N, n): the value (N, m); or its slopes by each input, (N, m, n).
 Of = Callable[..., Any]
-
-_STATUS = {1: "the mass matrix is singular", 2: "no solution was found; take a smaller step", 3: "the motion ran away"}
 
 
 def accelerations(arm: Chain, columns: int, forward: Of) -> Any:
@@ -35,16 +34,10 @@ def steps(arm: Chain, columns: int, step: Any, integrator: Any) -> Any:
     name = choice("integrator", getattr(integrator, "name", integrator or "implicit"), _core.ONE_STEP)
     length = positive("step", given.get("step", step), "s")
     options = name, length, given.get("rtol", 1e-10), given.get("spectral_radius", 1.0)
-    arm.refuse_rubbing("to_casadi: arm")
-    none = (), np.zeros((0, 6))  # loads
 
     def ask(x: Array, u: Array) -> tuple[Array, Array, Array]:
         q, v = (np.ascontiguousarray(part) for part in (x[:, : arm.nq], x[:, arm.nq :]))
-        with arm.naming():
-            *ends, A, B, status = _core.step_derivatives(arm._core, q, v, u, *options, *none)
-        if any(status):
-            k = next(k for k, x in enumerate(status) if x)
-            raise ValueError(f"step = {length:g}, column {k}: {_STATUS[status[k]]}")
+        *ends, A, B = step_slopes(arm, "to_casadi", q, v, u, options)
         return np.concatenate(ends, axis=1), A, B
 
     last: tuple[Array, Array, tuple[Array, Array, Array]] | None = None
@@ -71,8 +64,10 @@ def _function(name: str, sizes: Mapping[str, int], out: tuple[str, int], columns
         raise ImportError(f"to_casadi needs CasADi ({e}): pip install casadi, or 'flexarm[casadi]'") from None
     count, dense = at_least("columns", columns, 1), casadi.Sparsity.dense
 
-    def columns_of(given: Sequence[Array]) -> list[Array]:
-        return [x.reshape(count, n) for x, n in zip(given, sizes.values(), strict=False)]
+    def columns_of(given: Sequence[Any]) -> list[Array]:
+        """CasADi gives None for zeros."""
+        found = zip(given, sizes.values(), strict=False)
+        return [np.zeros((count, n)) if x is None else np.frombuffer(x).reshape(count, n) for x, n in found]
 
     by = {f"jac_{out[0]}_{x}": casadi.diagcat(*[dense(out[1], n)] * count) for x, n in sizes.items()}
     inputs = {x: dense(n, count) for x, n in sizes.items()}
@@ -111,7 +106,7 @@ def _function(name: str, sizes: Mapping[str, int], out: tuple[str, int], columns
 
         def eval_buffer(self, given: Any, found: Any) -> int:
             """CasADi stores numbers column by column: a matrix of N columns of n numbers is an array (N, n)."""
-            answers = self.answers(columns_of([np.frombuffer(x) for x in given]))
+            answers = self.answers(columns_of(given))
             for place, x in zip(found, answers, strict=True):
                 if place is not None:
                     np.frombuffer(place)[:] = x.ravel()

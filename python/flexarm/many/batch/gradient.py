@@ -12,6 +12,7 @@ import flexarm._core as _core
 from ..._check import Array, array, instance
 from ..._console import progress_bar
 from ..._threads import each
+from ...analysis.step import STATUS, step_slopes
 from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...model.acting.load import Load, at_time
@@ -22,8 +23,6 @@ from ...run.problem import Problem
 from ...run.sensitivity import repeated
 from .arguments import default_workers, stepping
 from .rollout import rollout
-
-_STATUS = ("ok", "the mass matrix is singular", "no solution was found; take a smaller step", "the motion ran away")
 
 
 class StepDerivatives(NamedTuple):
@@ -85,18 +84,11 @@ def step_derivatives(
         ValueError: naming the field and the value; where a step has no solution.
     """
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
-    arm.refuse_rubbing("step_derivatives: arm")
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
-    acting = at_time(arm, loads, t)
-    with arm.naming():
-        found = _core.step_derivatives(arm._core, q, v, tau, *_core_options(chosen), *acting)
-    failed = np.flatnonzero(found[-1])
-    if failed.size:
-        which = f" of state {np.unravel_index(failed[0], shape)}" if shape else ""
-        raise ValueError(f"step = {chosen.options['step']}{which}: {_STATUS[found[-1][failed[0]]]}")
-    return StepDerivatives(*found[:-1])
+    found = step_slopes(arm, "step_derivatives", q, v, tau, _core_options(chosen), at_time(arm, loads, t))
+    return StepDerivatives(*found)
 
 
 def _core_options(of: Integrator) -> tuple[str, float, float, float]:
@@ -235,7 +227,7 @@ class _Rolls:
                 of.arm._core, self.integrator, self.step, *options, q[0], v[0], tau
             )
         if failed >= 0:
-            raise ValueError(f"step {failed}: {_STATUS[status]}")
+            raise ValueError(f"step {failed}: {STATUS[status]}")
         for name, given, taken in (("q", q, x), ("v", v, y)):
             off = np.abs(given - taken).max(axis=1) > _SAME * np.abs(taken).max()
             if off.any():

@@ -1,9 +1,11 @@
-"""The variables of a unit of FMI 3.0, listed once: as XML for the importer, and as JSON for the unit's library, whose
+"""The variables of a unit of FMI, listed once: as XML for the importer, and as JSON for the unit's library, whose
 kinds of variables are those of its room `fmi`."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,15 @@ def identifier(name: str) -> str:
     return f"_{out}" if out[0].isdigit() else out
 
 
+def _identifiers(names: Iterable[str]) -> list[str]:
+    """Of names, no two alike."""
+    out: list[str] = []
+    for name in map(identifier, names):
+        later = (f"{name}_{k}" for k in count(2))
+        out.append(next(x for x in chain([name], later) if x not in out))
+    return out
+
+
 def _constant(law: Any) -> bool:
     """Whether a compiled law of time is none, or the same at all times."""
     if law is None:
@@ -51,7 +62,6 @@ class Variables:
         self.xml: list[dict[str, Any]] = []
         self.json: list[dict[str, Any]] = []
         self.states: list[int] = []  # references of the derivatives, in the order of the states
-        self.names: set[str] = set()
         self.left_out: list[str] = []
         self._add("time", "time", causality="independent", unit="s", description="time")
         self._rates()
@@ -63,10 +73,6 @@ class Variables:
 
     def _add(self, name: str, kind: str, i: int = 0, j: int = 0, more: dict[str, Any] | None = None, **xml: Any) -> int:
         """A variable. Returns its value reference."""
-        base, k = name, 2
-        while name in self.names:
-            name, k = f"{base}_{k}", k + 1
-        self.names.add(name)
         about = {"name": name, "kind": kind, "i": i, "j": j, **(more or {})}
         if xml.get("causality") in ("input", "parameter"):
             about["start"] = xml["start"]
@@ -92,8 +98,10 @@ class Variables:
         """Names, units and coordinates of all rates, those of controllers' states too."""
         arm, links = self.scene.arm, self.of["arm"]["links"]
         more = len(self.of["v0"]) - arm.nv
-        self.rate_names = [*map(identifier, arm.coordinates), *(f"control_state_{k}" for k in range(more))]
-        self.q_names = [*map(identifier, arm.q_names), *(f"control_state_{k}" for k in range(more))]
+        control = [f"control_state_{k}" for k in range(more)]
+        self.rate_names = _identifiers([*arm.coordinates, *control])
+        self.q_names = _identifiers([*arm.q_names, *control])
+        self.link_names = _identifiers(arm.names)
         self.coordinate = [arm.coordinate_of(i) for i in range(arm.nv)]
         self.coordinate += [arm.nq + k for k in range(more)]
         self.unit: dict[int, str] = {}  # of the rates of joints
@@ -106,6 +114,8 @@ class Variables:
                 self.joints += [(first + k, n, k) for k in range(count)]
             first += count + (len(link["beam"]["stiffness"]) if link["beam"] else 0)
         self.prescribed = {d["rate"] for d in self.of["drives"] if d["motion"] is not None}
+        forces = {i: (links[n]["joint"]["forces"] or {k: None})[k] for i, n, k in self.joints}
+        self.rubs = [i for i, f in forces.items() if f and (f["coulomb"] or f["stiction"])]
 
     def _motion(self) -> None:
         """The states, their derivatives, and forces."""
@@ -142,6 +152,7 @@ class Variables:
                     unit=per.get(i),
                     description="rate",
                     derivative=at_q[c] if free else None,
+                    reinit="true" if i in self.rubs and i not in self.prescribed else None,
                     **start,
                 )
             )
@@ -163,10 +174,7 @@ class Variables:
             what = "force of drives and controllers; of a prescribed motion its reaction"
             self._calculated(f"force.{self.rate_names[i]}", "tau", i, unit=_FORCE[u], description=what)
         self.indicators = []
-        for i, n, k in self.joints:
-            forces = self.of["arm"]["links"][n]["joint"]["forces"]
-            if not forces or not (forces[k]["coulomb"] or forces[k]["stiction"]):
-                continue
+        for i in self.rubs:
             rate, unit_of = self.rate_names[i], _FORCE[self.unit[i]]
             self._calculated(f"friction.{rate}", "friction", i, unit=unit_of, description="dry friction")
             if i not in self.prescribed:
@@ -175,10 +183,10 @@ class Variables:
 
     def _ends(self) -> None:
         """Place and rotation of the links on which no other sits."""
-        parents = set(self.of["arm"]["parents"])
-        self.ends = [n for n in range(len(self.scene.arm.links)) if n not in parents]
+        count = len(self.scene.arm.links)  # behind them are those of controllers' states
+        self.ends = sorted({*range(count)} - {*self.of["arm"]["parents"][:count]})
         for n in self.ends:
-            name = "tip" if len(self.ends) == 1 else f"tip.{identifier(self.scene.arm.names[n])}"
+            name = "tip" if len(self.ends) == 1 else f"tip.{self.link_names[n]}"
             for j, axis in enumerate("xyz"):
                 what = "place of the end in the world"
                 self._calculated(f"{name}.{axis}", "place", n, j, output=True, unit="m", description=what)
@@ -200,14 +208,15 @@ class Variables:
                 continue
             else:
                 rows = found
-            for j, (label, unit) in enumerate(parts):
+            labels = _identifiers(label for label, _ in parts)
+            for j, (label, (_, unit)) in enumerate(zip(labels, parts, strict=True)):
                 by_q, by_v = np.zeros(nq), np.zeros(nv)
                 by_q[: arm.nq], by_v[: arm.nv] = gain[j] * rows[0][j], gain[j] * rows[1][j]
                 more = {"by_q": by_q.tolist(), "by_v": by_v.tolist(), "offset": float(offset[j])}
                 if isinstance(sensor, Camera):
                     more |= {"x": sensor.x, "along": (gain[j] * np.eye(3)[j]).tolist()}
                 link = arm._link(sensor.link) if isinstance(sensor, Camera) else 0
-                name = base if len(parts) == 1 else f"{base}.{identifier(label)}"
+                name = base if len(parts) == 1 else f"{base}.{label}"
                 known = unit if unit in UNITS else None
                 self._calculated(name, "reading", link, 0, more, True, unit=known, description=sensor.title(arm))
 
@@ -268,7 +277,7 @@ class Variables:
         for n in range(len(arm.links)):
             if n in self.ends:
                 self._parameter(
-                    f"payload.{identifier(arm.names[n])}",
+                    f"payload.{self.link_names[n]}",
                     "payload",
                     0.0,
                     n,
@@ -279,7 +288,7 @@ class Variables:
             if links[n]["beam"] and links[n]["beam"]["stiffness"]:
                 for what in ("stiffness", "damping"):
                     self._parameter(
-                        f"beam_{what}.{identifier(arm.names[n])}",
+                        f"beam_{what}.{self.link_names[n]}",
                         f"beam_{what}",
                         1.0,
                         n,

@@ -168,23 +168,24 @@ class Scene:
         file, content = named(path, ".json"), compiled_text(self).encode()
         write_whole(file, lambda f: f.write(content), "path")
 
-    def to_fmu(self, path: str | Path, integrator: Integrator | None = None) -> None:
-        """Writes the scene as a unit of FMI 3.0 (.fmu) for co-simulation and model exchange, which other simulators
+    def to_fmu(self, path: str | Path, integrator: Integrator | None = None, version: int = 3) -> None:
+        """Writes the scene as a unit of FMI (.fmu) for co-simulation and model exchange, which other simulators
         import; at their side it needs neither Python nor a compiler.
 
         Args:
             path: of the file.
             integrator: of co-simulation: `Implicit`, `Gauss` or `RK4`, in place of the scene's own.
+            version: of FMI: 3, or 2 for simulators that take no unit of FMI 3.0.
 
         Raises:
-            ValueError: as `compile`; `Ida`, which takes no steps one by one.
+            ValueError: as `compile`; `Ida`, which takes no steps one by one; another version.
             RuntimeError: this installation has no library for units.
 
         Warns:
             ModelWarning: a sensor that a unit cannot have is left out.
         """
         scene = self if integrator is None else replace(self, options={"integrator": integrator})
-        file, content = named(path, ".fmu"), unit_of(scene)
+        file, content = named(path, ".fmu"), unit_of(scene, version)
         write_whole(file, lambda f: f.write(content), "path")
 
     def readings(self, result: Result) -> dict[str, Reading]:
