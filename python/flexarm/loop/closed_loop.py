@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, between, choice, instance, not_negative, number, positive, whole
 from .._console import aligned
-from ..analysis.equilibrium import steady_state, trim
+from ..analysis.equilibrium import steady_state, trimmed
 from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
 from ..analysis.rates import elastic_rates, locked_rates
@@ -501,7 +501,7 @@ def closed_loop(
             if any(column[i] != 0.0 for column in c._columns(arm)):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', which lock prescribes")
     forces = at_time(arm, loads, now)
-    q0 = steady_state(arm, q0, v0, forces) if v0.any() or arm.constrained else trim(arm, q0, forces).q
+    q0 = steady_state(arm, q0, v0, forces) if v0.any() or arm.constrained else trimmed(arm, q0, forces).q
     try:
         plant = Plant(arm, q0, v0, [int(i) for i in np.flatnonzero(locked)], forces)
     except np.linalg.LinAlgError:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, instance, not_negative, positive
-from ..analysis.equilibrium import equilibrium
+from ..analysis.equilibrium import balanced
 from ..analysis.linear import linearize, solve_mass
 from ..model.acting.control import StateFeedback, all_joints, force_columns, listed, measured_rows
 from ..model.acting.sampled import LinearController
@@ -56,7 +56,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
 
     arm.refuse_loops("lqr, lqg: arm", rigid=True)
     joints, nv = all_joints(arm), arm.nv
-    at = equilibrium(arm, q, None, arm.movable, ())
+    at = balanced(arm, q, None, arm.movable)
     zero = np.zeros(nv)
     tau = arm._core.inverse_dynamics(at, zero, zero)
     columns = np.array(force_columns(arm, actuate)).T
@@ -68,7 +68,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
         raise ValueError(
             f"actuate: does not hold the arm at q: {left[worst]:.3g} (N, N m) is left on '{arm.coordinates[worst]}'"
         )
-    A = linearize(arm, at, None, needed, [], [], None).A
+    A = linearize(arm, at, inputs=[], outputs=[], tau=needed).A
     M: Array = arm._core.mass_matrix(at)
     K = -M @ A[nv:, :nv]
     w2, modes = la.eigh(0.5 * (K + K.T), M)
@@ -128,7 +128,7 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
         largest = positive(f"weights[{entry!r}]", size)
         if not isinstance(entry, tuple) or not entry or entry[0] in ("acceleration", "accelerometer"):
             raise ValueError(f'weights: {entry!r} must be an output of linearize, such as ("tip", -1), no acceleration')
-        C = linearize(arm, at.q, None, at.tau, [], [entry], None).C @ at.T
+        C = linearize(arm, at.q, inputs=[], outputs=[entry], tau=at.tau).C @ at.T
         W[:n, :n] += C.T @ C / largest**2
     return W
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import between, instance, whole
-from ..analysis.equilibrium import equilibrium
+from ..analysis.equilibrium import balanced
 from ..analysis.modes import small_motions
 from ..model.acting.compensators import IRC, PPF
 from ..model.acting.control import force_columns, listed, measured_rows
@@ -37,7 +37,7 @@ def _seen(
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:
             raise ValueError(f"{name} = {value!r}: must be a list of one entry")
-    at = equilibrium(arm, q, None, arm.movable, ())
+    at = balanced(arm, q, None, arm.movable)
     column = force_columns(arm, actuate)[0]
     row, by_v = (x[0] for x in measured_rows(arm, measure))
     if by_v.any():
