@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, finite, outside
+from .._check import Array, array, finite, warn
 from ..model.acting.drive import voltage_forces
 from ..model.acting.load import Load, at_time
 from ..model.parts.chain import Chain
@@ -102,13 +101,12 @@ def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array,
     if np.linalg.norm(scale * left) <= _AT_REST * at_work:
         return
     worst = int(np.abs(scale * left).argmax())
-    warnings.warn(
+    warn(
         f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
         f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; give "
         "it both of q, tau = arm.trim(q), that pose in balance and what holds its joints; or take q from "
         "arm.equilibrium(...), or lock the joints that something holds",
         StateWarning,
-        stacklevel=outside(),
     )
 
 
@@ -447,11 +445,10 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     if beside is not None and not (stayed and given):
         worst = int(np.abs(b.places(E, beside - q)).argmax())
         names = np.array(b.arm.coordinates)[... if b.arm.constrained else b.free]
-        warnings.warn(
+        warn(
             f"equilibrium: is unstable: the arm leaves it along '{names[worst]}'; start "
             "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
             StateWarning,
-            stacklevel=outside(),
         )
     return q
 
@@ -508,7 +505,7 @@ def equilibrium(
 
 def _warn_of_range(arm: Chain, q: Array, name: str) -> None:
     if (beyond := worst_range(arm, np.zeros(1), q[None])) is not None:
-        warnings.warn(range_warning(arm, beyond, still=True).of(name), stacklevel=outside())
+        warn(range_warning(arm, beyond, still=True).of(name))
 
 
 def balanced(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array
+from .._check import Array, array, mapping
 from .._threads import each
 from ..model.acting.control import Controller, limit_of
 from ..model.acting.drive import Motion, Torque, Voltage
@@ -171,13 +171,12 @@ class Variation:
     """
 
     def __init__(self, setup: Setup, parameters: Mapping[str, ArrayLike] | None, once: bool = False) -> None:
-        if parameters is not None and not isinstance(parameters, Mapping):
-            raise ValueError(f"parameters = {parameters!r}: must be a dictionary, by paths such as 'link.0.tip.mass'")
+        parameters = mapping("parameters", parameters, ", by paths such as 'link.0.tip.mass'")
         self.setup, self.once = setup, once
         self.values: dict[str, Array] = {}
         known = setup.known if parameters else []
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
-        for path, value in (parameters or {}).items():
+        for path, value in parameters.items():
             at = self._at[path] = numbered(setup, path)
             if not can_vary(at, known):
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)

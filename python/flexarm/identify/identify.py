@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, at_least, choice, instance, known_keys, number, positive, whole
+from .._check import Array, at_least, choice, instance, known_keys, number, positive, warn, whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..data.compare import Comparison
@@ -165,9 +165,9 @@ def identify(
     ]
     own = [w for w in heard if issubclass(w.category, RunWarning)]
     for message in {str(w.message): w.message for w in own}.values():
-        warnings.warn(message, stacklevel=2)  # warnings of the fitted runs
+        warn(message)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
-        warnings.warn(text, FitWarning, stacklevel=2)
+        warn(text, FitWarning)
     return fit
 
 

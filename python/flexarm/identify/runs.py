@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice
+from .._check import Array, array, choice, mapping, warn
 from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..data.compare import Comparison
@@ -129,10 +129,8 @@ class Run:
 
 def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[Any, Any]:
     """The scene's drives, replaced by the measured ones where given."""
-    if inputs is not None and not isinstance(inputs, Mapping):
-        raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
     found = dict(scene.drive)
-    for key, signal in (inputs or {}).items():
+    for key, signal in mapping("inputs", inputs, ", such as {0: 'torque'}, by keys of drives").items():
         if _of_control(key):
             continue
         place = _place(scene.arm, f"inputs[{key!r}]", key)
@@ -365,7 +363,7 @@ def measured_run(
             f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
             "that matters, fit the parts as runs of their own (data.between)"
         )
-        warnings.warn(text, DataWarning, stacklevel=4)
+        warn(text, DataWarning)
     return run
 
 

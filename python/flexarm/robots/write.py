@@ -1,6 +1,5 @@
 """Arms as MJCF and URDF files: Arm.to_mjcf and Arm.to_urdf."""
 
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, named, outside
+from .._check import Array, named, warn
 from ..data.store.files import write_whole
 from ..model.parts.chain import Chain
 from ..model.parts.joints import UNIT, Joint
@@ -468,5 +467,5 @@ def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[s
         )
     if left_out:
         said = "\n".join(f"  - {line}" for line in left_out)
-        warnings.warn(f"the file does not have\n{said}", RobotWarning, stacklevel=outside())
+        warn(f"the file does not have\n{said}", RobotWarning)
     return text

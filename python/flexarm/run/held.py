@@ -17,7 +17,7 @@ from ..analysis.rates import displaced
 from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..loop.laws import taps_of
-from ..model.acting.control import Controller, Run, gain_of, padded
+from ..model.acting.control import Controller, Run, controllers, gain_of, padded
 from ..model.acting.drive import Motion, Torque, is_patch, is_strut, split_drives, voltage_forces
 from ..model.acting.following import plus
 from ..model.acting.load import Load, at_time
@@ -61,8 +61,7 @@ def held(
             arm, or only beyond a limit.
     """
     arm.refuse_loops("q0 = 'held'", rigid=True)
-    controls = (control,) if isinstance(control, Controller) else tuple(control or ())
-    setup = Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
+    setup = Setup(arm, dict(drive or {}), tuple(loads or ()), controllers(control))
     places = at_time(arm, setup.forces, t)
     laws = split_drives(arm, setup.drive)[0]
     motions = {i: float(law(t)[0]) for i, law in arm.by_rate("drive", laws).items() if isinstance(law, Motion)}

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, increasing, number, whole
 from ..analysis.assembly import closed_start
 from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
 from ..loop import loops
 from ..model.acting.acts import Acts
-from ..model.acting.control import PD, Controller
+from ..model.acting.control import PD, controllers
 from ..model.acting.load import driven_forces
 from ..model.parts.labels import joint_rates
 from .held import held
@@ -44,7 +44,7 @@ class Problem(Acts):
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
                  events: Any, remembered: dict[int, _core.Remembered] | None = None, *,
                  starts: bool = True) -> None:  # fmt: skip
-        times = _output_times(t)
+        times = increasing("t", t)
         acting = control
         if isinstance(q0, str) and q0 == "held":
             q, setup = held(arm, drive, loads, control, float(times[0]), tau)
@@ -62,7 +62,7 @@ class Problem(Acts):
             self.start["q0"], self.start["v0"] = closed_start(
                 arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
             )
-        self.controls = [control] if isinstance(control, Controller) else list(control or ())
+        self.controls = list(controllers(control))
         found = read_events(events)
         self.asked_events = [f for f, *_ in found]
         self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in found]
@@ -159,13 +159,6 @@ def _farthest(law: Any, times: Array) -> float:
     rates = np.gradient(q, times[-1] - times[0]) * (_LOOKS - 1)  # per s
     spins = abs(rates[-1]) > 0.1 * np.abs(rates).max()
     return 0.0 if spins else float(q[np.argmax(np.abs(q))])
-
-
-def _output_times(t: ArrayLike) -> Array:
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
-    return times
 
 
 def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:

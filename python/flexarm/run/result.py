@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._check import Array, instance, named
+from .._check import Array, instance, named, path_of
 from .._console import progress_bar
 from ..analysis.findings import Findings
 from ..arm.arm import Arm
@@ -333,12 +333,11 @@ class Result(outputs.Rows):
         Raises:
             ValueError: no such file, another kind of file, a damaged one.
         """
-        if not isinstance(path, (str, Path)):
-            raise ValueError(f"result = {path!r}: must be a path")
-        if Path(path).suffix.lower() in (*CSV, *MAT):
+        file = path_of("result", path)
+        if file.suffix.lower() in (*CSV, *MAT):
             raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.Data.load reads its columns")
-        with readable("result", Path(path), "a file that Result.save wrote"):
-            about, arrays = read_arrays(Path(path).read_bytes())
+        with readable("result", file, "a file that Result.save wrote"):
+            about, arrays = read_arrays(file.read_bytes())
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq, "driven": len(arm.struts)}
             wide |= {"contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}

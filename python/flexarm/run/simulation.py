@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import instance, outside
+from .._check import instance, warn
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..analysis.validity import range_warning, worst_range
@@ -215,16 +214,12 @@ def simulate(
     """
     result = simulated(
         arm, t, q0, v0, tau=tau, drive=drive, loads=loads, control=control, events=events, integrator=integrator,
-        progress=progress, tell=_warn, **options,
+        progress=progress, tell=warn, **options,
     )  # fmt: skip
     if error:
         with suppress(ValueError):  # which the result keeps
             result.error(progress=progress is True)
     return result
-
-
-def _warn(warning: RunWarning) -> None:
-    warnings.warn(warning, stacklevel=outside())
 
 
 def simulated(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice, outside
+from .._check import Array, array, choice, warn
 from ..analysis.assembly import closed_start
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
@@ -114,10 +113,9 @@ def warn_of_one_balance(
     except ValueError:
         return
     if distance < NEAR:
-        warnings.warn(
+        warn(
             f"q0: is in balance with the numbers of the arm that is given; with another '{varied[0]}' it is not, and "
             'vibrates at once; q0 = "trim" (or "equilibrium") is the balance of each run',
             StateWarning,
-            stacklevel=outside(),
         )
 

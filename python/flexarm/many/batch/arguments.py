@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, at_least, check_finite, choice, known_keys
+from ..._check import Array, array, at_least, check_finite, choice, instance, known_keys, mapping
 from ..._threads import cores
 from ...arm.arm import Arm
 from ...model.acting.drive import Motion, Torque, Voltage
@@ -102,12 +102,10 @@ def check_balls(arm: Arm, q: Array) -> None:
 
 def checked_drive(drive: Any, name: str = "drive") -> dict[Any, Any]:
     """The argument `drive` of a batch."""
-    if drive is not None and not isinstance(drive, Mapping):
-        raise ValueError(f"{name} = {drive!r}: must be a dictionary, by link number")
-    for key, law in (drive or {}).items():
-        if not isinstance(law, (Motion, Torque, Voltage)):
-            raise ValueError(f"{name}[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
-    return dict(drive or {})
+    found = mapping(name, drive, ", by link number")
+    for key, law in found.items():
+        instance(f"{name}[{key!r}]", law, (Motion, Torque, Voltage))
+    return found
 
 
 def checked_drives(drive: Any) -> list[dict[Any, Any]]:

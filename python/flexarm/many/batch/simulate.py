@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, choice, instance, whole, within
+from ..._check import Array, choice, increasing, instance, instances, warn, whole, within
 from ..._console import progress_bar
 from ...analysis.findings import LoopWarning, RangeWarning
 from ...analysis.validity import range_warning
 from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...loop.loops import unstable
-from ...model.acting.control import Controller
+from ...model.acting.control import Controller, controllers
 from ...model.acting.drive import Motion, split_drives
 from ...model.acting.load import Load
 from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
@@ -24,7 +24,7 @@ from .arguments import check_memory, checked_drive, default_workers, forces, row
 from .job import OUTPUTS, Job, width
 from .problems import NOT_DONE
 from .result import BatchResult
-from .rollout import BatchInterrupted, lowest, tell
+from .rollout import BatchInterrupted, lowest
 from .runner import Runner
 from .storage import File, Memory
 
@@ -46,9 +46,7 @@ def make_job(
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
+    times = increasing("t", t)
     integrator, options = spelled(named(setup, integrator, options), options)
     options = {k: x for k, x in options.items() if x is not None}
     if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
@@ -97,12 +95,8 @@ def _balances(variation: Variation, word: Any, t: float, tau: Any) -> Array:
 def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
     """The common setup of the scenarios, checked."""
     drives = checked_drive(drive)
-    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
-        if given is not None and not isinstance(given, (list, tuple, Controller)):
-            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
     instance("arm", arm, Arm, "an Arm; give differences as parameters")
-    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
-    return Setup(arm, drives, tuple(loads or ()), controls)
+    return Setup(arm, drives, instances("loads", loads or (), Load, "Load"), controllers(control))
 
 
 def simulate_batch(
@@ -216,7 +210,7 @@ def simulate_batch(
         else:
             found.setdefault(LoopWarning, loop.of(f"scenario {i}"))
     for warning in found.values():
-        tell(warning)
+        warn(warning)
     return result
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, finite_number, instance, positive
+from ..._check import Array, array, choice, finite_number, increasing, instance, positive
 from ..parts.chain import Chain
 
 KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
@@ -29,16 +29,6 @@ def weak_law(law: Any) -> Any:
     except TypeError:  # of a class without weak references
         held = None
     return law if held is None else lambda *given: held()(*given)  # type: ignore[misc]
-
-
-def sample_times(t: ArrayLike) -> Array:
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be at least two times")
-    bad = np.flatnonzero(np.diff(times) <= 0)
-    if bad.size:
-        raise ValueError(f"t[{bad[0] + 1}] = {times[bad[0] + 1]}: t must increase")
-    return times
 
 
 @dataclass(frozen=True)
@@ -166,7 +156,7 @@ class Motion(Law):
                 raise ValueError("q: a callable t -> (q, v, a) stands alone, without samples")
             self.law = t
             return
-        times = sample_times(t)
+        times = increasing("t", t)
         if q is None:
             raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
         if (v is None) != (a is None):
@@ -265,7 +255,7 @@ class Scalar(Law):
             self.constant = True
             self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array(name, t, ()).item()]])
         else:
-            times = sample_times(t)
+            times = increasing("t", t)
             at = array(name, values, times.shape)
             self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 

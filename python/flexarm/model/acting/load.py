@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, instance, number
+from ..._check import Array, array, choice, increasing, instances, number
 from ..parts.chain import Chain
-from .drive import Law, Torque, sample_times, split_drives, weak_law
+from .drive import Law, Torque, split_drives, weak_law
 
 Value = ArrayLike | Callable[[float], Any]
 
@@ -73,7 +73,7 @@ class Load(Law):
                 raise ValueError("t: goes with samples, not with a callable")
             self.law = _Wrench(force=force, moment=moment)
             return
-        times = np.array([0.0, 1.0]) if t is None else sample_times(t)
+        times = np.array([0.0, 1.0]) if t is None else increasing("t", t)
         self.constant = t is None
         shape = (3,) if t is None else (len(times), 3)
         given: dict[str, Any] = {"force": force, "moment": moment}
@@ -246,8 +246,5 @@ def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_c
     """Places and wrenches (n, 6) of loads at time t."""
     if loads is None:
         return [], _NONE
-    if not isinstance(loads, (list, tuple)):
-        raise ValueError(f"loads = {loads!r}: must be a list of Load")
-    for k, load in enumerate(loads):
-        instance(f"loads[{k}]", load, Load)
+    instances("loads", loads, Load, "Load")
     return [load.place(arm) for load in loads], np.array([load.numbers(t) for load in loads]).reshape(-1, 6)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import flexarm._core as _core
 
-from ..._check import Array, array, batch, finite, instance, number
+from ..._check import Array, array, batch, finite, instances, mapping, number
 from .beam import Beam
 from .contact import Contact
 from .cylinder import cylinders, stretched, tie, tube
@@ -25,7 +25,6 @@ from .part import as_table
 from .strut import WORLD, Point, Strut, Tendon
 
 _Kind = TypeVar("_Kind", bound="Chain")
-_Item = TypeVar("_Item")
 _LEAST = 1e-9  # m: a strut that is shorter has no direction
 _Fastened = tuple[int, str, float, Array]  # link, "origin", "end" or "slice", its place (m), offset (m)
 
@@ -45,22 +44,6 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
             if k not in out.get(name, ()):
                 out[name] = (*out.get(name, ()), k)
     return out
-
-
-def _lines(given: Sequence[Strut | Tendon]) -> tuple[Strut | Tendon, ...]:
-    """The struts and tendons, struts ahead, as files have them."""
-    if not isinstance(given, Sequence):
-        raise ValueError(f"struts = {given!r}: must be a list of Strut and Tendon")
-    for k, x in enumerate(given):
-        if not isinstance(x, (Strut, Tendon)):
-            raise ValueError(f"struts[{k}] = {x!r}: must be a Strut or a Tendon")
-    return tuple(sorted(given, key=lambda x: isinstance(x, Tendon)))
-
-
-def _listed(field: str, given: Sequence[_Item], kind: type[_Item]) -> tuple[_Item, ...]:
-    if not isinstance(given, Sequence):
-        raise ValueError(f"{field} = {given!r}: must be a list of {field}")
-    return tuple(instance(f"{field}[{k}]", x, kind) for k, x in enumerate(given))
 
 
 def _found(given: Any, field: str, names: Sequence[str], none: str) -> int:
@@ -108,13 +91,13 @@ class Chain:
         contacts: Sequence[Contact] = (),
         loops: Sequence[Loop] = (),
     ) -> None:
-        if not isinstance(links, Sequence):
-            raise ValueError(f"links = {links!r}: must be a list of links")
-        self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
+        self.links: tuple[Link, ...] = instances("links", links, Link, "links")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
-        self.struts: tuple[Strut | Tendon, ...] = _lines(struts)  #: struts, then tendons, by number
-        self.contacts: tuple[Contact, ...] = _listed("contacts", contacts, Contact)  #: by number
-        self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
+        lines = instances("struts", struts, (Strut, Tendon), "Strut and Tendon")
+        #: struts, then tendons, as files have them, by number
+        self.struts: tuple[Strut | Tendon, ...] = tuple(sorted(lines, key=lambda x: isinstance(x, Tendon)))
+        self.contacts: tuple[Contact, ...] = instances("contacts", contacts, Contact, "contacts")  #: by number
+        self.loops: tuple[Loop, ...] = instances("loops", loops, Loop, "loops")  #: by number
         self._name()
         self._make()
         if len(self._tubes) < len(self._rods):
@@ -533,10 +516,8 @@ class Chain:
 
     def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
         """The values of `keyed` by index of the rate instead of by link or (link, freedom)."""
-        if keyed is not None and not isinstance(keyed, Mapping):
-            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number or name")
         out: dict[int, Any] = {}
-        for link, value in (keyed or {}).items():
+        for link, value in mapping(field, keyed, ", by link number or name").items():
             i = self.joint_rate(link, f"{field}: link")
             if i in out:
                 raise ValueError(f"{field}: link = {link}: is named twice")
@@ -617,10 +598,8 @@ class Chain:
         Raises:
             ValueError: an unknown name, a joint named twice, too few or too many numbers.
         """
-        if not isinstance(joints, Mapping):
-            raise ValueError(f"joints = {joints!r}: must be a dictionary, by link number or name, such as {{0: 0.3}}")
         q, seen = self.zero, set[int]()
-        for link, value in joints.items():
+        for link, value in mapping("joints", joints, ", by link number or name, such as {0: 0.3}").items():
             rates = self.joint_rates(link, "joints: link")
             if not seen.isdisjoint(rates):
                 raise ValueError(f"joints: link = {link}: is named twice")

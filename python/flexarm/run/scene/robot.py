@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..._check import array
+from ..._check import array, warn
 from ...arm.arm import Arm
 from ...model.parts.beam import Beam
 from ...robots.chain import Flexible, arm_links
@@ -115,5 +114,5 @@ def _arm(
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
     if made.notes:
         text = "\n".join(f"  - {line}" for line in made.notes)
-        warnings.warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning, stacklevel=3)
+        warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning)
     return arm
