@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from copyreg import __newobj__  # type: ignore[attr-defined]
 from difflib import get_close_matches
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,6 +71,16 @@ def _quaternion(turn: Array) -> Array:
     """w, x, y, z of a rotation vector (rad)."""
     half = 0.5 * float(np.linalg.norm(turn))
     return np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * turn)])
+
+
+class Parts(NamedTuple):
+    """The arguments of a chain, by their names in files and in the paths of parameters."""
+
+    link: Sequence[Link]
+    gravity: Sequence[float]
+    strut: Sequence[Strut | Tendon]
+    contact: Sequence[Contact]
+    loop: Sequence[Loop]
 
 
 class Chain:
@@ -262,6 +272,11 @@ class Chain:
             return self._body(parent, "end" if at is None else "slice", at or 0.0)
         return link, 0.0
 
+    @property
+    def _parts(self) -> Parts:
+        """All that it is made of."""
+        return Parts(self.links, self.gravity, self.struts, self.contacts, self.loops)
+
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
         own = self.links[: self._own]
@@ -288,16 +303,9 @@ class Chain:
         return out
 
     @classmethod
-    def _varied(
-        cls: type[_Kind],
-        of: Chain,
-        links: Sequence[Link],
-        gravity: Sequence[float],
-        struts: Sequence[Strut | Tendon],
-        contacts: Sequence[Contact],
-        loops: Sequence[Loop],
-    ) -> _Kind:
+    def _varied(cls: type[_Kind], of: Chain, parts: Parts) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
+        links, gravity, struts, contacts, loops = parts
         if of._tubes:  # cylinders follow their struts
             mine = [*zip(links[of._own :], of.links[of._own :], strict=True)]
             ties: Any = [(x, y) for x, y in zip(loops, of.loops, strict=True) if y.name in of._ties]
@@ -307,7 +315,7 @@ class Chain:
             kept = [x for x in loops if x.name not in of._ties]
             return of._alike(links[: of._own], gravity, struts, contacts, kept)  # type: ignore[return-value]
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
-            return cls(links, gravity, struts, contacts, loops)
+            return cls(*parts)
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out.struts, out.strut_names = tuple(struts), of.strut_names
@@ -321,23 +329,19 @@ class Chain:
         return out
 
     def __reduce__(self) -> Any:
-        return __newobj__, (type(self),), (self.links, self.gravity, self.struts, self.contacts, self.loops)
+        return __newobj__, (type(self),), tuple(self._parts)
 
     def __setstate__(self, state: Any) -> None:
         Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
-        def parts(x: Chain) -> Any:
-            return x.links, x.gravity, x.struts, x.contacts, x.loops
-
-        return isinstance(other, Chain) and parts(self) == parts(other)
+        return isinstance(other, Chain) and self._parts == other._parts
 
     __hash__ = None  # type: ignore[assignment]  # beams hold dictionaries
 
     def __repr__(self) -> str:
-        counted = f"{len(self.links)} links, " + (f"{len(self.struts)} struts, " if self.struts else "")
-        counted += f"{len(self.contacts)} contacts, " if self.contacts else ""
-        counted += f"{len(self.loops)} loops, " if self.loops else ""
+        many = {"struts": self.struts, "contacts": self.contacts, "loops": self.loops}
+        counted = f"{len(self.links)} links, " + "".join(f"{len(x)} {name}, " for name, x in many.items() if x)
         return f"{type(self).__name__}({counted}{self.nv} coordinates: {', '.join(self.coordinates)})"
 
     def __getitem__(self, link: Any) -> Link:
