@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,13 @@ class LoopMotion:
     place: Array
 
 
+def row_shapes(arm: Arm) -> dict[str, tuple[int, ...]]:
+    """The shape of a row of each array of a Result but its times."""
+    rates = dict.fromkeys(("v", "a", "tau", "friction"), (arm.nv,))
+    return {"q": (arm.nq,), **rates, "driven": (len(arm.struts),), "contacts": (len(arm.contacts), 3),
+            "loops": (len(arm.loops), 6)}  # fmt: skip
+
+
 @dataclass(repr=False)
 class Rows:
     """The data of a Result, where its attributes are explained."""
@@ -113,6 +121,12 @@ class Rows:
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
     _error: Any = field(default=None, init=False, compare=False)  # what was asked for, and the estimate or its refusal
+
+    @property
+    def matrices(self) -> dict[str, Array]:
+        """The arrays that it has but its times, by name, (nt, n) each."""
+        held = {k: (getattr(self, k), prod(shape)) for k, shape in row_shapes(self.arm).items()}
+        return {k: x.reshape(len(self.t), n) for k, (x, n) in held.items() if x is not None}
 
     @property
     def acting(self) -> tuple[Arm, tuple[Load, ...]]:
@@ -260,20 +274,28 @@ def _places(name: str, loop: Loop) -> list[tuple[str, str]]:
     return [(f"{name} {word}", "" if joint.ball else of) for word, of in zip(words, joint.q_units, strict=True)]
 
 
-def table(result: Rows) -> Data:
-    """See Result.to_data."""
+def to_data(result: Rows) -> Data:
+    """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
+    `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
+    of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
+    and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N); of contacts "NAME gap" (m), "NAME
+    rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N); of loops "NAME gap" (m), the coordinates of
+    its joint such as "NAME angle" (rad), "NAME force x" (N) and "NAME moment x" (N m) and so on. Units are those of
+    joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are
+    left out.
+
+    Raises:
+        ValueError: no rows.
+    """
     if not len(result.t):
         raise ValueError("result: has no rows")
     names, values = derived(result)
     names = {**titles(result.arm), **names}
-    values = {**{k: getattr(result, k) for k in ("q", "v", "a", "tau", "friction")}, **values}
-    if result.contacts is not None:
-        values["contacts"] = result.contacts.reshape(len(result.t), -1)
-    if result.loops is not None:
-        values["loops"] = result.loops.reshape(len(result.t), -1)
+    own = result.matrices
+    own.pop("driven", None)  # it is in the forces of struts
     columns: dict[str, Array] = {}
-    for kind, x in values.items():
-        if x is not None and np.isfinite(x).any():
+    for kind, x in {**own, **values}.items():
+        if np.isfinite(x).any():
             columns |= {name: y for (name, _), y in zip(names[kind], x.T, strict=True)}
     units = {name: of for group in names.values() for name, of in group if name in columns}
     return Data(result.t, columns, units)
@@ -282,11 +304,28 @@ def table(result: Rows) -> Data:
 # -- beside measured data ----------------------------------------------------------------------------------------------
 
 
-def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None) -> Comparison:
-    """See Result.compare."""
+def compare(
+    result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None = None
+) -> Comparison:  # fmt: skip
+    """This run beside measured data, at the times of the data that lie within the run's (it is interpolated there
+    by cubic splines).
+
+    Args:
+        data: measured.
+        columns: by name of a column of the data, what it is compared with: the name of a column of `to_data`; a
+            sensor of one component, such as `fa.sensors.StrainGauge(0)`; a function of a result that gives (nt,);
+            or numbers (nt,). A list of names: both have them. None: all names that both have.
+
+    Returns:
+        Comparison: `.nrmse["name"]`, `.bias`, `.lag`, `.correlation`, `print`, `.plot()`.
+
+    Raises:
+        ValueError: no such column, different units, shapes that do not fit, less than two rows in common.
+        (DataWarning: a measured column is constant: it has no NRMSE.)
+    """
     if not isinstance(data, Data):
         raise ValueError(f"data = {type(data).__name__}: must be fa.Data, such as fa.Data.load(...) gives")
-    own = table(result)
+    own = to_data(result)
     if columns is None:
         columns = [name for name in data if name in own]
         if not columns:

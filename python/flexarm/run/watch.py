@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, instance
 from ..analysis.coarse import coarse
 from ..analysis.findings import Finding, Findings, RangeWarning
 from ..analysis.mistakes import mistakes
@@ -190,8 +190,18 @@ class Watch:
         return sorted(found, key=lambda x: x.time)
 
 
-def check(result: Rows, watch: Watch | None) -> Findings:
-    """See Result.check."""
+def check(result: Rows, watch: Watch | None = None) -> Findings:
+    """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
+    numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
+    too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
+    which hardly move the arm; an estimated error above 1 % of what the quantity spans, and what would mend it. A
+    result of a file does not know its drives and loads.
+
+    Args:
+        watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.
+    """
+    if watch is not None:
+        instance("watch", watch, Watch)
     arm, source, wrong = result.arm, result._source, [x.finding for x in result._wrong]
     rows = result.t, result.q, result.v
     drive, control, tau = ({}, (), None) if source is None else (source.setup.drive, source.setup.control, source.tau)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..._check import Array
 from ...arm.arm import Arm
 from ...arm.variation import Variation
 from ...run.integrators import OPTIONS, Integrator, integrator_of
+from ...run.outputs import row_shapes
 from ...run.problem import read_events
 
 #: what a batch may keep
@@ -23,7 +25,7 @@ FAILED = 5
 
 def width(arm: Arm, output: str) -> int:
     """Numbers in a row of an output."""
-    return {"q": arm.nq, "contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}.get(output, arm.nv)
+    return prod(row_shapes(arm)[output])
 
 
 def renamed(message: str, names: Any) -> str:
