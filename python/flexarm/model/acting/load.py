@@ -66,7 +66,7 @@ class Load(Law):
         if self.by_state:
             if t is not None or along is not None:
                 raise ValueError("force, moment: a callable of the state acts on one slice, without t and along")
-            self.law: Any = _StateWrench(force=force, moment=moment)
+            self.law: Any = _Wrench(force=force, moment=moment)
             return
         if any(callable(value) for value in (force, moment)):
             if t is not None:
@@ -187,18 +187,6 @@ def _along(arm: _core.Arm, link: int, a: float, b: float, world: bool) -> _core.
     return _core.Load.along(arm, link, a, b, world)
 
 
-class _Wrench:
-    """Force and moment, callables or constant."""
-
-    def __init__(self, **parts: Any) -> None:
-        still = np.zeros(3)
-        self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
-
-    def __call__(self, t: float) -> list[float]:
-        at = (array(f"Load {k} at t = {t}", x(t), (3,)) if callable(x) else x for k, x in self.parts.items())
-        return [float(value) for part in at for value in part]
-
-
 class Pose(NamedTuple):
     """Where a slice is in the world, and how it stands there."""
 
@@ -206,20 +194,21 @@ class Pose(NamedTuple):
     R: Array
 
 
-class _StateWrench:
-    """Force and moment by the state, callables of it or of time, or constant."""
+class _Wrench:
+    """Force and moment: callables of time or of the state, or constant."""
 
     def __init__(self, **parts: Any) -> None:
         still = np.zeros(3)
         self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
         self.of_state = {k: callable(x) and _takes_state(x) for k, x in self.parts.items()}
 
-    def __call__(self, t: float, p: Array, R: Array, velocity: Array) -> list[float]:
+    def __call__(self, t: float, *state: Array) -> list[float]:
+        """Of the time, and where one is of the state, of p, R and velocity."""
+        given = (t, Pose(*state[:2]), state[2]) if state else (t,)
         found: list[float] = []
         for k, x in self.parts.items():
             if callable(x):
-                given = (t, Pose(p, R), velocity) if self.of_state[k] else (t,)
-                x = array(f"Load {k} at t = {t}", x(*given), (3,))
+                x = array(f"Load {k} at t = {t}", x(*(given if self.of_state[k] else (t,))), (3,))
             found.extend(float(value) for value in x)
         return found
 
