@@ -149,7 +149,7 @@ def array(
     the first counts scenarios."""
     if value is None:
         want = "numbers" if shape is None else "one number" if shape in ((), (1,)) else f"{shape[0]} numbers"
-        asked = "; does its function return what it computes?" if " at t = " in field else ""
+        asked = "; does its function return its value?" if " at t = " in field else ""
         raise ValueError(f"{field} = None: must be {want}{asked}")
     try:
         if getattr(value, "dtype", None) != np.float64 and np.iscomplexobj(value):
@@ -171,7 +171,7 @@ def increasing(field: str, value: Any) -> Array:
         raise ValueError(f"{field} has shape {x.shape}: must be one list of at least two numbers")
     bad = np.flatnonzero(np.diff(x) <= 0)
     if bad.size:
-        raise ValueError(f"{field}[{bad[0] + 1}] = {x[bad[0] + 1]}: {field} must increase")
+        raise ValueError(f"{field}[{bad[0] + 1}] = {x[bad[0] + 1]}: {field} must be numbers that increase")
     return x
 
 

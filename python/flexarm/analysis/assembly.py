@@ -26,8 +26,8 @@ class Mobility(NamedTuple):
 
     Attributes:
         freedoms: independent motions that they leave, elastic ones too.
-        rows: what rigid loops hold, in number: entries of `loop_motion`.
-        redundant: how many of these hold nothing that the others do not: forces along them are not determined.
+        rows: the number of constraints of rigid loops, entries of `loop_motion`.
+        redundant: how many of these follow from the others: forces along them are not determined.
     """
 
     freedoms: int
@@ -40,7 +40,7 @@ class OpenLoops(ValueError):
 
 
 class Closure:
-    """What rigid loops of an arm hold: g, positions over the arm's length, and its Jacobian."""
+    """The constraints of an arm's rigid loops: g, positions over the arm's length, and its Jacobian."""
 
     def __init__(self, arm: Chain) -> None:
         self.arm = arm
@@ -204,11 +204,11 @@ def closed_start(
     arm: Chain, q: Array, v: Array, given: tuple[bool, bool], moved: Iterable[int] = (), named: Iterable[int] = (),
     names: tuple[str, str] = ("q0", "v0"),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """A start at which rigid loops are closed. What was not `given` follows: positions from those of the rates `moved`
-    and `named`, without bending beams; rates from those `moved`.
+    """A start at which rigid loops are closed. Those that were not `given` follow: positions from those of the rates
+    `moved` and `named`, without bending beams; rates from those `moved`.
 
     Raises:
-        ValueError: what was given leaves a loop open, or opens it; nothing that closes it was found.
+        ValueError: the given start leaves a loop open, or opens it; nothing that closes it was found.
     """
     if not arm.constrained:
         return q, v

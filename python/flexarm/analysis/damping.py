@@ -127,7 +127,7 @@ def _refused(wanted: Mapping[int, float], now: Array) -> str:
         why = f"modes {more} cannot have so little: beams and joints have more already"
     else:
         why = f"modes {less} cannot have so much" + f" while modes {more} have so little" * bool(more)
-        why += ": what damps one of them damps others"
+        why += ": damping of one is damping of others"
     nearest = {k: round(float(x), 10) for k, x in zip(wanted, now, strict=True)}
     return f"ratios = {dict(wanted)}: {why}; the nearest that can be is ratios={nearest}"
 

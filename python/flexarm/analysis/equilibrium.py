@@ -25,7 +25,7 @@ _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
 _OFF_SADDLE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
-_ROUNDING = 1e-8  # of the stiffness: what makes it asymmetric, of an arm with loops, without a follower force
+_ROUNDING = 1e-8  # of the stiffness: its asymmetry by rounding, of an arm with loops, without a follower force
 _MOST_SADDLES = 8  # that are left so, at most
 
 
@@ -104,7 +104,7 @@ def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array,
     warn(
         f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
         f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; give "
-        "it both of q, tau = arm.trim(q), that pose in balance and what holds its joints; or take q from "
+        "it both of q, tau = arm.trim(q), that pose in balance and the forces that hold its joints; or take q from "
         "arm.equilibrium(...), or lock the joints that something holds",
         StateWarning,
     )
@@ -138,7 +138,7 @@ class _Balance:
         return M
 
     def acting(self, q: Array) -> Array:
-        """What tau does on the free coordinates."""
+        """The part of tau on the free coordinates."""
         return self.tau[self.free]
 
     def turns(self, step: Array) -> Array:
@@ -180,8 +180,8 @@ class _Balance:
 
 
 class _OnLoops(_Balance):
-    """The same in coordinates z of the motions that rigid loops leave, of unit mass: dq = T z and what closes the
-    loops behind it. At a q where they are closed."""
+    """The same in coordinates z of the motions that rigid loops leave, of unit mass: dq = T z, and a step that
+    closes the loops again. At a q where they are closed."""
 
     def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
         super().__init__(arm, v, tau, free, loads)

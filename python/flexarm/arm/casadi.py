@@ -82,7 +82,7 @@ def _steps(arm: Chain, columns: int, step: Any, integrator: Any) -> Any:
             last = found = (x.copy(), u.copy(), ask(x, u))
         return found[2]
 
-    ask(np.zeros((0, arm.nq + arm.nv)), np.zeros((0, arm.nv)))  # refuses what has no such derivatives
+    ask(np.zeros((0, arm.nq + arm.nv)), np.zeros((0, arm.nv)))  # refuses arms without such derivatives
     sizes = {"x": arm.nq + arm.nv, "u": arm.nv}
     return _function("step", sizes, ("x_next", arm.nq + arm.nv), columns, lambda *at: known(*at)[0],
                      lambda *at: known(*at)[1:])  # fmt: skip

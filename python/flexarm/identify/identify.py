@@ -64,7 +64,7 @@ def identify(
 
     Args:
         scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator. Or one for each run,
-            which may differ in all numbers that are known, such as payloads; what is sought is the same in all of them.
+            which may differ in all known numbers, such as payloads; the unknowns are the same in all of them.
         data: a measured run, or several. Times are those of the scene.
         parameters: the unknown numbers, by path as in `simulate_batch`, with the start of the search: a number, None
             (the scene's value) or an `Unknown`, which has bounds and prior knowledge. A list of paths starts at the

@@ -168,7 +168,7 @@ def _commands(controller: Controller) -> list[str]:
 
 
 def _command(where: str, data: Data, signal: Any) -> Any:
-    """A reference: samples of a column, a Motion of it, or what a function of the data gives; or a list of these."""
+    """A reference: samples of a column, a Motion of it, or the value of a function of the data; or a list of these."""
     if isinstance(signal, (tuple, list)) and len(signal) == 2 and signal[0] is Motion:
         return Motion(data.t, data[choice(where, signal[1], data)])
     if isinstance(signal, (tuple, list)):

@@ -336,7 +336,7 @@ class ClosedLoop:
             control: the number of the controller; None: the first that has such gains.
 
         Returns:
-            Tuned: `.control` with the new gains, `.gains`, `.margins`; `print` shows what is reached.
+            Tuned: `.control` with the new gains, `.gains`, `.margins`; `print` shows the margins that are reached.
 
         Raises:
             ValueError: no such gains; then with the best that were found, and a bandwidth that is within reach.

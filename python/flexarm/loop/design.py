@@ -187,7 +187,9 @@ def sampled_plant(A: Array, B: Array, W: Array, period: float, delay: float) -> 
     return Sampling(F, G, H, shift, enter, cost / period)
 
 
-def _riccati(solve: Any, A: Array, B: Array, W: Array, sampled: bool, slowest: float, what: str) -> tuple[Array, Array]:
+def _riccati(
+    solve: Any, A: Array, B: Array, W: Array, sampled: bool, slowest: float, field: str
+) -> tuple[Array, Array]:  # fmt: skip
     """K of u = -K x for the cost W of [x; u], and the least cost P. A problem whose solution is not unique, because
     something undamped is out of reach or costs nothing, is solved for a plant that is damped, and costs, by 1e-6 more.
 
@@ -212,7 +214,7 @@ def _riccati(solve: Any, A: Array, B: Array, W: Array, sampled: bool, slowest: f
         drifts = np.abs(poles - 1.0 if sampled else poles / slowest) < 1e-4
         if not left.any() or (least and grows.max() < 1e-5 and not drifts[left].any()):
             return np.asarray(K), np.asarray(P)
-    raise ValueError(f"{what}: no solution was found: a motion that does not rest by itself is out of its reach")
+    raise ValueError(f"{field}: no solution was found: a motion that does not rest by itself is out of its reach")
 
 
 def _regulator(at: Rest, W: Array, effort: Array, rate: float | None, delay: float) -> tuple[Array, Sampling | None]:
@@ -312,7 +314,7 @@ def lqg(
     entries, (hertz, late) = _actuators(arm, actuate), _times(rate, delay)
     seen = listed("measure", measure)
     if any(hasattr(e, "sampler") for e in seen):
-        raise ValueError('measure: sensors are not linear; give what they read, such as ("joint", 0), and their noise')
+        raise ValueError('measure: sensors are not linear; give quantities, such as ("joint", 0), and their noise')
     parts = [measured_rows(arm, [e], k) for k, e in enumerate(seen)]
     by_q, by_v = (np.vstack([p[k] for p in parts]) for k in range(2))
     at = rest(arm, q, entries)

@@ -55,7 +55,7 @@ def _seen(
     static = float(shares.sum())
     largest = float(np.abs(shares).max())
     if largest == 0.0:
-        raise ValueError("measure, actuate: share no mode: what one moves the other does not see")
+        raise ValueError("measure, actuate: share no mode: no mode that one moves is seen by the other")
     if (np.sign(static) * shares).min() < -_OPPOSITE * largest:
         raise ValueError(
             "measure, actuate: are not collocated: modes answer with both signs, and no gain is sure to be stable; "

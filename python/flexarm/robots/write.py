@@ -17,7 +17,7 @@ from .segments import Segmented, locked_frequencies, mass_of, place_in, segmente
 from .tree import Mass, Pose, RobotWarning, realisable
 
 WORLD = "world"  #: name of the base in both formats
-#: what closes a loop, and where along the joint's axis
+#: the constraints that close a loop, and where along the joint's axis
 _LOOPS = {"fixed": ("weld", (0.0,)), "spherical": ("connect", (0.0,)), "revolute": ("connect", (0.0, 1.0))}
 _HINGE = 0.1  # of the longest link: how far apart the two balls of a hinge are
 _SMALL = 1e-12  # kg, kg m^2: least mass and inertia, for programs that refuse zero
@@ -137,7 +137,7 @@ def _has(joint: Joint, field: str) -> bool:
 
 # -- MJCF -------------------------------------------------------------------------------------------------------------
 
-#: what a free joint and a ball of MJCF have, one number for all freedoms
+#: numbers of a free joint and a ball of MJCF, each for all freedoms
 _OF_A_BALL = ("stiffness", "damping", "reflected_inertia")
 
 
@@ -315,7 +315,7 @@ def urdf(cut: Segmented) -> str:
 
 
 def _urdf_freedoms(own: str, joint: Joint) -> tuple[Sequence[_Freedom | None], str | None]:
-    """What a joint becomes: its freedoms, or one for all, with the format's name of that; None: a fixed joint."""
+    """The file's joints in place of one: its freedoms, or one for all with the format's name; None: a fixed joint."""
     freedoms = _freedoms(own, joint)
     bad = _misfit(freedoms, ("damping", "coulomb"), ("stiction", "reflected_inertia"))
     if joint.type == "planar" and not bad:

@@ -1,4 +1,4 @@
-"""A start at rest, as its controllers hold an arm: their references have always been what they are at the start."""
+"""A start at rest, as its controllers hold an arm: their references have always had their values of the start."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
         by_q = c._takes() @ np.array([tap.by_q for tap in taps]).reshape(-1, arm.nq)
         A = c.A if c.continuous else c.A - np.eye(len(c.A))
         felt = np.any(c.C != 0, axis=0)
-        for _ in range(felt.size):  # what no output feels need not stand still: the integral of a PID without one
+        for _ in range(felt.size):  # states that no output feels may move: the integral of a PID without one
             felt |= np.any(A[felt] != 0, axis=0)
         A, B, C = A[np.ix_(felt, felt)], c.B[felt], c.C[:, felt]
         e = _error(c, arm, run, y)
@@ -124,8 +124,8 @@ def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
         return _Law(columns, c.u0 + c.D @ e, -c.D @ by_q, C, B @ e, -B @ by_q, A, limit)
     laws, sampled = c._laws(arm, run)
     if sampled or c.memory:
-        what = " with a current loop" if sampled and c.memory else " with a washout" if c.memory else ""
-        raise ValueError(f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{what}: give q0 in numbers")
+        more = " with a current loop" if sampled and c.memory else " with a washout" if c.memory else ""
+        raise ValueError(f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{more}: give q0 in numbers")
     by_q = -np.array([law.by_q for law in laws]).reshape(-1, arm.nq)
     at = [0.0 if law.reference is None else float(np.ravel(law.reference(t))[0]) for law in laws]
     columns, n = np.array([law.column for law in laws]).reshape(-1, arm.nv).T, len(laws)
@@ -143,7 +143,7 @@ def _error(c: LinearController, arm: Arm, run: Run, y: Array) -> Array:
 
 
 def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
-    """The setup whose controllers begin with what they give at q with the memory x, and give it before their delay
+    """The setup whose controllers begin with their outputs at q with the memory x, and give them before their delay
     is over."""
     arm, control, first = setup.arm, list(setup.control), 0
     for k, c in enumerate(setup.control):

@@ -166,7 +166,7 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
     state = {}
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
         if name == "tau" and value is not None and np.ndim(value) > 1:
-            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
+            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for one that changes with time")
         if value is None:
             state[name] = zero
             continue

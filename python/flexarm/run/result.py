@@ -34,7 +34,7 @@ class Result(outputs.Rows):
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
         friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
             where no joint has any.
-        driven: what drives add to the force of each strut, and to the tension of each tendon (N), (nt, n); None where
+        driven: forces that drives add to each strut, and tensions to each tendon (N), (nt, n); None where
             none is driven.
         contacts: the whole force of each contact on its link (N), friction included, world axes, (nt, n, 3); None where
             there is none, or it is not kept.
@@ -192,7 +192,7 @@ class Result(outputs.Rows):
     def error(
         self, quantity: Any = "tip", *, parameters: Mapping[str, float] | None = None, progress: Any = False
     ) -> Any:  # fmt: skip
-        """How wrong this run is, over time, and what that comes from: steps, and of each beam the order of rotation,
+        """The error of this run, over time, and its sources: steps, and of each beam the order of rotation,
         rotary inertia, Gauss points, missing shapes of each strain, and strains that are left out.
 
         The run is made again in finer steps, and in a richer model, and backwards through that (3 runs, however many

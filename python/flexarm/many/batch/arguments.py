@@ -82,8 +82,8 @@ def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ..
         if x is None:
             x = np.empty(shape)
         elif not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape:
-            what = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
-            raise ValueError(f"out['{name}'] is {what}: must be an array of float64, shape {shape}")
+            given = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
+            raise ValueError(f"out['{name}'] is {given}: must be an array of float64, shape {shape}")
         elif not x.flags.c_contiguous or not x.flags.writeable:
             raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
         made[name] = x
@@ -116,7 +116,7 @@ def checked_drives(drive: Any) -> list[dict[Any, Any]]:
     kinds = [{key: type(law).__name__ for key, law in own.items()} for own in drives]
     for k, own in enumerate(kinds):
         if own != kinds[0]:
-            raise ValueError(f"drive[{k}] = {own}: must drive what drive[0] does, {kinds[0]}")
+            raise ValueError(f"drive[{k}] = {own}: must drive the same as drive[0], {kinds[0]}")
     return drives
 
 

@@ -17,7 +17,7 @@ from ...run.integrators import OPTIONS, Integrator, integrator_of
 from ...run.outputs import row_shapes
 from ...run.problem import read_events
 
-#: what a batch may keep
+#: the arrays that a batch may keep
 OUTPUTS = ("q", "v", "a", "tau", "contacts", "loops")
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
@@ -35,7 +35,7 @@ def renamed(message: str, names: Any) -> str:
 
 @dataclass
 class Job:
-    """makes what is stored instead of the outputs, as `RunSummary`; a file's fingerprint has its attributes"""
+    """A batch, checked, before it runs."""
 
     variation: Variation  #: the scenarios' arms, drives, loads and controllers
     t: Array  #: output times (s)
@@ -47,6 +47,7 @@ class Job:
     integrator: str  #: it, the step and the options are of `simulate`
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
+    #: makes the stored arrays in place of the outputs, as `RunSummary`; a file's fingerprint has its attributes
     summary: Any = None
     whole: int = 0  #: scenarios of the whole batch, of which this may be a part; few are not worth the lanes
     balance: str | None = None  #: q0 if it was a word, such as "trim"

@@ -140,7 +140,7 @@ def simulate_batch(
             if none is given.
             "implicit" and "rk4" step scenarios side by side, whatever acts on the arm; with other integrators, and dry
             friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
-            what each costs. A Python function that several scenarios share is called for all of them in turn: it must
+            their costs. A Python function that several scenarios share is called for all of them in turn: it must
             not remember one of them.
         outputs: which of "q", "v", "a", "tau", "contacts", the forces of these, with friction, and "loops",
             likewise.
@@ -158,8 +158,8 @@ def simulate_batch(
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
         batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
-            whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
-            the forces differ; with an executor a 64th of all.
+            whichever is more, and at most as many as 64 MB hold where there is a file; all, where nothing but the start
+            and the forces differ; with an executor a 64th of all.
 
     Returns:
         BatchResult; `batch_memory` tells its bytes beforehand.
@@ -179,8 +179,8 @@ def simulate_batch(
     )  # fmt: skip
     workers = default_workers(1 if workers is None and executor is not None else workers)
     if not out:
-        what = f"outputs: {count} scenarios of {job.rows} rows"
-        check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
+        kept = f"outputs: {count} scenarios of {job.rows} rows"
+        check_memory(kept, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
     started = time.perf_counter()
     runner = Runner(job, count, workers, batch, executor)
     storage: File | Memory

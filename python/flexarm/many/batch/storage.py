@@ -201,14 +201,14 @@ class File:
 
     Args:
         name: see `marks`. more: names and units of the columns of a summary.
-        what, where, otherwise: see `ScenarioFile`.
+        kind, where, otherwise: see `ScenarioFile`.
 
     Attributes:
         damaged: number of scenarios to compute again because their data were damaged.
     """
 
     def __init__(
-        self, job: Job, count: int, path: Path, resume: bool, name: str | None, what: str = "batch",
+        self, job: Job, count: int, path: Path, resume: bool, name: str | None, kind: str = "batch",
         where: str = "out =", otherwise: str = "give another name, or resume=False to write over it",
         more: Mapping[str, Sequence[tuple[str, str]]] | None = None,
     ) -> None:  # fmt: skip
@@ -221,7 +221,7 @@ class File:
         told = {**about(job.variation), "marks": job_marks(job, name)}
         self._job = job
         self._file = ScenarioFile(
-            path, count, columns, _once(job.kept_times, job.variation), told, resume, what, where, otherwise
+            path, count, columns, _once(job.kept_times, job.variation), told, resume, kind, where, otherwise
         )
         self.damaged = self._file.damaged
 

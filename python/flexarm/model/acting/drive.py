@@ -23,7 +23,7 @@ _OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_cor
 
 def weak_law(law: Any) -> Any:
     """A Python function that something else holds, for an object of the core that its owner may hold: the garbage
-    collector does not see what the core holds, and would keep such a circle for ever."""
+    collector does not see the objects that the core holds, and would keep such a circle for ever."""
     try:
         held = None if isinstance(law, (*KNOWN, *_OF_CORE)) else weakref.ref(law)
     except TypeError:  # of a class without weak references

@@ -104,7 +104,7 @@ class Load(Law):
         return {name: value for name, value in self.__dict__.items() if name != "_known"}
 
     def numbers(self, t: float) -> Array:
-        """What the core takes at time t: [force; moment], or the time alone if they follow from the state."""
+        """The numbers for the core at time t: [force; moment], or the time alone if they follow from the state."""
         return np.array([t, *[0.0] * 5]) if self.by_state else self(t)
 
     def __repr__(self) -> str:
@@ -170,7 +170,7 @@ def pushes(arm: Chain, drive: Any) -> list[Push]:
 
 
 def driven_forces(arm: Chain, drive: Any, t: Array) -> Array | None:
-    """What the drives of a run add to the force of each Strut and the tension of each Tendon (N) at times t (nt,):
+    """The forces that the drives of a run add to each Strut, and tensions to each Tendon (N), at times t (nt,):
     (nt, n); None where none is driven."""
     struts = split_drives(arm, drive)[2]
     if not struts:

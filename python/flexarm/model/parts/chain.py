@@ -260,14 +260,14 @@ class Chain:
         return k, "slice", x, offset
 
     def _body(self, link: int, on: str, x: float) -> Any:
-        """What tells the rigid bodies apart on which points sit."""
+        """A key of the rigid body on which a point sits, equal for all points of the body."""
         if link < 0:
             return -1
         beam = self.links[link].beam
         bends = beam is not None and beam.ne > 0
         if bends and beam is not None and (on == "end" or x > 0.0):
             return link, beam.length if on == "end" else x
-        if not self.links[link].joint.nv:  # it is one body with what it sits on
+        if not self.links[link].joint.nv:  # it is one body with its parent
             parent, at = self.seats[link]
             return self._body(parent, "end" if at is None else "slice", at or 0.0)
         return link, 0.0
@@ -399,10 +399,10 @@ class Chain:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
             others = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
-            for what, names in others:
+            for kind, names in others:
                 if link in names:
-                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if what == "strut" else ""
-                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint{hint}")
+                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if kind == "strut" else ""
+                    raise ValueError(f"{field} = {link!r}: is a {kind}; it must be a link or a joint{hint}")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
@@ -849,20 +849,20 @@ class Chain:
         """The names of contacts with friction."""
         return [name for name, c in zip(self.contact_names, self.contacts, strict=True) if c.coulomb]
 
-    def refuse_rubbing(self, what: str) -> None:
-        """ValueError where contacts have friction: `what` does not know the past of a run, of which that depends."""
+    def refuse_rubbing(self, caller: str) -> None:
+        """ValueError where contacts have friction: `caller` does not know the past of a run, on which that depends."""
         for k, c in enumerate(self.contacts):
             if c.coulomb:
                 name = self.contact_names[k]
                 raise ValueError(
-                    f"{what}: contact '{name}' has friction (coulomb = {c.coulomb:g}), which depends on a run's past, "
-                    "and that is not known here; take contacts with coulomb = 0"
+                    f"{caller}: contact '{name}' has friction (coulomb = {c.coulomb:g}), which depends on a run's "
+                    "past, and that is not known here; take contacts with coulomb = 0"
                 )
 
     # -- loops ---------------------------------------------------------------------------------------------------------
 
     def loop_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array]:
-        """What the loops hold at zero, g (..., n), and its rate dg/dt, loop by loop: components of the way from the
+        """The constraints g (..., n) of the loops, and their rates dg/dt, loop by loop: components of the way from the
         joint's frame on a to that on b, along axes of a's (m), then products of an axis of a's and one of b's, 0 where
         they are square (such as 1e-3 for a turn of 1e-3 rad). v is zero if None. A compliant loop pulls g back to zero;
         runs keep that of rigid ones there."""
@@ -871,8 +871,8 @@ class Chain:
         return found[..., 0], found[..., 1]
 
     def loop_jacobian(self, q: ArrayLike) -> Array:
-        """Jacobian (..., n, nv) of what `loop_motion` gives: dg/dt = J v. Forces f along g have the generalised forces
-        J^T f."""
+        """Jacobian (..., n, nv) of the constraints of `loop_motion`: dg/dt = J v. Forces f along g have the generalised
+        forces J^T f."""
         (q,) = self._batch(q=q)
         rates = self.loop_motion(np.repeat(q[..., None, :], self.nv, axis=-2), np.eye(self.nv))[1]
         return np.ascontiguousarray(np.swapaxes(rates, -1, -2))
@@ -901,15 +901,15 @@ class Chain:
         """Whether loops hold it rigidly, so that not all of its coordinates are free."""
         return any(x.rigid for x in self.loops)
 
-    def refuse_loops(self, what: str, rigid: bool = False) -> None:
-        """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
+    def refuse_loops(self, caller: str, rigid: bool = False) -> None:
+        """ValueError where there are loops, or `rigid` ones: `caller` does not know them."""
         for name, loop in zip(self.loop_names, self.loops, strict=True):
             if name in self._ties:
                 rod = self._rods[self._ties.index(name)]
-                raise ValueError(f"{what}: does not know cylinders, such as '{rod}', a strut with a mass")
+                raise ValueError(f"{caller}: does not know cylinders, such as '{rod}', a strut with a mass")
             if loop.rigid or not rigid:
                 kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
-                raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")
+                raise ValueError(f"{caller}: does not know {kind}, such as '{name}'{remedy}")
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ class Link(Part):
     """A joint and up to three bodies: a rigid hub, an elastic beam, a rigid tip. (Sec. 4.2)
 
     The joint sits at the end of its parent, or on a slice of its beam, in its axes. The beam starts at `hub.end`; the
-    tip sits on the beam's last section (or at `hub.end`), in its axes; what it carries sits at `tip.end`.
+    tip sits on the beam's last section (or at `hub.end`), in its axes; the links that it carries sit at `tip.end`.
 
     Args:
         joint: connects the link to its parent.

@@ -41,7 +41,7 @@ def from_urdf(
             of its own, without mass. A list: the last links of a tree. Joints of other branches are locked at zero, and
             their bodies move with the link that carries them. None: all joints that move.
         flexible: flexible links: by the name of a moving link, a Beam from its joint to the next one (or the tip), with
-            that length, whose mass replaces the link's own; or a Flexible for other cases. What sits on a beam must sit
+            that length, whose mass replaces the link's own; or a Flexible for other cases. Links on a beam must sit
             on its end: there, beyond it, or on a body that is fixed to it.
         stops: soft stops at the position limits: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no stops.
         reflected_inertia: of the drives' rotors at the joints (kg m^2, kg), which URDF lacks: one number for all moving
