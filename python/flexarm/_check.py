@@ -28,7 +28,7 @@ def outside() -> int:
 
 def _of_dataclass(code: Any) -> bool:
     """Whether it is the `__init__` of a dataclass, which stands in no file."""
-    return code.co_filename == "<string>" and code.co_name == "__init__"
+    return bool(code.co_filename == "<string>" and code.co_name == "__init__")
 
 
 def warn(message: str | Warning, kind: type[Warning] | None = None) -> None:
