@@ -164,7 +164,7 @@ class Chain:
             taken |= dict.fromkeys(names, one)
 
     def _make(self) -> None:
-        self._fastened = [self._fasten(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
+        self._fastened = [self._line(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
         self._touching = [self._touch(f"contacts[{k}]", c) for k, c in enumerate(self.contacts)]
         self._closing = [self._close(f"loops[{k}]", x) for k, x in enumerate(self.loops)]
         #: length at which the spring of each strut and tendon has no force (m)
@@ -208,39 +208,36 @@ class Chain:
         with self.naming():
             return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, contacts, loops)
 
-    def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
-        """The points of a strut as the core takes them. ValueError unless they can move against each other."""
+    def _fasten(self, field: str, points: Mapping[str, Any], fault: str) -> list[_Fastened]:
+        """Points, by their names, as the core takes them. ValueError, with this `fault`, where all sit on one rigid
+        body."""
+        found = [self._fasten_point(f"{field}: {name}", p) for name, p in points.items()]
+        if len({self._body(*point[:3]) for point in found}) == 1:
+            raise ValueError(f"{field}: {fault}")
+        return found
+
+    def _line(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
+        """The points of a strut."""
         names = ("a", "b") if isinstance(strut, Strut) else [f"points[{i}]" for i in range(len(strut.points))]
-        points = [self._fasten_point(f"{field}: {name}", p) for name, p in zip(names, strut.points, strict=True)]
-        if len({self._body(*point[:3]) for point in points}) == 1:
-            raise ValueError(f"{field}: all its points sit on one rigid body, so that its length cannot change")
+        fault = "all its points sit on one rigid body, so that its length cannot change"
+        points = self._fasten(field, dict(zip(names, strut.points, strict=True)), fault)
         for i, (here, there) in enumerate(pairwise(points)):
             if here[:3] == there[:3] and np.array_equal(here[3], there[3]):
                 raise ValueError(f"{field}: {names[i]} and {names[i + 1]} are one point; give different ones")
         return points
 
-    def _touch(self, field: str, contact: Contact) -> tuple[_Fastened, _Fastened]:
-        """The point of a contact and that of its surface, as the core takes them. ValueError unless they can move
-        against each other."""
+    def _touch(self, field: str, contact: Contact) -> list[_Fastened]:
+        """The point of a contact and that of its surface."""
         surface = contact.against
-        names = "point", f"against.{surface.on}"
-        points: Any = contact.point, surface.at
-        point, on = (self._fasten_point(f"{field}: {n}", p) for n, p in zip(names, points, strict=True))
-        if self._body(*point[:3]) == self._body(*on[:3]):
-            raise ValueError(f"{field}: its point and its surface sit on one rigid body, so that the gap cannot change")
-        return point, on
+        fault = "its point and its surface sit on one rigid body, so that the gap cannot change"
+        return self._fasten(field, {"point": contact.point, f"against.{surface.on}": surface.at}, fault)
 
-    def _close(self, field: str, loop: Loop) -> tuple[_Fastened, _Fastened]:
-        """The origins of a loop's frames as the core takes them. ValueError unless they can move against each other."""
-        sides: list[_Fastened] = []
-        given: Any = (loop.a, loop.b)
-        for name, point, (origin, _) in zip("ab", given, loop._core, strict=True):
-            link, on, x, offset = self._fasten_point(f"{field}: {name}", point)
-            sides.append((link, on, x, offset + origin))
-        a, b = sides
-        if self._body(*a[:3]) == self._body(*b[:3]):
-            raise ValueError(f"{field}: both its places sit on one rigid body, so that it closes nothing")
-        return a, b
+    def _close(self, field: str, loop: Loop) -> list[_Fastened]:
+        """The origins of a loop's frames."""
+        fault = "both its places sit on one rigid body, so that it closes nothing"
+        sides = self._fasten(field, {"a": loop.a, "b": loop.b}, fault)
+        pairs = zip(sides, loop._core, strict=True)
+        return [(link, on, x, offset + origin) for (link, on, x, offset), (origin, _) in pairs]
 
     def _fasten_point(self, field: str, point: Point) -> _Fastened:
         offset = np.array(point.offset)
