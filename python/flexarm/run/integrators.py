@@ -236,14 +236,6 @@ def integrator_on(of: Any, options: Mapping[str, Any]) -> Integrator:
     return integrator_of(named(of, rest.pop("integrator", None), rest), **rest)
 
 
-def spelled(integrator: str | Integrator, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The name of an integrator, and its options among all that are given; see `integrator_of`."""
-    if not isinstance(integrator, Integrator):
-        return integrator, dict(options)
-    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
-    return integrator.name, {**options, **integrator.options}
-
-
 def integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
     """The integrator of a name and its options; None stands for an option's default.
 

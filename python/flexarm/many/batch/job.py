@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..._check import Array
 from ...arm.arm import Arm
 from ...arm.variation import Variation
-from ...run.integrators import OPTIONS, Integrator, integrator_of
+from ...run.integrators import Integrator
 from ...run.outputs import row_shapes
 from ...run.problem import read_events
 
@@ -44,9 +44,8 @@ class Job:
     tau: Array | None  #: (B or 1, nt or 1, nv), held; None: zero
     outputs: tuple[str, ...]  #: some of OUTPUTS
     every: int  #: how many of t between two rows of the result
-    integrator: str  #: it, the step and the options are of `simulate`
-    step: float | None
-    options: dict[str, Any] = field(default_factory=dict)
+    integrator: Integrator
+    events: Any = None  #: as of `simulate`
     #: makes the stored arrays in place of the outputs, as `RunSummary`; a file's fingerprint has its attributes
     summary: Any = None
     whole: int = 0  #: scenarios of the whole batch, of which this may be a part; few are not worth the lanes
@@ -74,11 +73,6 @@ class Job:
         """Bytes of a scenario's result."""
         return max(1, 8 * self.rows * sum(self.sizes().values()))
 
-    @property
-    def events(self) -> int:
-        """Number of events."""
-        return len(read_events(self.options.get("events")))
-
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
@@ -97,22 +91,16 @@ class Job:
 
     @property
     def keeps_events(self) -> bool:
-        return bool(self.events) and self.summary is None
+        return bool(read_events(self.events)) and self.summary is None
 
     def event_sizes(self) -> tuple[int, int, int, int]:
         """Number of events, largest number of occurrences of each in a file, nq and nv."""
         arm = self.variation.setup.arm
-        return self.events, self.rows, arm.nq, arm.nv
+        return len(read_events(self.events)), self.rows, arm.nq, arm.nv
 
     def blocks(self, count: int) -> dict[str, Any]:
         """Arrays for the results of this number of scenarios."""
         out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
         out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
-        out |= {"events": np.full(count, None)} if self.events else {}
+        out |= {"events": np.full(count, None)} if read_events(self.events) else {}
         return {**out, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
-
-    @property
-    def stepping(self) -> Integrator:
-        """The integrator of the scenarios."""
-        own = {k: x for k, x in self.options.items() if k in OPTIONS}
-        return integrator_of(self.integrator, step=self.step, **own)

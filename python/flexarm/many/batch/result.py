@@ -113,7 +113,7 @@ class BatchResult:
             tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
             of = self.variation.setup, {k: x[i % len(x)][None] for k, x in self.variation.values.items()}
             found._source = source(
-                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **job.options
+                setup, self.t, q0, v0, tau, integrator=job.integrator, of=of, events=job.events
             )
         return found
 

@@ -43,12 +43,11 @@ def run_steps(
     q0, v0, tau = (None if x is None else _taken(x, indices) for x in (job.q0, job.v0, job.tau))
     if q0 is not None:
         check_balls(one, q0)
-    integrator = job.stepping
     acting = setups
     if job.balance == "held":
         acting = [held(s.arm, s.drive, s.loads, s.control, float(job.t[0])).setup for s in setups]
-    apart = not all(_core.in_kernels(integrator.name, arm._core) for arm in arms)
-    problems = problems_of(acting, len(indices), job.t, job.options.get("events"), indices, apart)
+    apart = not all(_core.in_kernels(job.integrator.name, arm._core) for arm in arms)
+    problems = problems_of(acting, len(indices), job.t, job.events, indices, apart)
     prescribed = problems[0].prescribed
     for i in prescribed:
         for name, given, at in (("q0", q0, one.coordinate_of(i)), ("v0", v0, i)):
@@ -60,7 +59,7 @@ def run_steps(
         blocks = {k: np.full((len(indices), rows, n), np.nan) for k, n in (("q", one.nq), ("v", one.nv))} | {**blocks}
     found, stats = run_problems(
         problems, setups, arms[:1] if all(arm is one for arm in arms) else arms, len(indices), job.every, q0, v0, tau,
-        integrator, blocks, workers, alive, whole=job.whole, names=indices,
+        job.integrator, blocks, workers, alive, whole=job.whole, names=indices,
     )  # fmt: skip
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED

@@ -18,7 +18,7 @@ from ...loop.loops import unstable
 from ...model.acting.control import Controller, controllers
 from ...model.acting.drive import Motion, split_drives
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named
 from ...run.start import check_one_start, start
 from .arguments import check_memory, checked_drive, default_workers, forces, rows, scenario_count
 from .job import OUTPUTS, Job, width
@@ -42,17 +42,15 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
 
 def make_job(
     arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
-    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, **options: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, events: Any = None, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
     times = increasing("t", t)
-    integrator, options = spelled(named(setup, integrator, options), options)
-    options = {k: x for k, x in options.items() if x is not None}
-    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
-        options.setdefault("step", float(np.diff(times).min()))
-    integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
-    step = options.pop("step", None)
+    integrator = named(setup, integrator, options)
+    if isinstance(integrator, str) and INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
+        options = {"step": float(np.diff(times).min()), **{k: x for k, x in options.items() if x is not None}}
+    chosen = integrator_of(integrator, **options)
     within("every", whole("every", every), 1, times.size - 1, ", the number of steps")
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
@@ -72,8 +70,8 @@ def make_job(
         starts[name] = None if given is None and said is value else said
     sizes = {name: len(x) for name, x in starts.items() if x is not None}
     count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
-    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
-              step, options, whole=count, balance=balance)  # fmt: skip
+    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, chosen,
+              events, whole=count, balance=balance)  # fmt: skip
     return job, count
 
 

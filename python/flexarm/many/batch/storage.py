@@ -78,8 +78,9 @@ def job_marks(job: Job, name: str | None) -> dict[str, str]:
     parts |= {f"drive {key}": law for key, law in s.drive.items()}
     for kind, group in (("loads", s.loads), ("control", s.control)):
         parts |= {f"{kind}[{k}]": part for k, part in enumerate(group)}
-    parts |= {k: getattr(job, k) for k in ("t", "q0", "v0", "tau", "outputs", "every", "integrator", "step")}
-    return marks({**parts, **job.options, **(vars(job.summary) if job.summary else {})}, name)
+    parts |= {k: getattr(job, k) for k in ("t", "q0", "v0", "tau", "outputs", "every", "events")}
+    parts |= {"integrator": job.integrator.name, **job.integrator.options}
+    return marks({**parts, **(vars(job.summary) if job.summary else {})}, name)
 
 
 def about(variation: Variation) -> dict[str, Any]:
