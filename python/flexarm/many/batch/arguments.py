@@ -11,7 +11,6 @@ import flexarm._core as _core
 
 from ..._check import Array, array, at_least, check_finite, choice, instance, known_keys, mapping
 from ..._threads import cores
-from ...arm.arm import Arm
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...run.integrators import Integrator, integrator_of
 
@@ -88,16 +87,6 @@ def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ..
             raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
         made[name] = x
     return made
-
-
-def check_balls(arm: Arm, q: Array) -> None:
-    """ValueError for a quaternion of q0 (B, nq) that has no length, with its scenario."""
-    for k, at in arm.quaternions():
-        size = np.abs(q[:, at]).max(axis=1)
-        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
-        if bad.size:
-            whose = f"q0[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
-            raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
 
 
 def checked_drive(drive: Any, name: str = "drive") -> dict[Any, Any]:

@@ -21,7 +21,6 @@ from ...run.integrators import Integrator
 from ...run.start import start
 from ...run.touch import of_contacts
 from .arguments import (
-    check_balls,
     check_memory,
     checked_drives,
     default_workers,
@@ -200,7 +199,7 @@ def rolled(
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "drive": len(drives),
              "control": len(controls)}  # fmt: skip
     count = scenario_count(sizes)
-    check_balls(one, q)
+    one.check_balls("q0", q)
     made = max(len(arms) if drive or loads or control or of_contacts(events) else 1, len(drives), len(controls))
 
     def setup(k: int) -> Setup:

@@ -14,7 +14,6 @@ from ..._check import Array, at_least
 from ..._threads import later
 from ...arm.variation import Setup
 from ...run.held import held
-from .arguments import check_balls
 from .executor import gather
 from .job import ENDED, FAILED, Job, renamed
 from .problems import OVER, Failure, problems_of, run_problems
@@ -42,7 +41,7 @@ def run_steps(
             raise ValueError(f"scenario {indices[k]}: its arm must have the same coordinates as the others")
     q0, v0, tau = (None if x is None else _taken(x, indices) for x in (job.q0, job.v0, job.tau))
     if q0 is not None:
-        check_balls(one, q0)
+        one.check_balls("q0", q0)
     acting = setups
     if job.balance == "held":
         acting = [held(s.arm, s.drive, s.loads, s.control, float(job.t[0])).setup for s in setups]

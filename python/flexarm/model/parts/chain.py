@@ -674,12 +674,15 @@ class Chain:
         """Raises ValueError if a quaternion in q (..., nq) has zero length, or a length whose square overflows."""
         for k, at in self.quaternions() if self.nq != self.nv else ():
             size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
-            for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
-                if bad.any():
-                    raise ValueError(
-                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of {self.joint_names[k]} must have a "
-                        "length, from 1e-100 to 1e100"
-                    )
+            bad = np.argwhere((size < 1e-100) | (size > 1e100))
+            if len(bad):
+                first = tuple(bad[0].tolist())
+                value = "0 0 0 0" if size[first] < 1e-100 else f"up to {size[first]:g}"
+                where = "".join(f"[{i}]" for i in first) + f"[{at.start}:{at.stop}]"
+                raise ValueError(
+                    f"{field}{where} = {value}: the quaternion of {self.joint_names[k]} must have a length, from "
+                    "1e-100 to 1e100"
+                )
 
     # -- kinematics ----------------------------------------------------------------------------------------------------
 
