@@ -123,8 +123,9 @@ def instance(field: str, value: Any, kind: type | tuple[type, ...], words: str =
     """A value of a class, or of one of several; the error names these, or says `words`."""
     if not isinstance(value, kind):
         names = [k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,))]
-        said = ["None" if k == "NoneType" else f"{'an' if k[0] in 'AEIO' else 'a'} {k}" for k in names]
-        raise ValueError(f"{field} = {value!r}: must be {words or ' or '.join(said)}")
+        *others, last = ("None" if k == "NoneType" else f"{'an' if k[0] in 'AEIO' else 'a'} {k}" for k in names)
+        said = f"{', '.join(others)} or {last}" if others else last
+        raise ValueError(f"{field} = {value!r}: must be {words or said}")
     return value
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from ..loop.laws import taps_of
 from ..model.acting.control import Controller, Run, controllers, gain_of, padded
 from ..model.acting.drive import Motion, Torque, is_patch, is_strut, split_drives, voltage_forces
 from ..model.acting.following import plus
-from ..model.acting.load import Load, at_time
+from ..model.acting.load import at_time
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
@@ -51,17 +51,16 @@ class _Law(NamedTuple):
     limit: Array
 
 
-def held(
-    arm: Arm, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, control: Any, t: float, tau: Any = None
-) -> Held:
-    """The start at time t (s), with constant forces tau (nv,).
+def held(of: Any, t: float, tau: Any = None) -> Held:
+    """The start of a Setup or a Scene at time t (s), with constant forces tau (nv,).
 
     Raises:
         ValueError: a controller that samples or remembers and is no LinearController; controllers that do not hold the
             arm, or only beyond a limit.
     """
+    arm: Arm = of.arm
     arm.refuse_loops("q0 = 'held'", rigid=True)
-    setup = Setup(arm, dict(drive or {}), tuple(loads or ()), controllers(control))
+    setup = Setup(arm, dict(of.drive or {}), tuple(of.loads or ()), controllers(of.control))
     places = at_time(arm, setup.forces, t)
     laws = split_drives(arm, setup.drive)[0]
     motions = {i: float(law(t)[0]) for i, law in arm.by_rate("drive", laws).items() if isinstance(law, Motion)}

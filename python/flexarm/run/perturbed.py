@@ -192,7 +192,7 @@ def _begun(
         q0, v0 = q0 if follows[0] else q, None if follows[1] else v
     elif not follows[0]:
         q0 = None
-    out = Problem(made.arm, t, q0, v0, tau, made.drive, made.loads, made.control, None, starts=starts)
+    out = Problem(made, t, q0, v0, tau, starts=starts)
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
     for (name, value), own in zip(begin.items(), follows, strict=True):
         rows = near.initial(name, (out.start[name].copy() if own else value)[None])

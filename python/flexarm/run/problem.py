@@ -15,6 +15,7 @@ from .._check import Array, array, increasing, number, whole
 from ..analysis.assembly import closed_start
 from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
+from ..arm.variation import Setup
 from ..loop import loops
 from ..model.acting.acts import Acts
 from ..model.acting.control import PD, controllers
@@ -33,26 +34,30 @@ class Problem(Acts):
     """A run before it begins: its arguments, checked, as the core takes them. Where it `starts`, loops are closed; if
     not, its caller says where a run begins.
 
+    Args:
+        of: a Setup or a Scene: an arm, and its drives, loads and controllers.
+        t, q0, v0, tau, events: as of `simulate`. remembered: see Acts.
+
     Attributes:
-        controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes them, and
-            as given. Others: see Acts.
+        setup, controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes
+            them, and as given. Others: see Acts.
         tell: called during the run with the warning that it is very slow; None: that is not looked for.
     """
 
     tell: Callable[[RunWarning], None] | None = None
 
-    def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
-                 events: Any, remembered: dict[int, _core.Remembered] | None = None, *,
-                 starts: bool = True) -> None:  # fmt: skip
-        times = increasing("t", t)
-        acting = control
+    def __init__(
+        self, of: Any, t: ArrayLike, q0: Any = None, v0: Any = None, tau: Any = None, events: Any = None,
+        remembered: dict[int, _core.Remembered] | None = None, *, starts: bool = True,
+    ) -> None:  # fmt: skip
+        arm, times, acting = of.arm, increasing("t", t), of.control
         if isinstance(q0, str) and q0 == "held":
-            q, setup = held(arm, drive, loads, control, float(times[0]), tau)
+            q, setup = held(of, float(times[0]), tau)
             acting = setup.control
         else:
-            q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
+            q = start(arm, q0, of.drive, of.loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
-        super().__init__(arm, times, drive, loads, acting, remembered)
+        super().__init__(arm, times, of.drive, of.loads, acting, remembered)
         said = {"q0": [] if q is None else list(range(arm.nv)), "v0": [] if v0 is None else list(range(arm.nv))}
         follow = arm.constrained and (q0 is None or isinstance(q0, Mapping))  # joints that are not named close loops
         if follow:
@@ -62,7 +67,8 @@ class Problem(Acts):
             self.start["q0"], self.start["v0"] = closed_start(
                 arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
             )
-        self.controls = list(controllers(control))
+        self.setup = Setup(arm, dict(of.drive or {}), self.loads, controllers(of.control))
+        self.controls = list(self.setup.control)
         found = read_events(events)
         self.asked_events = [f for f, *_ in found]
         self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in found]

@@ -169,7 +169,7 @@ class Source:
         if not self.integrator.taped:
             caller = f'derivatives of a run, integrator = "{self.integrator.name}" (methods of fixed steps have them)'
             s.arm.refuse_loops(caller, rigid=True)
-        run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+        run = Problem(s, self.t, self.q0, self.v0, self.tau, self.events)
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")
         for sampler in run.sampled:

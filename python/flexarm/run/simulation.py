@@ -235,9 +235,9 @@ def simulated(
     if integrator is not None:
         integrator = integrator_of(integrator, **options)
     instance("arm", arm, Arm)
-    run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
-    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(setup, options)
+    given: Any = drive, loads, control  # which the problem checks
+    run = Problem(Setup(arm, *given), t, q0, v0, tau, events)
+    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(run.setup, options)
     wrong: list[RunWarning] = []
 
     def note(warning: RunWarning) -> None:
@@ -255,7 +255,7 @@ def simulated(
             out = _integrate(run, chosen, show)
     out["stats"] = {"integrator": chosen.name, **out["stats"]}
     result = run.result(out)
-    result._source = source(setup, run.times, q0, v0, tau, integrator=chosen, events=events)
+    result._source = source(run.setup, run.times, q0, v0, tau, integrator=chosen, events=events)
     result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
     for warning in _judged(run, out, result, chosen):
         if type(warning) not in already:

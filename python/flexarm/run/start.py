@@ -11,7 +11,7 @@ from .._check import Array, array, choice, warn
 from ..analysis.assembly import closed_start
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
-from ..arm.variation import OF_ARM
+from ..arm.variation import OF_ARM, Setup
 from ..model.acting.drive import Motion, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time, pushes
 from .held import acting as acting
@@ -41,7 +41,7 @@ def start(
     if choice("q0", q0, WORDS) != "equilibrium":
         arm.refuse_loops(f"q0 = {q0!r}", rigid=True)
     if q0 == "held":
-        return held(arm, drive, loads, control, t, tau).q
+        return held(Setup(arm, dict(drive or {}), tuple(loads or ()), control), t, tau).q
     word, loads = q0, (*(loads or ()), *pushes(arm, drive))
     places = {key: float(law(t)[0]) for key, law in (drive or {}).items() if isinstance(law, Motion)}
     pose = arm.pose(places)

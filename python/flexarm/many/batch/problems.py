@@ -58,7 +58,7 @@ def problems_of(
 
     def made(k: int, s: Setup) -> Problem:
         try:
-            return Problem(s.arm, t, None, None, None, s.drive, s.loads, s.control, events, remembered, starts=False)
+            return Problem(s, t, events=events, remembered=remembered, starts=False)
         except ValueError as e:
             if len(setups) == 1:
                 raise

@@ -44,7 +44,7 @@ def run_steps(
         one.check_balls("q0", q0)
     acting = setups
     if job.balance == "held":
-        acting = [held(s.arm, s.drive, s.loads, s.control, float(job.t[0])).setup for s in setups]
+        acting = [held(s, float(job.t[0])).setup for s in setups]
     apart = not all(_core.in_kernels(job.integrator.name, arm._core) for arm in arms)
     problems = problems_of(acting, len(indices), job.t, job.events, indices, apart)
     prescribed = problems[0].prescribed
