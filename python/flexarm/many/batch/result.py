@@ -112,9 +112,7 @@ class BatchResult:
             q0 = job.balance or q0
             tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
             of = self.variation.setup, {k: x[i % len(x)][None] for k, x in self.variation.values.items()}
-            found._source = source(
-                setup, self.t, q0, v0, tau, integrator=job.integrator, of=of, events=job.events
-            )
+            found._source = source(setup, self.t, q0, v0, tau, integrator=job.integrator, of=of, events=job.events)
         return found
 
     def __getstate__(self) -> dict[str, Any]:
