@@ -10,7 +10,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import increasing, instances
+from ..._check import array
 from .part import Part
 from .sections import GeneralSection, Section, SectionMatrix
 
@@ -49,12 +49,14 @@ class Taper(Part):
     _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
 
     def _made(self) -> Any:
-        x = increasing("x", self.x)
-        if x[0] != 0.0:
-            raise ValueError(f"x[0] = {x[0]}: must be 0, the clamp")
-        sections = instances("sections", self.sections, Section, "sections")
-        if len(sections) != x.size:
+        x = array("x", self.x)
+        if x.ndim != 1 or x.size < 2 or x[0] != 0.0 or not (np.diff(x) > 0).all():
+            raise ValueError(f"x = {self.x!r}: must be two or more places, increasing from 0")
+        if not isinstance(self.sections, (list, tuple)) or len(self.sections) != x.size:
             raise ValueError(f"sections = {self.sections!r}: must be one section for each of the {x.size} places of x")
+        for k, part in enumerate(self.sections):
+            if not isinstance(part, Section):
+                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle or another section")
         kind = type(self.sections[0])
         cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
         law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
@@ -62,7 +64,7 @@ class Taper(Part):
             raise ValueError("sections: must all be a SectionMatrix where one is; see SectionMatrix.of")
         columns = [_column(self.sections, f.name, cls is kind) for f in fields(cls) if f.init]
         self._set("x", tuple(x.tolist()))
-        self._set("sections", sections)
+        self._set("sections", tuple(self.sections))
 
         def at(place: float) -> Any:
             return cls(*(None if c is None else _between(place, x, c) for c in columns))
