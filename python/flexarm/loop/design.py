@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, for_each, instance, not_negative, positive
+from .._check import Array, array, instance, not_negative, positive
 from ..analysis.equilibrium import balanced
 from ..analysis.linear import linearize, solve_mass
 from ..model.acting.control import StateFeedback, all_joints, force_columns, listed, measured_rows
@@ -107,10 +107,10 @@ def _efforts(at: Rest, actuate: Sequence[Any], effort: ArrayLike | None) -> Arra
 
 def _sizes(field: str, value: ArrayLike, n: int, of: str) -> Array:
     """Positive numbers, one for all or one for each of n."""
-    found = for_each(field, value, n, of)
-    if not (found > 0.0).all():
-        raise ValueError(f"{field} = {value!r}: must be positive")
-    return found
+    found = array(field, value)
+    if found.shape not in ((), (n,)) or not (found > 0.0).all():
+        raise ValueError(f"{field} = {value!r}: must be positive, one number or {n}, one for each {of}")
+    return np.broadcast_to(found, (n,)).astype(float)
 
 
 def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
