@@ -353,7 +353,7 @@ Status KalmanFilter::update(const VectorXd& y) {
   return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
 }
 
-/// Readings, one after the other, into change_ and L_, by what they are about_ the state and their slopes there.
+/// Readings, one after the other, into change_ and L_, by their values about_ the state and their slopes there.
 void KalmanFilter::take(const VectorXd& y, bool turned) {
   const Index n = v_.size();
   nis_ = 0.0;

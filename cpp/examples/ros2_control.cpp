@@ -1,4 +1,4 @@
-// What a system of ros2_control calls: an arm of flexarm in the place of its hardware, over the C interface alone.
+// The calls of a system of ros2_control: an arm of flexarm in the place of its hardware, over the C interface alone.
 //
 //   ros2_control SCENE.json JOINT RATE [SECONDS]     a loop of 1 kHz that holds JOINT at 0.1 rad by a PD law
 //
@@ -45,7 +45,7 @@ class ArmSystem {
     return write(0.0) && read(0.0);
   }
 
-  /// read: the arm moves on over the period, under what was written last; then the states are taken.
+  /// read: the arm moves on over the period, under the commands written last; then the states are taken.
   bool read(double period) {
     if (flexarm_advance(arm_.get(), flexarm_time(arm_.get()) + period) != FLEXARM_OK) return fail(flexarm_error());
     const double *q = flexarm_q(arm_.get()), *v = flexarm_v(arm_.get());

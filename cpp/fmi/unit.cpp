@@ -61,13 +61,13 @@ void Unit::begin() {
   mode_ = exchanges_ || events_ ? Mode::event : Mode::stepping;
 }
 
-/// What is added to the forces and references of a problem, from the inputs' values.
+/// Additions to the forces and references of a problem, from the inputs' values.
 void Unit::place_inputs(const Problem& p) {
   for (std::size_t k = 0; k < values_.size(); ++k)
     if (const Variable& x = resources_.variables[k]; x.input()) input(x) = factor(x, p) * values_[k];
 }
 
-/// Of an input: what it is added to, per unit.
+/// Of an input: the quantity that it is added to, per unit.
 double Unit::factor(const Variable& x, const Problem& p) {
   return x.kind == Variable::add_reference && x.j >= 0 ? p.feedback[static_cast<std::size_t>(x.i)].by_q[x.j] : 1.0;
 }

@@ -1,4 +1,4 @@
-// The variables of a unit, as its file resources/variables.json lists them: what the exporter names, by value
+// The variables of a unit, as its file resources/variables.json lists them: the names of the exporter, by value
 // reference.
 #pragma once
 
@@ -64,7 +64,7 @@ struct Variable {
   bool parameter() const { return kind >= stiffness; }
 };
 
-/// What is added to the forces, loads and references that a scene has.
+/// Additions to the forces, loads and references of a scene.
 struct Inputs {
   Eigen::VectorXd tau;
   std::vector<double> drive, reference;
@@ -83,8 +83,8 @@ struct Resources {
   static Resources load(const std::string& folder);
 
   Inputs inputs() const;  ///< zero
-  /// The scene with its parameters at `values` (one for each variable), and `in`, which must outlive it, added to what
-  /// acts. Where no parameter differs from its start, and no input from zero, every number is that of the scene.
+  /// The scene with its parameters at `values` (one for each variable), and `in`, which must outlive it, added to the
+  /// actions. Where no parameter differs from its start, and no input from zero, every number is that of the scene.
   /// @throws std::invalid_argument naming the variable and the value
   Scene with(const std::vector<double>& values, const Inputs& in) const;
 };

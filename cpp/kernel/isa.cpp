@@ -12,7 +12,7 @@ namespace {
 template <class Sp>
 using Single = Chain<Sp, Pack>;
 
-/// What the memory begins with.
+/// The beginning of the memory.
 struct Head {
   const Layout* layout;
   void* composite;  ///< the memory of Composite

@@ -152,7 +152,7 @@ Status CollocationStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eige
   return Status::ok;
 }
 
-/// What is missing in the equation of motion of the free rate k, after the sweep.
+/// The residual of the equation of motion of the free rate k, after the sweep.
 double CollocationStep::missing(Eigen::Index k, const Eigen::Ref<const Eigen::VectorXd>& tau,
                                 const Workspace& ws) const {
   const int row = free_[static_cast<std::size_t>(k)];

@@ -19,8 +19,8 @@ namespace flexarm {
 namespace {
 
 constexpr double kTied = 1e-7;       // of the size of a row: rows that differ by less depend on one another
-constexpr double kNear = 0.1;        // of what that difference was at the start: a singular position is near
-constexpr double kPart = 1e-3;       // of a row, or of what it makes of a motion, that has a part in it
+constexpr double kNear = 0.1;        // of that difference at the start: a singular position is near
+constexpr double kPart = 1e-3;       // of a row, or of its part of a motion, that has a part in it
 constexpr double kOpen = 1e-7;       // of the way of the motions: a gap that they leave
 constexpr double kRounding = 1e-12;  // m, or rad
 constexpr int kRounds = 5;           // of closing a loop that is nearly closed
@@ -67,7 +67,7 @@ class Rows {
   Eigen::Index rank() const { return (sizes().array() > kTied).count(); }
   /// A combination of rows: the k-th of those that depend on one another the least.
   Eigen::VectorXd combination(Eigen::Index k) const { return svd_.matrixV().col(k).cwiseQuotient(size_); }
-  /// What a combination makes of the rates, and its size beside the inertia there.
+  /// The rates by a combination, and its size beside the inertia there.
   Eigen::VectorXd by_rates(const Eigen::VectorXd& combination) const { return G_ * combination; }
   double size_of(const Eigen::VectorXd& by, int rate) const {
     return std::abs(by[rate]) / std::sqrt(ws_.M(rate, rate));

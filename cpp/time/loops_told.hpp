@@ -1,4 +1,4 @@
-// What a run says where loops do not let it go on.
+// The messages of a run that loops do not let go on.
 #pragma once
 
 #include <string>

@@ -14,7 +14,7 @@ constexpr double kRubbingStepsPart = 0.03;     // of an arm with dry friction, w
 constexpr double kSeenRadians = 0.15;          // phase of a mode in a step: faster ones count by their size
 constexpr double kJustBeforeEnd = 1.0 - 1e-6;  // part of a step: its end, before a force may leap there
 constexpr int kLookedAt = 64;                  // of a step, for the largest error within
-constexpr double kUnseenPart = 1e-2;  // of what places may miss: an error of less does not count for its energy
+constexpr double kUnseenPart = 1e-2;  // of the error allowed of places: one of less does not count for its energy
 
 /// The largest displacement and change of velocity within a step of unit length, by an acceleration that is one at its
 /// beginning and a multiple of the polynomial whose zeros are the points.
@@ -88,7 +88,7 @@ void StepError::look(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
   }
 }
 
-/// What the matrix of a damped step makes of a missed force are displacements: of modes that are slow, in proportion
+/// The matrix of a damped step makes displacements of a missed force: of modes that are slow, in proportion
 /// to h^2; of modes that are too fast to be seen, their own size.
 void StepError::factor(double h, const Eigen::MatrixXd& M, const Eigen::MatrixXd& C, const Eigen::MatrixXd& K) {
   h_ = h;

@@ -9,9 +9,10 @@
 
 namespace flexarm {
 
-/// Between its points a step of collocation does not solve the equations of motion: a force is missed there. What this
-/// displaces is the error of the step. Places that are looked at are each link's end, the middle of its beam, and the
-/// joints; energy is compared with the largest of the run. (docs/theory/time-integration.md, "Steps that are chosen")
+/// Between its points a step of collocation does not solve the equations of motion: a force is missed there, whose
+/// displacement is the error of the step. Places that are looked at are each link's end, the middle of its beam, and
+/// the joints; energy is compared with the largest of the run. (docs/theory/time-integration.md, "Steps that are
+/// chosen")
 class StepError {
  public:
   /// @param free    rates that are not prescribed; must outlive it
@@ -23,11 +24,11 @@ class StepError {
 
   /// Where the missed force is asked for, in parts of the step.
   const Eigen::VectorXd& asked() const { return asked_; }
-  /// What the rates' coordinates move at this state.
+  /// The displacements by the rates' coordinates at this state.
   void look(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   /// For steps of this length, where the free rates have these matrices of mass, damping and stiffness.
   void factor(double h, const Eigen::MatrixXd& M, const Eigen::MatrixXd& C, const Eigen::MatrixXd& K);
-  /// The largest error within the step, in parts of what a step may miss; infinite where it is no number.
+  /// The largest error within the step, in parts of the allowed one; infinite where it is no number.
   /// @param missed_force  of the free rates, where it was asked for
   /// @param M  mass matrix of all rates; v, a  rates and accelerations where it was asked for
   /// @param kinetic  energy (J): the largest within the step
@@ -56,9 +57,9 @@ class StepError {
   double kinetic_ = 0.0;             ///< the largest kinetic energy so far (J)
   double kinetic_before_ = 0.0;      ///< and before the last step
   std::vector<PlacedSlice> places_;  ///< that are looked at
-  Eigen::MatrixXd moves_;            ///< what the coordinates move: rows of each place and of the joints, over allowed_
+  Eigen::MatrixXd moves_;            ///< moves by the coordinates: rows of each place and of the joints, over allowed_
   Mat6X<double> jacobian_;
-  Eigen::MatrixXd filter_;  ///< of a damped step, which leaves of an error what can be seen
+  Eigen::MatrixXd filter_;  ///< of a damped step, which leaves the visible part of an error
   Eigen::PartialPivLU<Eigen::MatrixXd> filtered_;
   Eigen::VectorXd forced_, displaced_, impulse_, inertia_;
 };

@@ -4,7 +4,8 @@ import difflib
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,19 @@ def outside() -> int:
     """The `stacklevel` with which a warning points at the line that called the package, whatever files of the package
     lie between (as `skip_file_prefixes` of Python 3.12)."""
     level, frame = 1, sys._getframe(1)
-    while frame.f_code.co_filename.startswith(_HERE) and frame.f_back is not None:
+    while frame.f_back is not None and (frame.f_code.co_filename.startswith(_HERE) or _of_dataclass(frame.f_code)):
         level, frame = level + 1, frame.f_back
     return level
+
+
+def _of_dataclass(code: Any) -> bool:
+    """Whether it is the `__init__` of a dataclass, which stands in no file."""
+    return bool(code.co_filename == "<string>" and code.co_name == "__init__")
+
+
+def warn(message: str | Warning, kind: type[Warning] | None = None) -> None:
+    """Warns at the line that called the package."""
+    warnings.warn(message, kind, stacklevel=outside())
 
 
 def plain(value: Any, depth: int = 0) -> Any:
@@ -108,12 +119,28 @@ def flag(field: str, value: Any) -> bool:
     return bool(value)
 
 
-def instance(field: str, value: Any, kind: type, words: str = "") -> Any:
-    """A value of a class; the error names the class, or says `words`."""
+def instance(field: str, value: Any, kind: type | tuple[type, ...], words: str = "") -> Any:
+    """A value of a class, or of one of several; the error names these, or says `words`."""
     if not isinstance(value, kind):
-        a = "an" if kind.__name__[0] in "AEIO" else "a"
-        raise ValueError(f"{field} = {value!r}: must be {words or f'{a} {kind.__name__}'}")
+        names = [k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,))]
+        *others, last = ("None" if k == "NoneType" else f"{'an' if k[0] in 'AEIO' else 'a'} {k}" for k in names)
+        said = f"{', '.join(others)} or {last}" if others else last
+        raise ValueError(f"{field} = {value!r}: must be {words or said}")
     return value
+
+
+def instances(field: str, value: Any, kind: type | tuple[type, ...], words: str, least: int = 0) -> tuple[Any, ...]:
+    """The values of a class, or of one of several, from a list of them; `words` names them in errors."""
+    if not isinstance(value, Sequence) or len(value) < least:
+        raise ValueError(f"{field} = {value!r}: must be a list of {words}{', one or more' * (least > 0)}")
+    return tuple(instance(f"{field}[{k}]", x, kind) for k, x in enumerate(value))
+
+
+def mapping(field: str, value: Any, words: str) -> dict[Any, Any]:
+    """A dictionary, empty for None; `words` go on after "must be a dictionary" in the error."""
+    if value is not None and not isinstance(value, Mapping):
+        raise ValueError(f"{field} = {value!r}: must be a dictionary{words}")
+    return dict(value or {})
 
 
 def array(
@@ -123,7 +150,7 @@ def array(
     the first counts scenarios."""
     if value is None:
         want = "numbers" if shape is None else "one number" if shape in ((), (1,)) else f"{shape[0]} numbers"
-        asked = "; does its function return what it computes?" if " at t = " in field else ""
+        asked = "; does its function return its value?" if " at t = " in field else ""
         raise ValueError(f"{field} = None: must be {want}{asked}")
     try:
         if getattr(value, "dtype", None) != np.float64 and np.iscomplexobj(value):
@@ -136,6 +163,25 @@ def array(
         raise ValueError(f"{field} has shape {out.shape}: must be {want}")
     check_finite(field, out, batch_ndim is not None and out.ndim >= batch_ndim)
     return out
+
+
+def increasing(field: str, value: Any) -> Array:
+    """Two numbers or more that increase, (n,)."""
+    x = array(field, value)
+    if x.ndim != 1 or x.size < 2:
+        raise ValueError(f"{field} has shape {x.shape}: must be one list of at least two numbers")
+    bad = np.flatnonzero(np.diff(x) <= 0)
+    if bad.size:
+        raise ValueError(f"{field}[{bad[0] + 1}] = {x[bad[0] + 1]}: {field} must be numbers that increase")
+    return x
+
+
+def for_each(field: str, value: Any, count: int, whom: str) -> Array:
+    """`count` numbers, (count,), from these, or from one that holds for each; `whom` says for whom."""
+    x = array(field, value)
+    if x.shape not in ((), (count,)):
+        raise ValueError(f"{field} has shape {x.shape}: must be one number, or {count}, one for each {whom}")
+    return np.broadcast_to(x, (count,))
 
 
 def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
@@ -201,11 +247,16 @@ def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> No
             raise ValueError(f"{where}: unknown key '{key}'; {hint}")
 
 
+def path_of(field: str, value: Any, words: str = "") -> Path:
+    """A path, from itself or text."""
+    if not isinstance(value, (str, Path)):
+        raise ValueError(f"{field} = {value!r}: must be a path{words}")
+    return Path(value)
+
+
 def named(path: Any, *suffixes: str) -> Path:
     """The path of a file to be written, whose name does not promise another format."""
-    if not isinstance(path, (str, Path)):
-        raise ValueError(f"path = {path!r}: must be a path")
-    if Path(path).suffix.lower() not in ("", *suffixes):
+    if path_of("path", path).suffix.lower() not in ("", *suffixes):
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(suffixes)}, the format that is written")
     return Path(path)
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, at_least, choice
+from ._check import Array, array, at_least, choice, warn
 from .analysis.findings import RangeWarning, RunWarning
 from .arm.arm import Arm
 from .arm.variation import Setup, Variation
-from .many.batch.rollout import rolled, tell
+from .many.batch.rollout import rolled
 from .model.acting.control import force_columns, measured_rows
 from .tasks import TASKS, State, Task
 from .view.stage import greatest_strain
@@ -226,7 +226,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
     def _tell(self, warning: RunWarning) -> None:
         """Passes a warning on; that of a beam beyond its range only once."""
         if not (self._told and isinstance(warning, RangeWarning)):
-            tell(warning)
+            warn(warning)
         self._told |= isinstance(warning, RangeWarning)
 
     def _advance(self, u: Array) -> _Bools:

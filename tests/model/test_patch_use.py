@@ -249,7 +249,7 @@ BAD = [
         lambda: bonded(section=fa.sections.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)),
         "patches[0].offset = None",
     ),
-    (lambda: strip(7), ("patches = [7]", "Patch")),
+    (lambda: strip(7), ("patches[0] = 7", "Patch")),
     (lambda: fa.Piezo(-1, 0.3, 7500, 0), "youngs_modulus = -1"),
     (lambda: fa.Piezo(6e10, 0.7, 7500, 0), "poisson_ratio = 0.7"),
     (lambda: fa.Piezo(6e10, 0.3, 7500, np.inf), "d31 = inf"),

@@ -28,7 +28,7 @@ struct ByState {
   };
   struct Loaded {
     int load;
-    S asked[kAsked + 1];       ///< what its law is asked with, and the time
+    S asked[kAsked + 1];       ///< the arguments of its law, and the time
     S weights[kWays * kWays];  ///< its part of B
   };
 
@@ -139,13 +139,13 @@ struct ByState {
       for (int i = 0; i < flexarm::lanes::kRemembered; ++i) to[i] = Lanes<S>::select(where, from[i], to[i]);
     }
   }
-  /// Where any contact has touched or let go since what is remembered, in a step.
+  /// Where any contact has touched or let go since the remembered state, in a step.
   typename Lanes<S>::Mask met(const Layout& layout) const {
     auto found = Lanes<S>::everywhere(false);
     for (int k = 0; k < layout.contacts; ++k) found = found | touched[k].state.met;
     return found;
   }
-  /// Of one arm: what it would remember.
+  /// Of one arm: the memory that it would have.
   void put_now(const Layout& layout, double* out) const {
     for (int k = 0; k < layout.contacts; ++k, out += flexarm::lanes::kRemembered)
       __builtin_memcpy(out, &touched[k].state.now, sizeof(memory[k]));

@@ -60,7 +60,7 @@ struct Chain {
     arena.take(kept_numbers(layout), kept);
     if (!layout.by_state()) return;
     by_state = arena.take_lines<ByState<Chain>>(1);
-    arena.take_lines<char>(0);  // what follows begins a line, too
+    arena.take_lines<char>(0);  // the next numbers begin a line, too
     ByState<Chain> none;
     (arena.counts() ? none : *by_state).lay_out(layout, most_elastic(layout), wide, arena);
   }
@@ -108,7 +108,7 @@ struct Chain {
     by_state->find(*this, q, v);
     by_state->act(*this, 1.0);
   }
-  /// What node i sits on, where a recursion begins with it: w and attitude there.
+  /// The seat of node i, where a recursion begins with it: w and attitude there.
   void start_branch(int i, Ang& w, typename Sp::Rot& attitude) const {
     const int parent = layout.node[i].parent;
     w = Sp::zero_angular();
@@ -120,7 +120,7 @@ struct Chain {
     const typename Sp::Rot& link = state[parent].attitude;
     attitude = seat.slice ? Sp::times(link, seat.slice->frame.R) : link;
   }
-  /// What a node sits on that does not sit on the world: a slice of its parent's beam, or none; how that turns and
+  /// The seat of a node that does not sit on the world: a slice of its parent's beam, or none; how that turns and
   /// accelerates.
   struct Seat {
     const Slice<Sp>* slice;
@@ -456,7 +456,7 @@ struct Chain {
   void clear_forks() {
     for (int k = 0; k < layout.forks; ++k) fork[k].clear();
   }
-  /// The force of a branch, in the axes of what it sits on, waits there until the recursion comes by.
+  /// The force of a branch, in the axes of its seat, waits there until the recursion comes by.
   template <class Sv>
   void leave_at_fork(const Node& node, Force<Sv>& F) {
     if (node.seat >= 0) fork[node.seat].template force<Sv>() += F;

@@ -191,7 +191,7 @@ struct Composite {
     B = Sp::shift(B, end.frame.r);
     chain.for_slices(node, [&](auto& f) { Sp::add(B, Sp::shift(f.body, f.slice.frame.r)); });
   }
-  /// Of what sits on slices, by coordinate k: on coordinates, and about the link's origin.
+  /// Of links on slices, by coordinate k: on coordinates, and about the link's origin.
   template <class C>
   [[gnu::noinline]] Force<Sp> force_slices(const C& chain, const Node& node, int k, S* row) const {
     Force<Sp> sum = Force<Sp>::zero();

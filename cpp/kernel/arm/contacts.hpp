@@ -10,7 +10,7 @@ using flexarm::lanes::ContactPair;
 
 constexpr double kNoLength = 1e-60;  // added to the square of a length, so that it has a direction where it is zero
 
-/// What a contact remembers from the last step that counts on: its bristles, how far they are bent, in the axes of the
+/// The memory of a contact from the last step that counts on: its bristles, how far they are bent, in the axes of the
 /// surface; the frame on the arm, as the surface saw it; gap and normal force. Without a run it is not `known`: then
 /// bristles are unbent.
 template <class S>
@@ -172,7 +172,7 @@ struct ContactState {
     met = touches | leaves;
   }
 
-  /// Of a run, what it remembers.
+  /// Of a run, its memory.
   ContactMemory<S> begin(const ContactMemory<S>& memory) const {
     ContactMemory<S> out = now;
     S* x = view<S>(&out);

@@ -135,7 +135,7 @@ inline typename C::Mask factor_recursive(C& chain, const Shift& shift) {
 // --- Forces and accelerations by these factors. V are scalars of the chain or, of one arm, packs of right-hand sides.
 // `biased`: with the forces and accelerations of the motion. ---
 
-/// tau without what forces at slices take of it, into y. @return the sum of these forces about the link's origin
+/// tau less the part that forces at slices take, into y. @return the sum of these forces about the link's origin
 template <bool biased, class C, class V>
 [[gnu::noinline]] auto apply_slices(const C& chain, const Node& node, const V* tau, V* y) {
   using Vs = typename SpaceOf<typename C::Space, V>::type;
@@ -323,8 +323,8 @@ template <class C>
   factor(chain, shift, kProjected);
   for (int round = 0; round < kRounds; ++round) shut(chain, q, v, w);
 }
-/// Forces of loops, of what is left of inverse dynamics when all other forces are taken off it, r; which becomes what
-/// they make of these forces. @param x  scratch (nv)
+/// Forces of loops, of the rest r of inverse dynamics when all other forces are taken off it; r becomes their
+/// part of these forces. @param x  scratch (nv)
 template <class C>
 [[gnu::noinline]] void react(C& chain, typename C::S* r, typename C::S* x) {
   factor(chain, Shift{});

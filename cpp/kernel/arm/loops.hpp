@@ -392,7 +392,7 @@ struct Loops {
       for (int k = 0; k < n; ++k) y[k] += more[k];
     }
   }
-  /// Adds to x what makes of(row) of the rigid ones zero. `turn` has the forces, C^-1 of it.
+  /// Adds to x the change that makes of(row) of the rigid ones zero. `turn` has the forces, C^-1 of it.
   template <bool exact, class Of>
   void add_closing(const Layout& layout, const Of& of, S* x) const {
     const int n = layout.loop_rows, nv = layout.nv;

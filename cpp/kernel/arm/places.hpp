@@ -1,4 +1,4 @@
-// Where the frames of an arm are in the world, and how they move: after the outward pass, for what asks for it.
+// Where the frames of an arm are in the world, and how they move: after the outward pass, where these are asked for.
 #pragma once
 
 #include "arm/state.hpp"

@@ -8,7 +8,7 @@ namespace {
 
 using flexarm::lanes::StateLaw;
 
-/// What a law is asked with: place p (3) and axes R (9, by rows) in the world, velocity (6); and its directions: a
+/// The arguments of a law: place p (3) and axes R (9, by rows) in the world, velocity (6); and its directions: a
 /// displacement and a small turn in the world's axes, and a change of the velocity.
 constexpr int kAsked = 18, kDirectionsOfState = 12;
 
@@ -62,7 +62,7 @@ template <class S>
 struct StateAnswers {
   static constexpr int W = Lanes<S>::width;
 
-  /// f(asked, time, found) in each lane. @param in  what a law is asked with, and the time
+  /// f(asked, time, found) in each lane. @param in  the arguments of a law, and the time
   template <class F>
   static void each(const S* in, S* out, int count, const F& f) {
     const double* x = view<const double>(in);

@@ -52,7 +52,7 @@ R read(const double*& p) {
 constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
 
 /// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate; of
-/// slices one after the other, whose numbers are `apart`, and rows three. What lies in memory is read once: packs may
+/// slices one after the other, whose numbers are `apart`, and rows three. Numbers in memory are read once: packs may
 /// alias anything.
 /// @tparam N  its ni, or 0 where that is any
 template <int N, bool rates, class S, class P>

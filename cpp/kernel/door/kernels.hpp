@@ -114,11 +114,11 @@ struct Kernels {
   void (*forces)(void* self, const double* a, double* tau);
   /// The mass matrix (nv x nv) where the chain is.
   void (*mass_matrix)(void* self, double* M);
-  /// What runs remember of contacts (kRemembered numbers each), and each one's force on the arm, in the world (3),
-  /// where the chain was moved last; null: not asked. `recall` sets what is remembered.
+  /// The memory of contacts in runs (kRemembered numbers each), and each one's force on the arm, in the world (3),
+  /// where the chain was moved last; null: not asked. `recall` sets this memory.
   void (*contacts)(void* self, double* remembered, double* force);
   void (*recall)(void* self, const double* remembered);
-  /// Contacts at the end of a step from what is remembered, with that weight of the force there; negative: at an
+  /// Contacts at the end of a step from their memory, with that weight of the force there; negative: at an
   /// instant. `met`: whether any has touched or let go in it.
   void (*step_contacts)(void* self, double by_end);
   bool (*met)(void* self);
@@ -132,7 +132,7 @@ struct Kernels {
   /// Of arms with rigid loops, by the last factors. Adds accelerations that make d^2 g/dt^2, as found by `inverse`,
   /// zero.
   void (*close_accelerations)(void* self, double* x);
-  /// A displacement, of coordinates that are zero before, that closes the loops beside what these accelerations move;
+  /// A displacement, of coordinates that are zero before, that closes the loops beside that by these accelerations;
   /// and rates. @return the square of its size in the norm of M + shift
   double (*close_places)(void* self, const Shift& shift, double* w);
   double (*close_rates)(void* self, const Shift& shift, double* z);

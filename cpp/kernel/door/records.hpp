@@ -1,6 +1,6 @@
 // The numbers of an arm as records: set-up writes the types that the kernels read, so that neither side has a number
 // that the other does not know. T is one number, in the kernels of every arm of a pack; Sp has the vectors and matrices
-// in space or in the plane. Behind some records stand lists: rows of matrices, and what the points of a beam hold.
+// in space or in the plane. Behind some records stand lists: rows of matrices, and the numbers of the points of a beam.
 #pragma once
 
 namespace flexarm {

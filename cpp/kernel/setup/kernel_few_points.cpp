@@ -37,8 +37,8 @@ struct ShapeTable {
   }
 };
 
-/// How many integrate products of some three shapes; the bounds below tell where they suffice. It depends on what
-/// arms share that lie side by side alone. 0: there is nothing to save, slices are not at the points, or the beam is
+/// How many integrate products of some three shapes; the bounds below tell where they suffice. It depends alone
+/// on numbers that arms side by side share. 0: there is nothing to save, slices are not at the points, or the beam is
 /// curved at rest.
 int few_points(const Beam& beam) {
   const BeamOptions& o = beam.options();

@@ -159,7 +159,7 @@ class BodySlopes {
   }
 
   /// Of Lagrange's equations of the energy of M, w and dq, the link's origin at rest. That M and the forces, which
-  /// kernels find from slices, are of one energy is what tests against duals of the latter show.
+  /// kernels find from slices, are of one energy is shown by tests against duals of the latter.
   void by_rates(const Node& node, const Table& t, const double* dq, const State<One>& s) {
     using Rigid = typename One::Rigid;
     using Ang = typename One::Ang;

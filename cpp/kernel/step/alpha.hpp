@@ -174,7 +174,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.place(q0, u, q);
   }
 
-  /// Adds to what keeps the loops closed, and to their forces, of arms that are `open`.
+  /// Adds to the displacement that keeps the loops closed, and to their forces, of arms that are `open`.
   /// @param most  gets its largest displacement
   /// @return the square of its size as accelerations, in the norm of M + shift
   S close(Engine& engine, const flexarm::lanes::Shift& shift, const Mask& open, S& most) {
@@ -243,7 +243,7 @@ struct GeneralisedAlpha : AlphaNumbers {
 
   /// Takes the step in 1, 2, 4 .. parts by Euler's implicit method, until twice as many parts lead to nearly the same
   /// motion; both are extrapolated to second order. It remembers no accelerations, and damps all vibration too fast for
-  /// its parts: a vibration so loud that it made the iteration fail dies out. What acts is that of the step's end.
+  /// its parts: a vibration so loud that it made the iteration fail dies out. Forces are those of the step's end.
   /// A step that is taken again has as many parts as it had.
   /// @param asked  lanes; `divided`: where that was possible, whose state is in coarse_q and coarse_v
   void divide(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& asked) {

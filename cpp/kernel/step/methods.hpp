@@ -66,7 +66,7 @@ struct MethodTable {
   }
 };
 
-/// A further method has its row here. (What derivatives of its steps need is in step.cpp.)
+/// A further method has its row here. (The needs of derivatives of its steps are in step.cpp.)
 using Methods = MethodTable<Implicit, Rk4>;
 
 }  // namespace

@@ -89,7 +89,7 @@ struct Rolled {
     if (chain.layout.contacts > 0) chain.by_state->by_end = by_end;
   }
   Mask met() const { return chain.layout.contacts > 0 ? chain.by_state->met(chain.layout) : L::everywhere(false); }
-  /// What a run remembers of contacts goes on from here.
+  /// A run's memory of contacts goes on from here.
   /// @param there  whether the chain is there
   void remember(const S* q, const S* v, const Mask& where, bool there) {
     if (chain.layout.contacts == 0) return;

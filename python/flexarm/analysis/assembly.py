@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array
 from ..model.parts.chain import Chain
@@ -26,8 +26,8 @@ class Mobility(NamedTuple):
 
     Attributes:
         freedoms: independent motions that they leave, elastic ones too.
-        rows: what rigid loops hold, in number: entries of `loop_motion`.
-        redundant: how many of these hold nothing that the others do not: forces along them are not determined.
+        rows: the number of constraints of rigid loops, entries of `loop_motion`.
+        redundant: how many of these follow from the others: forces along them are not determined.
     """
 
     freedoms: int
@@ -40,7 +40,7 @@ class OpenLoops(ValueError):
 
 
 class Closure:
-    """What rigid loops of an arm hold: g, positions over the arm's length, and its Jacobian."""
+    """The constraints of an arm's rigid loops: g, positions over the arm's length, and its Jacobian."""
 
     def __init__(self, arm: Chain) -> None:
         self.arm = arm
@@ -149,8 +149,15 @@ class Closure:
         raise ValueError(f"{self.worst(left, '/s')} with the nearest rates that were found; hold fewer joints")
 
 
-def mobility(arm: Chain, q: Any) -> Mobility:
-    """See Arm.mobility."""
+def mobility(arm: Chain, q: ArrayLike | None = None) -> Mobility:
+    """How many independent motions rigid loops leave at q, and how many of their conditions are redundant.
+
+    Args:
+        q: positions at which the loops are closed, (nq,); `zero` if None.
+
+    Returns:
+        Mobility: `.freedoms`, `.rows`, `.redundant`.
+    """
     closure = Closure(arm)
     at = arm._place("q", q)
     J, rows = closure.jacobian(at) / closure.sizes, len(closure.turns)
@@ -159,8 +166,26 @@ def mobility(arm: Chain, q: Any) -> Mobility:
     return Mobility(arm.nv - rank, rows, rows - rank)
 
 
-def assemble(arm: Chain, q: Any, v: Any, hold: Iterable[Any]) -> Any:
-    """See Arm.assemble."""
+def assemble(
+    arm: Chain, q: ArrayLike | None = None, v: ArrayLike | None = None, *, hold: Iterable[Any] = ()
+) -> Any:  # fmt: skip
+    """Positions near q at which all rigid loops are closed to rounding; with v, also the rates nearest to v (in
+    kinetic energy) that keep them closed.
+
+    By damped Gauss-Newton steps from q, each the shortest. Joints move; beams bend only where joints alone do not
+    close the loops. Which of several closed positions is found depends on q.
+
+    Args:
+        q: start, (nq,), or as `pose` takes it: {"crank": 0.3}; `zero` if None.
+        v: rates, (nv,); None: none are sought.
+        hold: links, or (link, freedom), whose joints keep their positions, and rates.
+
+    Returns:
+        q (nq,); with v, q and v (nv,).
+
+    Raises:
+        ValueError: no such positions were found, naming the loop that is farthest from closed, and its gap.
+    """
     at = arm._place("q", q)
     arm.check_balls("q", at)
     rates = None if v is None else array("v", v, (arm.nv,))
@@ -179,11 +204,11 @@ def closed_start(
     arm: Chain, q: Array, v: Array, given: tuple[bool, bool], moved: Iterable[int] = (), named: Iterable[int] = (),
     names: tuple[str, str] = ("q0", "v0"),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """A start at which rigid loops are closed. What was not `given` follows: positions from those of the rates `moved`
-    and `named`, without bending beams; rates from those `moved`.
+    """A start at which rigid loops are closed. Those that were not `given` follow: positions from those of the rates
+    `moved` and `named`, without bending beams; rates from those `moved`.
 
     Raises:
-        ValueError: what was given leaves a loop open, or opens it; nothing that closes it was found.
+        ValueError: the given start leaves a loop open, or opens it; nothing that closes it was found.
     """
     if not arm.constrained:
         return q, v

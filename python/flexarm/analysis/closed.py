@@ -78,8 +78,8 @@ def slopes(arm: Chain, q: Array, v: Array, tau: Array, given: NDArray[np.bool_],
 
 
 def holding(arm: Chain, closure: Closure, q: Array, v: Array, loads: Any, held: NDArray[np.bool_]) -> Array:
-    """Forces of the joints (nv,) with which the arm keeps its rates: of the `held` ones, and of others only what
-    these do not hold."""
+    """Forces of the joints (nv,) with which the arm keeps its rates: of the `held` ones, and of others only those
+    that these do not hold."""
     zero = np.zeros(arm.nv)
     T = tangent(closure, q, np.ones(arm.nv, bool), arm._core.mass_matrix(q))
     needed = T.T @ arm._core.inverse_dynamics(q, v, zero, *loads)
@@ -137,7 +137,7 @@ def reduced(
     M = core.mass_matrix(q)
     T = tangent(closure, q, free, M)
     W, N = turning(arm, v), np.zeros_like(T)
-    if v.any():  # from J a + dJ/dt v = 0: what J dv must make up for where q moves along T
+    if v.any():  # from J a + dJ/dt v = 0: J dv cancels dJ/dt v where q moves along T
         whole = tangent(closure, q, np.ones(arm.nv, bool), M)
         N = 0.5 * (core.forward_derivatives(q, v, tau, places, wrenches)[1] + W) @ T
         N -= whole @ (whole.T @ M @ N)

@@ -1,16 +1,18 @@
 """Damping of beams, given by the modes of the whole arm, or found from a decay."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, at_least, not_negative, number, whole
+from ..model.acting.load import Load, at_time
 from ..model.parts.chain import Chain
-from ..model.parts.link import Link
 from .modes import Modes, SmallMotions, small_motions
+
+Kind = TypeVar("Kind", bound=Chain)
 
 _ROUNDS = 20  # of Newton's iteration
 _CLOSE, _NEAR = 1e-12, 1e-9  # ratio to which it is brought, and with which it is content
@@ -19,13 +21,13 @@ _SAME = 1e-6  # by which frequencies may differ, as a part, that count as equal
 _MOST = 0.5  # damping ratio: those given are of modes that ring
 
 
-def with_damping(arm: Chain, D: Array) -> list[Link]:
-    """The links, with each beam's block of D (nv, nv) added to its damping."""
+def with_damping(arm: Kind, D: Array) -> Kind:
+    """The arm, with each beam's block of D (nv, nv) added to its damping."""
     links = list(arm.links)
     for k, beam, _, at in arm.beams():
         more = D[at, at] + (np.array(beam.damping) if beam.damping else 0.0)
         links[k] = replace(links[k], beam=replace(beam, damping=(0.5 * (more + more.T)).tolist()))
-    return links
+    return arm._alike(links, arm.gravity)
 
 
 def _wanted(ratios: Any, frequencies: Array) -> dict[int, float]:
@@ -68,10 +70,32 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array) -> list[tuple[slic
 
 
 def modal_damping(
-    arm: Chain, ratios: Any, q: ArrayLike | None, lock: Iterable[Any] | None, loads: Any = ()
-) -> list[Link]:
-    """See Arm.modal_damping."""
-    found = small_motions(arm, q, None, lock, loads)
+    arm: Kind,
+    ratios: Any,
+    q: ArrayLike | None = None,
+    lock: Iterable[Any] | None = None,
+    *,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
+) -> Kind:
+    """The same arm with beams damped so that its modes have given damping ratios, payload included
+    (`Beam.damping_ratio` is that of the bare clamped beam).
+
+    Other modes keep their damping if the arm has one beam. With several, each beam is damped separately, and other
+    modes get some damping, too. For one beam with all modes it is the classical modal damping (Caughey 1960). Each
+    beam's share is in its `damping`.
+
+    Args:
+        ratios: {mode: ratio}, numbered as in `modes(q, lock=lock)` without damping; a list, from mode 0 on; or one
+            number for all modes. 2 % is 0.02.
+        q, lock, loads, t: as of `modes`.
+
+    Raises:
+        ValueError: a mode that does not exist, does not vibrate, or bends no beam; a ratio below the present
+            damping.
+    """
+    arm.refuse_loops("modal_damping", rigid=True)
+    found = small_motions(arm, q, None, lock, at_time(arm, loads, t))
     modes = found.undamped()
     wanted = _wanted(ratios, modes.frequencies)
     if np.iscomplexobj(modes.shapes):
@@ -103,7 +127,7 @@ def _refused(wanted: Mapping[int, float], now: Array) -> str:
         why = f"modes {more} cannot have so little: beams and joints have more already"
     else:
         why = f"modes {less} cannot have so much" + f" while modes {more} have so little" * bool(more)
-        why += ": what damps one of them damps others"
+        why += ": damping of one is damping of others"
     nearest = {k: round(float(x), 10) for k, x in zip(wanted, now, strict=True)}
     return f"ratios = {dict(wanted)}: {why}; the nearest that can be is ratios={nearest}"
 
@@ -211,8 +235,10 @@ def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:
     return np.asarray(damped.damping[(alike / size).argmax(axis=1)])
 
 
-def rayleigh_damping(arm: Chain, mass: float, stiffness: float) -> list[Link]:
-    """See Arm.rayleigh_damping."""
+def rayleigh_damping(arm: Kind, mass: float = 0.0, stiffness: float = 0.0) -> Kind:
+    """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
+    of each beam's coordinates, payload included, at q = `zero`; `stiffness` (s) times their stiffness. A mode of
+    frequency w then has a ratio of about mass / (2 w) + stiffness w / 2."""
     mass, stiffness = not_negative("mass", mass), not_negative("stiffness", stiffness)
     M = arm._core.mass_matrix(arm.zero)
     D = np.zeros((arm.nv, arm.nv))

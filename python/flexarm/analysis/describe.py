@@ -33,7 +33,7 @@ def _size(beam: Beam) -> str:
     x, w = np.polynomial.legendre.leggauss(64)
     K = np.array([curvature_at(beam.curvature, beam.length, beam.length * (1 + s) / 2) for s in x])
     turns = beam.length / 2 * (w @ np.column_stack([np.linalg.norm(K[:, 1:], axis=1), np.abs(K[:, 0])]))
-    words = (f"{what} {turn:.3g} rad" for what, turn in zip(("bent", "twisted"), turns, strict=True) if turn)
+    words = (f"{word} {turn:.3g} rad" for word, turn in zip(("bent", "twisted"), turns, strict=True) if turn)
     return f"{shape}, " + ", ".join(words)
 
 
@@ -119,9 +119,9 @@ def _loop_rows(arm: Chain) -> list[Sequence[str]]:
 
 
 def _closed(arm: Chain) -> str:
-    """What rigid loops leave, where they are closed near zero."""
+    """The motions that rigid loops leave, where they are closed near zero."""
     try:
-        found = mobility(arm, assemble(arm, None, None, ()))
+        found = mobility(arm, assemble(arm))
     except ValueError as e:
         return f"{str(e).partition('; begin')[0]} (from zero)"
     redundant = f", {found.redundant} of them redundant" if found.redundant else ""
@@ -155,7 +155,12 @@ def _point(point: Any, arm: Chain) -> str:
 
 
 def describe(arm: Chain) -> str:
-    """See Arm.describe."""
+    """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
+    frequencies of its clamped beam without the tip; of the arm its mass, and its lowest frequencies and damping
+    ratios with all joints locked at zero, without gravity; of each strut and tendon its points, length, spring,
+    damper and constant force; of each contact its point, its surface, its gap at zero and the numbers of its
+    forces; of each loop its joint, its places and its springs and dampers, and how many freedoms the loops leave,
+    near zero."""
     rows: list[Sequence[str]] = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
     if not arm.is_chain:
         sits = ["on"]

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, finite
+from .._check import Array, array, finite, warn
+from ..model.acting.drive import voltage_forces
+from ..model.acting.load import Load, at_time
 from ..model.parts.chain import Chain
 from .assembly import Closure, assemble, closed_start
 from .closed import carried, tangent
 from .rates import coordinate_sizes, displaced, elastic_rates, locked_rates
-from .validity import turned_inside_out
+from .validity import range_warning, turned_inside_out, worst_range
 
 _AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
 _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length): none may pass an equilibrium by
@@ -24,7 +25,7 @@ _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
 _OFF_SADDLE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
-_ROUNDING = 1e-8  # of the stiffness: what makes it asymmetric, of an arm with loops, without a follower force
+_ROUNDING = 1e-8  # of the stiffness: its asymmetry by rounding, of an arm with loops, without a follower force
 _MOST_SADDLES = 8  # that are left so, at most
 
 
@@ -40,8 +41,37 @@ class Trim(NamedTuple):
     tau: Array
 
 
-def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
-    """See Arm.trim; `volts` are the forces (nv,) of the patches' voltages."""
+def trim(
+    arm: Chain, q: Any = None, *, loads: Sequence[Load] | None = None, t: float = 0.0, voltages: Any = None
+) -> Trim:
+    """A static equilibrium for given joint positions: elastic coordinates, and forces that hold the joints.
+
+    `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 need both.
+
+    Args:
+        q: the joints' positions: all coordinates (nq,), of which the elastic ones are the start of the search; or
+            as `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
+        loads, t: external forces and moments, with their values at time t (s).
+        voltages: of the patches (V), as of `equilibrium`.
+
+    Returns:
+        Trim: `.q` (nq,) and `.tau` (nv,); `q, tau = arm.trim(...)`.
+
+    Raises:
+        ValueError: bad arguments, or no equilibrium of the beams was found.
+
+    Warns:
+        StateWarning: the equilibrium of the beams is unstable: they buckle.
+        RangeWarning: a beam is bent further than its order is good for.
+    """
+    volts = np.zeros(arm.nv) if voltages is None else voltage_forces(arm, voltages)
+    found = trimmed(arm, q, at_time(arm, loads, t), volts)
+    _warn_of_range(arm, found.q, "trim")
+    return found
+
+
+def trimmed(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
+    """As `trim`, without its warning of beams bent too far; `volts` are the forces (nv,) of the patches' voltages."""
     arm.refuse_loops("trim", rigid=True)
     joints = ~elastic_rates(arm)
     q0 = arm._single(q=arm.zero if q is None else q)[0]
@@ -71,13 +101,12 @@ def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array,
     if np.linalg.norm(scale * left) <= _AT_REST * at_work:
         return
     worst = int(np.abs(scale * left).argmax())
-    warnings.warn(
+    warn(
         f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
         f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; give "
-        "it both of q, tau = arm.trim(q), that pose in balance and what holds its joints; or take q from "
+        "it both of q, tau = arm.trim(q), that pose in balance and the forces that hold its joints; or take q from "
         "arm.equilibrium(...), or lock the joints that something holds",
         StateWarning,
-        stacklevel=4,
     )
 
 
@@ -109,7 +138,7 @@ class _Balance:
         return M
 
     def acting(self, q: Array) -> Array:
-        """What tau does on the free coordinates."""
+        """The part of tau on the free coordinates."""
         return self.tau[self.free]
 
     def turns(self, step: Array) -> Array:
@@ -151,8 +180,8 @@ class _Balance:
 
 
 class _OnLoops(_Balance):
-    """The same in coordinates z of the motions that rigid loops leave, of unit mass: dq = T z and what closes the
-    loops behind it. At a q where they are closed."""
+    """The same in coordinates z of the motions that rigid loops leave, of unit mass: dq = T z, and a step that
+    closes the loops again. At a q where they are closed."""
 
     def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
         super().__init__(arm, v, tau, free, loads)
@@ -416,11 +445,10 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
     if beside is not None and not (stayed and given):
         worst = int(np.abs(b.places(E, beside - q)).argmax())
         names = np.array(b.arm.coordinates)[... if b.arm.constrained else b.free]
-        warnings.warn(
+        warn(
             f"equilibrium: is unstable: the arm leaves it along '{names[worst]}'; start "
             "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
             StateWarning,
-            stacklevel=4,
         )
     return q
 
@@ -431,21 +459,65 @@ def _with_rigid_loops(arm: Chain, q: Array, tau: Array, lock: Iterable[Any] | No
     loops = [replace(x, **still) for x in arm.loops]
     try:
         rigid = arm._alike(arm.links, arm.gravity, loops=loops)
-        return equilibrium(rigid, q, tau, lock, loads)
+        return balanced(rigid, q, tau, lock, loads)
     except ValueError:
         return None
 
 
 def equilibrium(
-    arm: Chain, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any
+    arm: Chain,
+    q: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    lock: Iterable[Any] | None = None,
+    *,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
+    voltages: Any = None,
 ) -> Array:
-    """See Arm.equilibrium."""
-    q0 = arm._place("q", q)
+    """Coordinates (nq,) at rest in equilibrium with gravity, springs, loads and constant generalised forces.
+
+    Damped Newton iteration from q with exact Jacobians, decreasing the potential energy if there is one: the
+        equilibrium is then stable, unless q is one already. Rigid loops are closed first, near q.
+
+    Args:
+        q: start, and positions of locked joints, (nq,); `zero` if None.
+        tau: generalised forces (N, N m), (nv,); zero if None. Those of locked joints are ignored: their reactions
+            are `inverse_dynamics(q, 0, 0)`.
+        lock: links, or (link, freedom), whose joints are locked.
+        loads, t: external forces and moments, with their values at time t (s).
+        voltages: of the patches (V), (n_patches,) in the order of `patches`, or by (link, patch).
+
+    Raises:
+        ValueError: bad arguments, or no equilibrium was found: for example a free joint without support, or a load
+            that shortens a beam by more than its length.
+
+    Warns:
+        StateWarning: the equilibrium is unstable, and the given q is none.
+        RangeWarning: a beam is bent further than its order is good for.
+    """
+    if voltages is not None:
+        zero = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
+        tau = zero + voltage_forces(arm, voltages)
+    found = balanced(arm, q, tau, lock, at_time(arm, loads, t))
+    _warn_of_range(arm, found, "equilibrium")
+    return found
+
+
+def _warn_of_range(arm: Chain, q: Array, name: str) -> None:
+    if (beyond := worst_range(arm, np.zeros(1), q[None])) is not None:
+        warn(range_warning(arm, beyond, still=True).of(name))
+
+
+def balanced(
+    arm: Chain, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any = ()
+) -> Array:  # fmt: skip
+    """As `equilibrium`, without its warning of beams bent too far; `loads` as of `at_time`."""
+    q0 = arm.zero if q is None else arm._single(q=q)[0]
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     forces = np.where(free, forces, 0.0)
     if arm.constrained:
-        q0 = assemble(arm, q0, None, lock or ())
+        q0 = assemble(arm, q0, hold=lock or ())
     b = _balance_of(arm, np.zeros(arm.nv), forces, free, loads)
     found, wrong = balance(b, q0, descend=True)
     if wrong and any(x.gives_way for x in arm.loops):
@@ -460,7 +532,5 @@ def equilibrium(
             remedy = "the load may be more than these beams bear"
         if any(link.beam is not None and link.beam.order in (2, 3) for link in arm.links):
             remedy += ', or more than their order does, where "exact" has a balance'
-        raise ValueError(
-            f"tau, gravity, loads: no equilibrium was found: {wrong}; {remedy}"
-        )
+        raise ValueError(f"tau, gravity, loads: no equilibrium was found: {wrong}; {remedy}")
     return found

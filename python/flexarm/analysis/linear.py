@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, choice, finite, number
 from .._console import aligned
+from ..model.acting.load import Load, at_time
 from ..model.parts.beam import STRAIN_NAMES
 from ..model.parts.chain import Chain
 from .assembly import Closure, closed_start
@@ -45,9 +46,31 @@ def solve_mass(M: Array, right: Array) -> Array:
     return out
 
 
-def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any = ()) -> Derivatives:
-    """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
-    found = arm._core.forward_derivatives(q, v, tau, *loads)
+def forward_derivatives(
+    arm: Chain,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike | None = None,
+    *,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
+) -> Derivatives:
+    """Exact da/dq (..., nv, nq), da/dv and da/dtau (..., nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and
+    `.dtau`.
+
+    From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv, with M^-1
+    by the articulated-body method's factors (Eq. 92-96). O(N^2). Columns of a ball's quaternion do not depend on
+    its length.
+
+    Args:
+        q: (..., nq). v, tau: (..., nv); tau is zero if None.
+        loads, t: external forces and moments, with their values at time t (s).
+
+    Raises:
+        ValueError: bad shapes or values, or a singular mass matrix.
+    """
+    q, v, tau = arm._batch(q=q, v=v, tau=np.zeros(arm.nv) if tau is None else tau)
+    found = arm._core.forward_derivatives(q, v, tau, *at_time(arm, loads, t))
     return Derivatives(*(finite("forward derivatives", x) for x in found))
 
 
@@ -368,17 +391,49 @@ def _joints(arm: Chain) -> list[Any]:
 def linearize(
     arm: Chain,
     q: ArrayLike,
-    v: ArrayLike | None,
-    tau: ArrayLike | None,
-    inputs: Sequence[Any] | None,
-    outputs: Sequence[Any] | None,
-    lock: Iterable[Any] | None,
-    loads: Any = (),
+    v: ArrayLike | None = None,
+    inputs: Sequence[Any] | None = None,
+    outputs: Sequence[Any] | None = None,
+    *,
+    tau: ArrayLike | None = None,
+    lock: Iterable[Any] | None = None,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
 ) -> LinearModel:
-    """See Arm.linearize."""
+    """Linear model about a state, by exact Jacobians.
+
+    Args:
+        q, v: the state, (nq,) and (nv,); v is zero if None.
+        inputs: the inputs; None: the forces of all joints that are not locked. Each is
+            a link, or (link, freedom): the force (torque) of its joint;
+            ("acceleration", link) or ("acceleration", (link, freedom)): its acceleration, prescribed;
+            ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N);
+            ("strut", strut): a driven force of a strut, or tension of a tendon (N), by name or number;
+            ("patch", link, patch): a piezo patch's voltage (V).
+        outputs: the measurements; None: the coordinates of all joints. Each is
+            ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);
+            ("tip", link) or ("tip", link, x): position of the link's end or a slice, world axes (m);
+            ("velocity", link), ("acceleration", link), or with x: of the same, world axes;
+            ("accelerometer", link), or with x: reading R^T (a - g) of one there, in its own axes (m/s^2);
+            ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21);
+            ("charge", link, patch), ("patch_voltage", link, patch): of a piezo patch (C, V).
+        tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
+        lock: links, or (link, freedom), whose joints keep their rates exactly; they are not states. With rigid
+            loops, which must be closed at q, states are coordinates that the others follow.
+        loads, t: external forces and moments, with their values at time t (s).
+
+    Returns:
+        LinearModel: `.A`, `.B`, `.C`, `.D`, labels, the outputs `.y` at the state, and `.to_control()`.
+
+    Raises:
+        ValueError: bad arguments, naming the entry.
+
+    Warns:
+        StateWarning: v is zero, but the arm is not in equilibrium (it falls, or sags): the model is valid for a
+            moment only.
+    """
     nv, zero = arm.nv, np.zeros(arm.nv)
-    q0 = arm._place("q", q)
-    arm.check_balls("q", q0)
+    (q0,), acting = arm._single(q=q), at_time(arm, loads, t)
     v0 = zero if v is None else array("v", v, (nv,))
     locked = locked_rates(arm, lock)
     _check_balls(arm, locked, "lock")
@@ -390,13 +445,13 @@ def linearize(
     by: Slopes | None = None
     if arm.constrained:
         closed_start(arm, q0, v0, (True, True), names=("q", "v"))
-        by = slopes(arm, q0, v0, forces, given, loads)
+        by = slopes(arm, q0, v0, forces, given, acting)
         a0 = by.a
     else:
         still = {int(i): 0.0 for i in np.flatnonzero(given)}
-        a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *loads)
+        a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *acting)
 
-    point = _about(arm, q0, v0, a0, columns, ~given, loads, by)
+    point = _about(arm, q0, v0, a0, columns, ~given, acting, by)
     read = _read_outputs(point, _joints(arm) if outputs is None else outputs)
     if not v0.any():
         left = np.where(given, 0.0, point.M @ a0)
@@ -405,11 +460,11 @@ def linearize(
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
     F, u, names = np.vstack([turns, point.X]), slice(2 * nv, None), np.array(arm.coordinates)
     if by is not None:
-        own, S = _independent(arm, reduced(arm, Closure(arm), q0, v0, by.forces, ~locked, loads))
+        own, S = _independent(arm, reduced(arm, Closure(arm), q0, v0, by.forces, ~locked, acting))
     else:
         own = np.flatnonzero(~locked)
         S = np.eye(2 * nv)[:, np.concatenate([own, own + nv])]
-        reaction = arm._core.inverse_dynamics(q0, v0, a0, *loads)
+        reaction = arm._core.inverse_dynamics(q0, v0, a0, *acting)
     keep = np.concatenate([own, own + nv])
     A, B, C = F[keep, : 2 * nv] @ S, F[keep, u], Y[:, : 2 * nv] @ S
     return LinearModel(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from .._check import Array, array, at_least, finite, positive, whole, within
 from .._console import aligned
 from ..data.draw.modes import plot_modes
 from ..data.draw.style import Figure
+from ..model.acting.load import Load, at_time
 from ..model.parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
@@ -78,7 +79,7 @@ class Modes:
             ValueError: a count below 1, or no mode that moves the arm's axis.
         """
         at_least("count", count, 1)
-        shapes = sample(self.arm, self, 41)
+        shapes = mode_shapes(self.arm, self, 41)
         first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
         seats, joints = self._seats()
         path = np.insert(shapes.position, first, joints, axis=0)  # each joint ahead of its link
@@ -189,13 +190,20 @@ def _point(shapes: ModeShapes, link: int, x: float | None) -> int:
     return int(own[-1] if x is None else own[np.nanargmin(np.abs(shapes.x[own] - x))])
 
 
-def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
-    """See Arm.mode_shapes."""
-    if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
+def mode_shapes(arm: Chain, modes: Modes, points: int = 21) -> ModeShapes:
+    """Modes sampled along the arm: at `points` slices of every beam, from clamp to tip, and at every link's end.
+
+    Returns:
+        ModeShapes: `.link`, `.x`, `.position` (np, 3), `.displacement` (np, 3, n).
+
+    Raises:
+        ValueError: modes of another arm, or fewer than two points.
+    """
+    if not isinstance(modes, Modes) or modes.q.shape != (arm.nq,) or len(modes.shapes) != arm.nv:
         raise ValueError("modes: must be a result of this arm's `modes`")
     places = _places(arm, at_least("points", points, 2))
-    position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
-    moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
+    position = np.array([arm.frame(modes.q, k, x)[0] for k, x in places])
+    moved = np.array([arm.jacobian(modes.q, k, x)[:3] @ modes.shapes for k, x in places])
     return ModeShapes(
         np.array([k for k, _ in places]), np.array([np.nan if x is None else x for _, x in places]), position, moved
     )
@@ -273,8 +281,8 @@ def small_motions(
     lock: Iterable[Any] | None = None,
     loads: Any = (),
 ) -> SmallMotions:
-    """See Arm.modes, for the arguments."""
-    q0 = arm._place("q", q)
+    """Those whose modes `modes` finds; `loads` as of `at_time`."""
+    q0 = arm.zero if q is None else arm._single(q=q)[0]
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
         v0[i] = array("speed", value, ())
@@ -318,10 +326,30 @@ def modes(
     q: ArrayLike | None = None,
     speed: Mapping[Any, float] | None = None,
     lock: Iterable[Any] | None = None,
-    loads: Any = (),
+    *,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
 ) -> Modes:
-    """See Arm.modes."""
-    return small_motions(arm, q, speed, lock, loads).solve()
+    """Natural frequencies and modes about a steady state.
+
+    The joints rest at q (zero if None) or move at constant `speed`, under the required forces; the elastic
+    coordinates are in equilibrium (found from q by Newton's iteration). Rigid loops must be closed at q, and stay
+    closed in each mode; take q from `equilibrium` or `assemble`. The forces are those of the locked joints then,
+    and of others only where those are not enough.
+
+    Args:
+        q: (nq,), or as `pose` takes it: {"elbow": 0.3}.
+        speed: joint rates by link, or by (link, freedom) (rad/s, m/s).
+        lock: links whose joints follow that motion exactly; the others vibrate about it.
+        loads, t: external forces and moments, with their values at time t (s), included in the equilibrium.
+
+    Returns:
+        Modes: `.frequencies` (rad/s), `.damping`, `.shapes`, `.eigenvalues`, `.q`.
+
+    Raises:
+        ValueError: bad arguments, or no steady state at this speed with all beams in range.
+    """
+    return small_motions(arm, q, speed, lock, at_time(arm, loads, t)).solve()
 
 
 def shift(M: Array, K: Array, rate: float) -> float:

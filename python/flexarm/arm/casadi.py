@@ -11,7 +11,6 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import Array, at_least, choice, positive
-from ..analysis.linear import forward_derivatives
 from ..analysis.step import step_slopes
 from ..model.parts.chain import Chain
 
@@ -19,15 +18,41 @@ from ..model.parts.chain import Chain
 Of = Callable[..., Any]
 
 
-def accelerations(arm: Chain, columns: int, forward: Of) -> Any:
-    """See Arm.to_casadi; `forward` is its forward dynamics."""
+def to_casadi(arm: Any, *, step: float | None = None, integrator: Any = None, columns: int = 1) -> Any:
+    """The arm's equations as a function of CasADi (`pip install 'flexarm[casadi]'`) with exact Jacobians, for
+    optimal control of one's own.
+
+    Without step and integrator it is accelerations = f(q, v, tau), as of `forward_dynamics`; with them
+    x_next = f(x, u), a step that begins anew, with x = [q; v] and u = tau held over it, as of `step_derivatives`.
+    Its arguments are matrices of N columns, each a state by itself: a whole horizon is one call. Jacobians are
+    sparse, and IPOPT's. Second derivatives are differences of them; "hessian_approximation": "limited-memory" of
+    IPOPT does without.
+
+    Args:
+        step: length of the step (s), here or in the integrator.
+        integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; None with a step: "implicit".
+        columns: N.
+
+    Returns:
+        casadi.Callback. Keep it as long as you use expressions of it: CasADi does not.
+
+    Raises:
+        ValueError: bad arguments; with a step, also balls, dry friction and contacts with friction.
+        ImportError: without CasADi.
+    """
+    if step is None and integrator is None:
+        return _accelerations(arm, columns)
+    return _steps(arm, columns, step, integrator)
+
+
+def _accelerations(arm: Any, columns: int) -> Any:
     sizes = {"q": arm.nq, "v": arm.nv, "tau": arm.nv}
-    return _function("accelerations", sizes, ("a", arm.nv), columns, forward,
-                     lambda q, v, tau: forward_derivatives(arm, q, v, tau))  # fmt: skip
+    return _function("accelerations", sizes, ("a", arm.nv), columns, arm.forward_dynamics,
+                     arm.forward_derivatives)  # fmt: skip
 
 
-def steps(arm: Chain, columns: int, step: Any, integrator: Any) -> Any:
-    """See Arm.to_casadi: the map of [q; v] and tau to [q; v] after a step."""
+def _steps(arm: Chain, columns: int, step: Any, integrator: Any) -> Any:
+    """The map of [q; v] and tau to [q; v] after a step."""
     given = {} if integrator is None or isinstance(integrator, str) else integrator.options
     if step is not None and given:
         raise ValueError(f"step = {step}: belongs into the integrator, {type(integrator).__name__}(step=...)")
@@ -50,7 +75,7 @@ def steps(arm: Chain, columns: int, step: Any, integrator: Any) -> Any:
             last = found = (x.copy(), u.copy(), ask(x, u))
         return found[2]
 
-    ask(np.zeros((0, arm.nq + arm.nv)), np.zeros((0, arm.nv)))  # refuses what has no such derivatives
+    ask(np.zeros((0, arm.nq + arm.nv)), np.zeros((0, arm.nv)))  # refuses arms without such derivatives
     sizes = {"x": arm.nq + arm.nv, "u": arm.nv}
     return _function("step", sizes, ("x_next", arm.nq + arm.nv), columns, lambda *at: known(*at)[0],
                      lambda *at: known(*at)[1:])  # fmt: skip

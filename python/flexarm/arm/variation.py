@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array
+from .._check import Array, array, mapping
 from .._threads import each
 from ..model.acting.control import Controller, limit_of
 from ..model.acting.drive import Motion, Torque, Voltage
 from ..model.acting.load import Load, pushes
+from ..model.parts.chain import Parts
 from ..model.parts.part import Part
 from .arm import Arm
 
@@ -47,8 +48,9 @@ class Setup:
     @cached_property
     def known(self) -> list[str]:
         """Paths of everything that can vary."""
-        out = ["gravity", "q0", "v0", *_leaves(self.arm.links, "link"), *_leaves(self.arm.struts, "strut")]
-        out += [*_leaves(self.arm.contacts, "contact"), *_leaves(self.arm.loops, "loop")]
+        out = ["gravity", "q0", "v0"]
+        for name, own in self.arm._parts._asdict().items():
+            out += () if name == "gravity" else _leaves(own, name)
         for key, law in self.drive.items():
             out += _leaves(law, f"drive.{drive_name(key)}")
         for parts, name in ((self.loads, "load"), (self.control, "control"), (self.sensors, "sensor")):
@@ -134,11 +136,8 @@ def value_at(setup: Setup, path: str, more: Mapping[str, Any] | None = None) -> 
     root, *names = numbered(setup, path).split(".")
     here: Any = None
     like: Any = None
-    tree: dict[str, Any] = {
-        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
-        "gravity": setup.arm.gravity, "strut": setup.arm.struts, "contact": setup.arm.contacts,
-        "loop": setup.arm.loops, **(more or {}),
-    }  # fmt: skip
+    acting = {"load": setup.loads, "control": setup.control, "sensor": setup.sensors}
+    tree: dict[str, Any] = {**setup.arm._parts._asdict(), **acting, **(more or {})}
     if root == "drive":
         for key, law in setup.drive.items():
             own = drive_name(key).split(".")
@@ -156,7 +155,7 @@ def can_vary(at: str, known: Sequence[str]) -> bool:
     return at in known or re.sub(r"(\.\d+){1,2}$", "", at) in known
 
 
-OF_ARM = ("link", "gravity", "strut", "contact", "loop")
+OF_ARM = Parts._fields
 _ROOTS = (*OF_ARM, "drive", "load", "control", "sensor")
 
 
@@ -171,13 +170,12 @@ class Variation:
     """
 
     def __init__(self, setup: Setup, parameters: Mapping[str, ArrayLike] | None, once: bool = False) -> None:
-        if parameters is not None and not isinstance(parameters, Mapping):
-            raise ValueError(f"parameters = {parameters!r}: must be a dictionary, by paths such as 'link.0.tip.mass'")
+        parameters = mapping("parameters", parameters, ", by paths such as 'link.0.tip.mass'")
         self.setup, self.once = setup, once
         self.values: dict[str, Array] = {}
         known = setup.known if parameters else []
         self._at: dict[str, str] = {}  # the same paths with the numbers of links
-        for path, value in (parameters or {}).items():
+        for path, value in parameters.items():
             at = self._at[path] = numbered(setup, path)
             if not can_vary(at, known):
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)
@@ -262,17 +260,11 @@ class Variation:
         self.__dict__.update(state, _lock=threading.Lock())
 
     def _arm(self, i: int) -> Arm:
-        base = self.setup.arm
-        links = self._rebuilt("link", base.links, self._trees["link"], i)
-        gravity = self._rebuilt("gravity", base.gravity, self._trees["gravity"], i)
-        struts = self._rebuilt("strut", base.struts, self._trees["strut"], i)
-        contacts = self._rebuilt("contact", base.contacts, self._trees["contact"], i)
-        loops = self._rebuilt("loop", base.loops, self._trees["loop"], i)
-        parts = links, gravity, struts, contacts, loops
-        were = base.links, base.gravity, base.struts, base.contacts, base.loops
+        base, were = self.setup.arm, self.setup.arm._parts
+        parts = Parts(*(self._rebuilt(k, x, self._trees[k], i) for k, x in were._asdict().items()))
         try:
             same = all(x is y for x, y in zip(parts, were, strict=True))
-            return base if same else Arm._varied(base, *parts)
+            return base if same else Arm._varied(base, parts)
         except ValueError as e:
             raise ValueError(f"parameters of scenario {i}: {e}") from None
 

@@ -31,7 +31,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     )
     where += "or the address of a Dask scheduler, such as tcp://host:8786 (default: %(default)s)"
     p.add_argument("--on", metavar="WHERE", default="threads", help=where)
-    p.add_argument("--fresh", action="store_true", help="forget what DIR holds of an earlier sweep")
+    p.add_argument("--fresh", action="store_true", help="discard the runs of an earlier sweep in DIR")
 
 
 def _executor(where: str, workers: int | None) -> Any:

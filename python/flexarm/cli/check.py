@@ -9,7 +9,7 @@ from ..run.scene.check import check, check_run
 from ..run.simulation import SimulationError, simulated
 from . import options
 
-SUMMARY = "list what could be better in a scene"
+SUMMARY = "list possible improvements of a scene"
 TEXT = (
     "Runs it, writes nothing, and prints a line for each remark: numbers that are probably mistakes, too few shape "
     "functions, ranges that the run leaves, and the remedy."

@@ -25,9 +25,9 @@ def arguments(p: argparse.ArgumentParser) -> None:
     options.scene(p)
     p.add_argument("data", metavar="DATA", nargs="+", help="measured runs: CSV, HDF5, .mat, .npz, logs of ROS 2")
     p.add_argument("-p", "--parameter", metavar="PATH[=START[:LOW:HIGH]]", action="append", required=True,
-                   help=f"what is sought, {_EXAMPLE}; repeat for each")  # fmt: skip
-    p.add_argument("--output", metavar="COLUMN=WHAT", action="append",
-                   help="a measured column, and what reads it in the scene: 'sensor.0' or a column of a run; repeat "
+                   help=f"an unknown, {_EXAMPLE}; repeat for each")  # fmt: skip
+    p.add_argument("--output", metavar="COLUMN=OUTPUT", action="append",
+                   help="a measured column, and its output in the scene: 'sensor.0' or a column of a run; repeat "
                    "for each (default: all names that both have)")  # fmt: skip
     p.add_argument("--input", metavar="DRIVE=COLUMN", action="append",
                    help="a joint and the measured torque that drives it, '1=torque_1'; '1=motion:angle_1' of a joint "

@@ -13,7 +13,7 @@ from . import options
 SUMMARY = "simulate a scene"
 TEXT = (
     "Writes run.npz (for flexarm.Result.load), run.csv, run.png, summary.txt and summary.json, "
-    "and for each [[sensor]] of the scene what it reads, sensor-K-TYPE.csv; with --error also error.txt and error.png."
+    "and the readings of each [[sensor]] of the scene, sensor-K-TYPE.csv; with --error also error.txt and error.png."
 )
 _EXTREMES = ("minimum", "maximum", "final")
 
@@ -21,7 +21,7 @@ _EXTREMES = ("minimum", "maximum", "final")
 def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     p.add_argument(
-        "--error", action="store_true", help="estimate how far the tip is off, and from what: error.txt, error.png"
+        "--error", action="store_true", help="estimate the error of the tip, and its sources: error.txt, error.png"
     )
     options.output(p, "flexarm-run")
 

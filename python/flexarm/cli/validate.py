@@ -11,7 +11,7 @@ from . import options
 
 SUMMARY = "compare the model of a measured arm with recordings of it"
 TEXT = (
-    "Fits what is not known of the arm to the recordings shipped but one, and predicts that one; with --data, judges "
+    "Fits the unknown numbers of the arm to the recordings shipped but one, and predicts that one; with --data, judges "
     "the shipped model on recordings of yours. Writes validate.txt, validate.json and a figure for each kind of drive. "
     "Without RIG it lists the arms."
 )

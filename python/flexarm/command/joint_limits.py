@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import Array, choice, instance
+from .._check import Array, choice, instance, mapping
 from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
 
@@ -38,9 +38,8 @@ def by_freedom(arm: Arm, name: str) -> dict[int, float]:
 
 def by_kind(limits: Any, kinds: Sequence[str]) -> dict[str, Any]:
     """The argument `limits` of a move or a path: limits by their kind; None: none."""
-    if limits is not None and not isinstance(limits, Mapping):
-        raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(kinds)}")
-    return {choice("limits", kind, kinds): value for kind, value in (limits or {}).items()}
+    given = mapping("limits", limits, f" of {', '.join(kinds)}")
+    return {choice("limits", kind, kinds): value for kind, value in given.items()}
 
 
 def joint_limits(arm: Arm, field: str, value: Any, rates: Sequence[int]) -> Array:

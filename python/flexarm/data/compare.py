@@ -1,12 +1,11 @@
 """Simulated against measured columns, in numbers and as a figure."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, warn
 from .._console import aligned
 from . import signal
 from .data import Data, constant
@@ -64,7 +63,7 @@ def compared(measured: Data, simulated: Data) -> Comparison:
     still = [name for name, y in measured.columns.items() if constant(y)]
     if still:
         text = f"measured column '{still[0]}' is constant ({measured[still[0]][0]:g}): its NRMSE is not defined"
-        warnings.warn(text, DataWarning, stacklevel=4)  # Result.compare, its outputs.compare, this
+        warn(text, DataWarning)
     for name, y in measured.columns.items():
         x = simulated[name]
         error, rigid = x - y, constant(x) or constant(y)

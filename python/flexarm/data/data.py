@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, number, positive
+from .._check import Array, array, choice, number, positive, warn
 from .._console import aligned
 from . import signal
 from .draw.style import Figure
@@ -176,7 +175,7 @@ class Data(Loaded):
         for begin, length in self.gaps():
             if ((new > begin) & (new < begin + length)).any():
                 text = f"resample: a gap of {length:g} s from t = {begin:g} s on is interpolated"
-                warnings.warn(text, DataWarning, stacklevel=2)
+                warn(text, DataWarning)
         old, rows = self.t, np.column_stack([*self.columns.values()]) if self.columns else np.empty((len(self), 0))
         if antialias and len(new) > 1 and len(old) > 2 and signal.median_step(new) > 1.001 * self.step:
             old, rows = signal.low_passed(old, rows, signal.median_step(new), method)
@@ -212,7 +211,7 @@ class Data(Loaded):
         found, r = signal.lag(*pairs, max_lag)
         if r < 0.5:
             text = f"column '{column}': the correlation is {r:.2g} at best: its lag tells little"
-            warnings.warn(text, DataWarning, stacklevel=2)
+            warn(text, DataWarning)
         return found
 
     def align(

@@ -1,6 +1,5 @@
 """Data from files and data frames, checked."""
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._check import Array, choice, positive
+from .._check import Array, choice, path_of, positive, warn
 from . import files, logs, text
 from .signal import DataWarning, check_times
 from .store.files import Refused, readable
@@ -104,7 +103,7 @@ class Loaded:
             found, left = _from_file(source, key, take)
         if left and columns is None:
             text = f"data {Path(source).name!r}: leaves out {_said(left)}; columns= says that this is meant"
-            warnings.warn(DataWarning(text), stacklevel=2)
+            warn(text, DataWarning)
         _tell_gaps(found)
         return found
 
@@ -115,9 +114,7 @@ def _said(left: Mapping[str, str]) -> str:
 
 def _from_file(source: Any, key: str | None, take: Callable[..., D]) -> tuple[D, dict[str, str]]:
     """Data, and by name why something in the file is none."""
-    if not isinstance(source, (str, Path)):
-        raise ValueError(f"path = {source!r}: must be a path, or a pandas DataFrame")
-    path = Path(source)
+    path = path_of("path", source, ", or a pandas DataFrame")
     suffix = path.suffix.lower()
     known = (*TEXT, *files.HDF5, *files.MAT, *files.NPZ, *logs.LOGS)
     logged = suffix in logs.LOGS or (path / "metadata.yaml").exists()
@@ -325,4 +322,4 @@ def _tell_gaps(data: Any) -> None:
         begin, length = gaps[np.argmax(gaps[:, 1])]
         count = "a gap in time" if len(gaps) == 1 else f"{len(gaps)} gaps in time, the longest"
         text = f"data {data.name!r}: {count}: {length:.6g} s after t = {begin:.6g} s; rows are {data.step:.6g} s apart"
-        warnings.warn(DataWarning(text), stacklevel=3)
+        warn(text, DataWarning)

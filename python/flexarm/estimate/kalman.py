@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, instance, number, outside, positive
+from .._check import Array, array, for_each, increasing, instance, instances, number, positive, warn
 from .._console import progress_bar
 from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
@@ -108,11 +107,8 @@ class KalmanFilter:
     ) -> None:
         instance("arm", arm, Arm).refuse_rubbing("KalmanFilter: arm")
         arm.refuse_loops("KalmanFilter: arm")
-        if not isinstance(sensors, (list, tuple)):
-            raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
-        self.arm, self.sensors, self.step = arm, tuple(sensors), positive("step", step, "s")
-        if not self.sensors:
-            raise ValueError("sensors = []: there must be at least one; nothing is known without readings")
+        self.arm, self.step = arm, positive("step", step, "s")
+        self.sensors: tuple[Sensor, ...] = instances("sensors", sensors, Sensor, "sensors", 1)
         labels, rows, ranges = [], [], []
         for k, sensor in enumerate(self.sensors):
             try:
@@ -153,11 +149,11 @@ class KalmanFilter:
         links = zip(arm.joint_names, arm.links, strict=True)
         rubs = [name for name, link in links if link.joint.rubs]
         if rubs:
-            warnings.warn(ModelWarning(
+            warn(ModelWarning(
                 f"dry friction of {', '.join(map(repr, rubs))}: where it holds a joint still, the filter's creeps: its "
                 f"friction is smooth, without stiction. Readings must hold it there: give each such joint a sensor, "
                 f"and a force_noise that allows for its friction"
-            ), stacklevel=outside())  # fmt: skip
+            ))  # fmt: skip
 
     def _make(self) -> _core.KalmanFilter:
         return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True, weak=True), *self._made)
@@ -224,9 +220,7 @@ class KalmanFilter:
         Warns:
             FilterWarning: as `update`; or readings do not determine a parameter.
         """
-        times = array("t", t)
-        if times.ndim != 1 or times.size < 2:
-            raise ValueError(f"t has shape {times.shape}: must be two times or more")
+        times = increasing("t", t)
         if np.abs(np.diff(times) / self.step - 1).max() > 1e-3:
             raise ValueError(f"t: must increase in steps of {self.step:g} s, the filter's step")
         if self._acts.drives or self._acts.forces or self._acts.feedback:
@@ -248,10 +242,10 @@ class KalmanFilter:
         n, m, all_of, std = self.arm.nv, len(self._names), self._size[1], found["std"]
         for k, name in enumerate(self._names, 2 * all_of):
             if first[k] > 0 and std[-1, k] > _LEARNT * first[k]:
-                warnings.warn(FilterWarning(
+                warn(FilterWarning(
                     f"{name}: the readings have told nothing of it; its standard deviation is still "
                     f"{std[-1, k]:.3g}. Move the arm so that it matters, add a sensor, or leave it out"
-                ), stacklevel=2)  # fmt: skip
+                ))  # fmt: skip
         return Estimate(
             times, found["q"][:, : self.arm.nq], found["v"][:, :n], std[:, :n], std[:, all_of : all_of + n],
             {name: found["p"][:, k] for k, name in enumerate(self._names)},
@@ -362,11 +356,11 @@ class KalmanFilter:
         most = (1 - spread + _BEYOND * spread**0.5) ** 3  # chi-square's quantile over n, by Wilson and Hilferty
         if n >= _WINDOW and not self._warned and self.consistency > most:
             self._warned = True
-            warnings.warn(FilterWarning(
+            warn(FilterWarning(
                 f"the latest {n} readings are {self.consistency ** 0.5:.3g} times as far from their predictions as the "
                 f"filter's noises allow (rms): the model is wrong, or force_noise or a sensor's noise is too small; "
                 f"its standard deviations are not to be believed"
-            ), stacklevel=3)  # fmt: skip
+            ))  # fmt: skip
 
     def _readings(self, readings: ArrayLike, ndim: int) -> Array:
         try:
@@ -399,8 +393,7 @@ class KalmanFilter:
 
 
 def _each(field: str, value: ArrayLike, count: int) -> Array:
-    given = array(field, value)
-    given = array(field, value, (count,)) if given.ndim else np.full(count, float(given))
+    given = for_each(field, value, count, "rate")
     if (given < 0).any():
         raise ValueError(f"{field} = {value!r}: must not be negative")
-    return given
+    return given.copy()

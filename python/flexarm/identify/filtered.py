@@ -183,7 +183,7 @@ def filtered(
     """
     arm, data = setup.arm, run.data
     if run.balance == "held":
-        setup = held(arm, setup.drive, setup.loads, setup.control, float(run.t[0])).setup
+        setup = held(setup, float(run.t[0])).setup
     every = max(1, int(np.ceil(data.step / step - 1e-6))) if step else 1
     t = np.interp(np.arange((len(data) - 1) * every + 1) / every, np.arange(len(data)), data.t)
     sensors: dict[int, Sensor] = {}

@@ -70,7 +70,7 @@ class Fit:
         method, loss: as given. After "filter" residuals are those of each reading as it is predicted from those before.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search converged, and why it ended.
-        derivatives: what the search and the intervals rest on, and why: ("exact", ""); or ("smoothed", why), those of
+        derivatives: those of the search and the intervals, and why: ("exact", ""); or ("smoothed", why), those of
             the loop whose sensors read without steps; or ("differences", why), of runs.
         starts: at each start, the root mean square of the residuals, in per cent of the columns' standard deviations
             (with given noise, in its units), and the same after the fit, or None if it was not fitted.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, at_least, choice, instance, known_keys, number, positive, whole
+from .._check import Array, at_least, choice, instance, known_keys, number, positive, warn, whole
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..data.compare import Comparison
@@ -64,7 +64,7 @@ def identify(
 
     Args:
         scene: the model: its arm, drives, loads, controllers, sensors, initial state, integrator. Or one for each run,
-            which may differ in all numbers that are known, such as payloads; what is sought is the same in all of them.
+            which may differ in all known numbers, such as payloads; the unknowns are the same in all of them.
         data: a measured run, or several. Times are those of the scene.
         parameters: the unknown numbers, by path as in `simulate_batch`, with the start of the search: a number, None
             (the scene's value) or an `Unknown`, which has bounds and prior knowledge. A list of paths starts at the
@@ -165,9 +165,9 @@ def identify(
     ]
     own = [w for w in heard if issubclass(w.category, RunWarning)]
     for message in {str(w.message): w.message for w in own}.values():
-        warnings.warn(message, stacklevel=2)  # warnings of the fitted runs
+        warn(message)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
-        warnings.warn(text, FitWarning, stacklevel=2)
+        warn(text, FitWarning)
     return fit
 
 

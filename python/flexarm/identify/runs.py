@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice
+from .._check import Array, array, choice, mapping, warn
 from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..data.compare import Comparison
@@ -129,10 +129,8 @@ class Run:
 
 def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[Any, Any]:
     """The scene's drives, replaced by the measured ones where given."""
-    if inputs is not None and not isinstance(inputs, Mapping):
-        raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
     found = dict(scene.drive)
-    for key, signal in (inputs or {}).items():
+    for key, signal in mapping("inputs", inputs, ", such as {0: 'torque'}, by keys of drives").items():
         if _of_control(key):
             continue
         place = _place(scene.arm, f"inputs[{key!r}]", key)
@@ -170,7 +168,7 @@ def _commands(controller: Controller) -> list[str]:
 
 
 def _command(where: str, data: Data, signal: Any) -> Any:
-    """A reference: samples of a column, a Motion of it, or what a function of the data gives; or a list of these."""
+    """A reference: samples of a column, a Motion of it, or the value of a function of the data; or a list of these."""
     if isinstance(signal, (tuple, list)) and len(signal) == 2 and signal[0] is Motion:
         return Motion(data.t, data[choice(where, signal[1], data)])
     if isinstance(signal, (tuple, list)):
@@ -365,7 +363,7 @@ def measured_run(
             f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
             "that matters, fit the parts as runs of their own (data.between)"
         )
-        warnings.warn(text, DataWarning, stacklevel=4)
+        warn(text, DataWarning)
     return run
 
 

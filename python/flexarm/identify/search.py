@@ -23,7 +23,7 @@ _HOLD = 1e-4  # of a derivative's norm: weight that holds a number at the start 
 _HOLD_PRIOR = 0.3  # or like a prior of this inverse standard deviation, in the number's scale or of its logarithm
 _HOLD_EFFECT = 0.02  # standard deviations: largest effect of this weight at the end
 _SETTLED_STEP = 0.003  # standard deviations: smaller steps of a least squares do not matter
-_ROUGH_STEP = 0.03  # the same, where steps bring less than half of what derivatives promise: stick and slip has leaps
+_ROUGH_STEP = 0.03  # the same, where steps gain less than half of the predicted: stick and slip has leaps
 _REFUSED_STEP, _REFUSED = 0.1, 5  # the same, where a step brings nothing; and how often, with shorter and shorter steps
 _ALIKE = 0.1  # standard deviations: so near derivatives are used again, but at the end
 _COARSE_STEP, _COARSE_MOST = 0.3, 10  # the same, and most iterations, where of several starts one is continued
@@ -69,7 +69,7 @@ class _Point:
     Attributes:
         u: it, (n,). r, J: the residuals there, (m,), and their derivatives, (m, n): those at the point `of`, with the
             residuals r_of; `old` if that is another one. due: whether new ones are due.
-        bend: the curvature that J^T J leaves out, (n, n). told: what the search is told in place of J.
+        bend: the curvature that J^T J leaves out, (n, n). told: the derivatives that the search gets in place of J.
     """
 
     u: Array
@@ -172,7 +172,7 @@ class Search:
         self._tell()
 
     def filters(self) -> Callable[[], None]:
-        """Shows the iterations of a filter's likelihood from now on; returns what each of them is to call."""
+        """Shows the iterations of a filter's likelihood from now on; returns the function that each of them calls."""
         self._cost, self._iterations, self._usual, self._began = np.inf, 0, _FILTERED, time.monotonic()
         self._stage = "the filter's "
 

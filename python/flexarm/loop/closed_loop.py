@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, between, choice, instance, not_negative, number, positive, whole
+from .._check import Array, array, between, choice, increasing, instance, not_negative, number, positive, whole
 from .._console import aligned
-from ..analysis.equilibrium import steady_state, trim
+from ..analysis.equilibrium import steady_state, trimmed
 from ..analysis.linear import forces_of, rows_of, state_space
 from ..analysis.modes import Modes
 from ..analysis.rates import elastic_rates, locked_rates
@@ -18,7 +18,7 @@ from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, value_at
 from ..data.draw.loop import plot_loop
 from ..data.draw.style import Figure
-from ..model.acting.control import Controller
+from ..model.acting.control import Controller, controllers
 from ..model.acting.load import Load, at_time
 from ..model.acting.sampled import LinearController
 from ..model.acting.shaping import Shaper, input_shaper
@@ -260,7 +260,7 @@ class ClosedLoop:
         Returns:
             Locus: `.values`, `.poles`, `.crossings`, `.plot()`.
         """
-        return locus_of(self._poles_over(over)[0], array("values", values), over, progress)
+        return locus_of(self._poles_over(over)[0], increasing("values", values), over, progress)
 
     def limits(self, over: str = "gain") -> Limits:
         """The range of a parameter in which the loop is stable, by root finding on its poles.
@@ -315,10 +315,7 @@ class ClosedLoop:
         for name, given, at, path in zip("xy", (x, y), now, over, strict=True):
             if given is None and not at > 0.0:
                 raise ValueError(f"{name} = None: give values; {path} is {at:g} now, about which there is no range")
-            one = at * np.geomspace(1e-2, 1e2, 80) if given is None else array(name, given)
-            if one.ndim != 1 or one.size < 2 or not (np.diff(one) > 0).all():
-                raise ValueError(f"{name}: must be at least two numbers that increase")
-            values.append(one)
+            values.append(at * np.geomspace(1e-2, 1e2, 80) if given is None else increasing(name, given))
         return map_of(self._loop_at, (over[0], over[1]), values[0], values[1], now, progress)
 
     def tune(
@@ -339,7 +336,7 @@ class ClosedLoop:
             control: the number of the controller; None: the first that has such gains.
 
         Returns:
-            Tuned: `.control` with the new gains, `.gains`, `.margins`; `print` shows what is reached.
+            Tuned: `.control` with the new gains, `.gains`, `.margins`; `print` shows the margins that are reached.
 
         Raises:
             ValueError: no such gains; then with the best that were found, and a bandwidth that is within reach.
@@ -488,9 +485,7 @@ def closed_loop(
             have no common period; a law that has no derivative at the state.
     """
     instance("arm", arm, Arm)
-    controls = [control] if isinstance(control, Controller) else control
-    if not isinstance(controls, (list, tuple)) or not all(isinstance(c, Controller) for c in controls):
-        raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
+    controls = controllers(control)
     q0 = arm._single(q=arm.zero if q is None else q)[0]
     v0 = np.zeros(arm.nv) if v is None else array("v", v, (arm.nv,))
     if v0[elastic_rates(arm)].any():
@@ -501,12 +496,12 @@ def closed_loop(
             if any(column[i] != 0.0 for column in c._columns(arm)):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', which lock prescribes")
     forces = at_time(arm, loads, now)
-    q0 = steady_state(arm, q0, v0, forces) if v0.any() or arm.constrained else trim(arm, q0, forces).q
+    q0 = steady_state(arm, q0, v0, forces) if v0.any() or arm.constrained else trimmed(arm, q0, forces).q
     try:
         plant = Plant(arm, q0, v0, [int(i) for i in np.flatnonzero(locked)], forces)
     except np.linalg.LinAlgError:
         raise ValueError("q: the mass matrix is singular in double precision; no linear model follows") from None
     hybrid = _hybrid(plant, controls, now, loads)
     options = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
-    setup = Setup(arm, {}, tuple(loads or ()), tuple(controls))
+    setup = Setup(arm, {}, tuple(loads or ()), controls)
     return ClosedLoop(setup, hybrid, options, _system(hybrid, inputs, outputs, locked))

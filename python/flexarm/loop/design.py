@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, instance, not_negative, positive
-from ..analysis.equilibrium import equilibrium
+from ..analysis.equilibrium import balanced
 from ..analysis.linear import linearize, solve_mass
 from ..model.acting.control import StateFeedback, all_joints, force_columns, listed, measured_rows
 from ..model.acting.sampled import LinearController
@@ -56,7 +56,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
 
     arm.refuse_loops("lqr, lqg: arm", rigid=True)
     joints, nv = all_joints(arm), arm.nv
-    at = equilibrium(arm, q, None, arm.movable, ())
+    at = balanced(arm, q, None, arm.movable)
     zero = np.zeros(nv)
     tau = arm._core.inverse_dynamics(at, zero, zero)
     columns = np.array(force_columns(arm, actuate)).T
@@ -68,7 +68,7 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
         raise ValueError(
             f"actuate: does not hold the arm at q: {left[worst]:.3g} (N, N m) is left on '{arm.coordinates[worst]}'"
         )
-    A = linearize(arm, at, None, needed, [], [], None).A
+    A = linearize(arm, at, inputs=[], outputs=[], tau=needed).A
     M: Array = arm._core.mass_matrix(at)
     K = -M @ A[nv:, :nv]
     w2, modes = la.eigh(0.5 * (K + K.T), M)
@@ -128,7 +128,7 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
         largest = positive(f"weights[{entry!r}]", size)
         if not isinstance(entry, tuple) or not entry or entry[0] in ("acceleration", "accelerometer"):
             raise ValueError(f'weights: {entry!r} must be an output of linearize, such as ("tip", -1), no acceleration')
-        C = linearize(arm, at.q, None, at.tau, [], [entry], None).C @ at.T
+        C = linearize(arm, at.q, inputs=[], outputs=[entry], tau=at.tau).C @ at.T
         W[:n, :n] += C.T @ C / largest**2
     return W
 
@@ -188,8 +188,8 @@ def sampled_plant(A: Array, B: Array, W: Array, period: float, delay: float) -> 
 
 
 def _riccati(
-    solve: Any, A: Array, B: Array, W: Array, sampled: bool, slowest: float, what: str
-) -> tuple[Array, Array]:
+    solve: Any, A: Array, B: Array, W: Array, sampled: bool, slowest: float, field: str
+) -> tuple[Array, Array]:  # fmt: skip
     """K of u = -K x for the cost W of [x; u], and the least cost P. A problem whose solution is not unique, because
     something undamped is out of reach or costs nothing, is solved for a plant that is damped, and costs, by 1e-6 more.
 
@@ -214,7 +214,7 @@ def _riccati(
         drifts = np.abs(poles - 1.0 if sampled else poles / slowest) < 1e-4
         if not left.any() or (least and grows.max() < 1e-5 and not drifts[left].any()):
             return np.asarray(K), np.asarray(P)
-    raise ValueError(f"{what}: no solution was found: a motion that does not rest by itself is out of its reach")
+    raise ValueError(f"{field}: no solution was found: a motion that does not rest by itself is out of its reach")
 
 
 def _regulator(at: Rest, W: Array, effort: Array, rate: float | None, delay: float) -> tuple[Array, Sampling | None]:
@@ -314,7 +314,7 @@ def lqg(
     entries, (hertz, late) = _actuators(arm, actuate), _times(rate, delay)
     seen = listed("measure", measure)
     if any(hasattr(e, "sampler") for e in seen):
-        raise ValueError('measure: sensors are not linear; give what they read, such as ("joint", 0), and their noise')
+        raise ValueError('measure: sensors are not linear; give quantities, such as ("joint", 0), and their noise')
     parts = [measured_rows(arm, [e], k) for k, e in enumerate(seen)]
     by_q, by_v = (np.vstack([p[k] for p in parts]) for k in range(2))
     at = rest(arm, q, entries)

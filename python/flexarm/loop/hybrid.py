@@ -157,7 +157,7 @@ class Hybrid:
 
     @cached_property
     def _events(self) -> tuple[list[tuple[float, int, Any]], dict[Any, int], dict[Any, tuple[Any, int]]]:
-        """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
+        """(time, kind, content) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
         the chains that keep values for later events; and by (law, sample, tap) the look that it reads and how many
         periods ago that was."""
         P = self.period
@@ -247,11 +247,11 @@ class Hybrid:
         for at, group in _grouped(events):
             flow(at - now)
             now = max(now, at)
-            for kind, what in group:
+            for kind, content in group:
                 if kind == 0:
-                    rows.push(what, look(what[1])[None])
+                    rows.push(content, look(content[1])[None])
                 elif kind == 1:
-                    j, k = what
+                    j, k = content
                     law, columns = self.held[j], slice(held_at[j], held_at[j + 1])
                     y = np.array([
                         rows.entry(*reads[j, k, i], 1)[0] if (j, k, i) in reads else look(tap_at[j] + i)
@@ -273,7 +273,7 @@ class Hybrid:
                         else:
                             answers[j, d] = u[outputs]  # all laws look before any force sets in
                 else:
-                    j, d, k, index = what
+                    j, d, k, index = content
                     answers[j, d] = rows.entry(("wait", j, d, k), index, len(late[j][d]))
             for (j, d), u in answers.items():
                 h = rows["h"].copy()
@@ -372,10 +372,10 @@ def logarithm(z: Complex, period: float) -> Complex:
 def _grouped(events: Iterable[tuple[float, int, Any]]) -> Iterable[tuple[float, list[tuple[int, Any]]]]:
     """Events of one time together."""
     groups: list[tuple[float, list[tuple[int, Any]]]] = []
-    for at, kind, what in events:
+    for at, kind, content in events:
         if not groups or at - groups[-1][0] > 1e-9 * max(at, 1e-300):
             groups.append((at, []))
-        groups[-1][1].append((kind, what))
+        groups[-1][1].append((kind, content))
     return groups
 
 

@@ -272,7 +272,7 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
     found = shown.law()
     if found is None:
         raise NoLinearLaw(
-            f"{name}: the law remembers what it was asked, and is not linear in the last three samples; give it as a "
+            f"{name}: the law remembers its inputs, and is not linear in the last three samples; give it as a "
             "LinearController"
         )
     return found
@@ -288,7 +288,7 @@ def _of_state(
         try:
             return np.asarray(law(now, y[: arm.nq], y[arm.nq :], zero), dtype=float)[: arm.nv]
         except TypeError:
-            raise NoLinearLaw(f"control[{k}]: {type(law).__name__} does not tell what it is about a state") from None
+            raise NoLinearLaw(f"control[{k}]: {type(law).__name__} is no function of a state") from None
 
     A, B, C, D = _asked(f"control[{k}]", ask, state, t, rate, arm.nv)
     acts = np.flatnonzero(np.any(C, axis=1) | np.any(D, axis=1))

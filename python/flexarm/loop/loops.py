@@ -157,8 +157,8 @@ def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
     how, names = _remedy(growth, of), " and ".join(_controller(loop, k) for k in named)
     chosen = [x for x in loop.held if x.control in named]
 
-    def warning(what: str, remedy: str) -> LoopWarning:
-        found = Finding(f"control[{named[0]}]", what, float(poles[0].real), of.grown, "1/s", remedy)
+    def warning(cause: str, remedy: str) -> LoopWarning:
+        found = Finding(f"control[{named[0]}]", cause, float(poles[0].real), of.grown, "1/s", remedy)
         return LoopWarning(found, control=named[0])
 
     if not chosen:
@@ -171,8 +171,8 @@ def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
     whole = float(np.max(first.delay)) + max((tap.delay for tap in first.taps), default=0.0)
     late = f" with a delay of {whole:g} s" if whole else ""
     assert z is not None
-    what = f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable"
-    return warning(f"{what}: about the start its fastest pole is z = {_text(complex(z[0]))}", how)
+    cause = f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable"
+    return warning(f"{cause}: about the start its fastest pole is z = {_text(complex(z[0]))}", how)
 
 
 def _oftener(loop: Hybrid, named: Sequence[int], quiet: float) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import between, instance, whole
-from ..analysis.equilibrium import equilibrium
+from ..analysis.equilibrium import balanced
 from ..analysis.modes import small_motions
 from ..model.acting.compensators import IRC, PPF
 from ..model.acting.control import force_columns, listed, measured_rows
@@ -37,7 +37,7 @@ def _seen(
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:
             raise ValueError(f"{name} = {value!r}: must be a list of one entry")
-    at = equilibrium(arm, q, None, arm.movable, ())
+    at = balanced(arm, q, None, arm.movable)
     column = force_columns(arm, actuate)[0]
     row, by_v = (x[0] for x in measured_rows(arm, measure))
     if by_v.any():
@@ -55,7 +55,7 @@ def _seen(
     static = float(shares.sum())
     largest = float(np.abs(shares).max())
     if largest == 0.0:
-        raise ValueError("measure, actuate: share no mode: what one moves the other does not see")
+        raise ValueError("measure, actuate: share no mode: no mode that one moves is seen by the other")
     if (np.sign(static) * shares).min() < -_OPPOSITE * largest:
         raise ValueError(
             "measure, actuate: are not collocated: modes answer with both signs, and no gain is sure to be stable; "

@@ -106,7 +106,7 @@ class Tuned:
     wanted: tuple[float, float]
 
     def __str__(self) -> str:
-        """The gains, and what is reached."""
+        """The gains, and the margins that they reach."""
         gains = ", ".join(f"{name} = {x:.6g}" for name, x in self.gains.items())
         phase, gain = self.wanted
         first = f"{gains}; loop gain 1 at {short(self.bandwidth)} rad/s"
@@ -123,7 +123,7 @@ def gains_of(law: Any) -> list[str]:
 
 @dataclass
 class Found:
-    """What a search has found: stable gains with their margins; whether the last have those wanted; and the largest
+    """The result of a search: stable gains with their margins; whether the last have those wanted; and the largest
     frequency (rad/s) at which the loop gain fell below 1 too early, 0 if nowhere."""
 
     tried: list[tuple[Array, Margins]] = field(default_factory=list)
@@ -207,7 +207,7 @@ class Tuner:
         """The gains with the least lead that reach the margins wanted.
 
         Raises:
-            ValueError: there are none; with what was found, and with a bandwidth that is within reach.
+            ValueError: there are none; the message has the gains that were found, and a bandwidth within reach.
         """
         found = self.search(w, wanted, corner(w))
         if found.good:

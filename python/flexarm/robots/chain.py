@@ -53,7 +53,7 @@ class Flexible:
 
 @dataclass
 class _Seat:
-    """What sits on a link: the next link's joint, or a tip that is fixed to it."""
+    """An item on a link: the next link's joint, or a tip that is fixed to it."""
 
     name: str  #: of the next link, or of the tip
     joint: TreeJoint | None  #: None: of a tip
@@ -63,7 +63,7 @@ class _Seat:
 
 @dataclass
 class _Group:
-    """A future link: its joint, the bodies rigid with it, and what sits on it, all in the frame of its first body. The
+    """A future link: its joint, the bodies rigid with it, and the items on it, all in the frame of its first body. The
     base is one with a fixed joint."""
 
     joint: TreeJoint
@@ -75,7 +75,7 @@ class _Group:
 
 @dataclass
 class Conversion:
-    """Links, what closes their loops, and notes for the user."""
+    """Links, loops that close them, and notes for the user."""
 
     links: list[Link] = field(default_factory=list)
     loops: list[Loop] = field(default_factory=list)

@@ -113,7 +113,8 @@ def _joint(
 
 
 def _loop(mujoco: ModuleType, model: Any, k: int, named: Callable[[str, int], str]) -> tuple[str, TreeLoop | None]:
-    """The name of an equality constraint, and what it closes: of active ones that connect or weld bodies or sites."""
+    """The name of an equality constraint, and the loop that it closes: of active ones that connect or weld bodies or
+    sites."""
     kinds = {mujoco.mjtEq.mjEQ_CONNECT: "spherical", mujoco.mjtEq.mjEQ_WELD: "fixed"}
     name, kind = named("equality", k), kinds.get(mujoco.mjtEq(int(model.eq_type[k])))
     ids = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])

@@ -211,7 +211,7 @@ def _segment_at(link: Link, n: int, x: float) -> tuple[int, Array]:
 
 
 def _moved(link: Link, off: Array) -> Link:
-    """The link with its joint moved on what it sits on, whose end that is."""
+    """The link with its joint moved on its parent, at whose end it sits."""
     inboard = link.joint.inboard or Placement()
     place = replace(inboard, position=(np.array(inboard.position) + off).tolist())
     return replace(link, joint=replace(link.joint, inboard=place), at=None)

@@ -102,7 +102,7 @@ class TreeJoint:
     """A joint of the tree."""
 
     name: str
-    kind: str  #: "fixed", "revolute", ... as of fa.Joint; or what else the file has, not supported
+    kind: str  #: "fixed", "revolute", ... as of fa.Joint; or another word of the file, which is not supported
     parent: str
     child: str
     origin: Pose = field(default_factory=Pose)  #: its frame in the parent's frame
@@ -124,7 +124,7 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class TreeLoop:
-    """What closes a loop: frames on two bodies meet ("fixed"), or their origins do ("spherical")."""
+    """The closure of a loop: frames on two bodies meet ("fixed"), or their origins do ("spherical")."""
 
     name: str
     kind: str
@@ -135,7 +135,7 @@ class TreeLoop:
 @dataclass
 class Tree:
     """Bodies by name, joints, omissions of the file (item, owner), the looks of bodies, each with its pose in the
-    body's frame, and what closes loops."""
+    body's frame, and closures of loops."""
 
     bodies: dict[str, Mass]
     joints: list[TreeJoint]

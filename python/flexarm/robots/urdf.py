@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlparse
 
 import numpy as np
 
-from .._check import Array, choice
+from .._check import Array, choice, path_of
 from ..model.parts.look import Look
 from .tree import BALL_FRICTION, Looks, Mass, Omissions, Pose, Tree, TreeJoint, hex_colour, unit_axis
 
@@ -35,10 +35,8 @@ _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 def read_text(path: Any) -> str:
     """The text of a robot's file."""
-    if not isinstance(path, (str, Path)):
-        raise ValueError(f"path = {path!r}: must be a path")
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        return path_of("path", path).read_text(encoding="utf-8-sig")
     except OSError as e:
         raise ValueError(f"path = {str(path)!r}: {e.strerror}") from None
     except UnicodeDecodeError as e:

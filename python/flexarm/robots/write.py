@@ -1,14 +1,14 @@
 """Arms as MJCF and URDF files: Arm.to_mjcf and Arm.to_urdf."""
 
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, named
+from .._check import Array, named, warn
 from ..data.store.files import write_whole
 from ..model.parts.chain import Chain
 from ..model.parts.joints import UNIT, Joint
@@ -17,7 +17,7 @@ from .segments import Segmented, locked_frequencies, mass_of, place_in, segmente
 from .tree import Mass, Pose, RobotWarning, realisable
 
 WORLD = "world"  #: name of the base in both formats
-#: what closes a loop, and where along the joint's axis
+#: the constraints that close a loop, and where along the joint's axis
 _LOOPS = {"fixed": ("weld", (0.0,)), "spherical": ("connect", (0.0,)), "revolute": ("connect", (0.0, 1.0))}
 _HINGE = 0.1  # of the longest link: how far apart the two balls of a hinge are
 _SMALL = 1e-12  # kg, kg m^2: least mass and inertia, for programs that refuse zero
@@ -137,7 +137,7 @@ def _has(joint: Joint, field: str) -> bool:
 
 # -- MJCF -------------------------------------------------------------------------------------------------------------
 
-#: what a free joint and a ball of MJCF have, one number for all freedoms
+#: numbers of a free joint and a ball of MJCF, each for all freedoms
 _OF_A_BALL = ("stiffness", "damping", "reflected_inertia")
 
 
@@ -315,7 +315,7 @@ def urdf(cut: Segmented) -> str:
 
 
 def _urdf_freedoms(own: str, joint: Joint) -> tuple[Sequence[_Freedom | None], str | None]:
-    """What a joint becomes: its freedoms, or one for all, with the format's name of that; None: a fixed joint."""
+    """The file's joints in place of one: its freedoms, or one for all with the format's name; None: a fixed joint."""
     freedoms = _freedoms(own, joint)
     bad = _misfit(freedoms, ("damping", "coulomb"), ("stiction", "reflected_inertia"))
     if joint.type == "planar" and not bad:
@@ -390,8 +390,33 @@ _MJCF = {**_BOTH, "name": "names of fixed joints"}
 _URDF = {**_BOTH, "stiffness": "springs, but for Gazebo", "reflected_inertia": "reflected inertia"}
 
 
-def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
-    """See Arm.to_mjcf."""
+def to_mjcf(arm: Chain, path: str | Path | None = None, segments: int = 10) -> str:
+    """The arm as an MJCF file for MuJoCo, its beams as rigid segments on springs.
+
+    Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
+    are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
+    There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments. A strut
+    or tendon becomes a spatial tendon with its spring and damper, and an actuator with its constant force. A loop
+    becomes a weld (Fixed), a connect (Spherical), or two on its axis (Revolute). Contacts are left out: MuJoCo's
+    have other laws. A tree of links becomes one of bodies, with a site "NAME tip" on each link that carries no
+    other; `from_mjcf` reads its links branch after branch. A free joint becomes one of MJCF, if it sits on the
+    world, its moving side is at the link's origin, and its freedoms have the same numbers; otherwise it becomes
+    three slides and a ball.
+
+    Args:
+        path: where to write it; None: nowhere.
+        segments: of each beam, 2 to 200.
+
+    Returns:
+        The text of the file.
+
+    Raises:
+        ValueError: loops of other joints; a ball whose damping or reflected inertia differs from axis to axis; a
+            beam that is curved at rest; bad arguments.
+
+    Warns:
+        RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
+    """
     cut = segmented(arm, segments)
     name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
     ropes = [name for name, s in zip(arm.strut_names, arm.struts, strict=True) if s.tension_only and s.damping]
@@ -402,8 +427,27 @@ def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     return _written(path, ".xml", mjcf(cut, arm), cut, left_out)
 
 
-def to_urdf(arm: Chain, path: Any, segments: int) -> str:
-    """See Arm.to_urdf."""
+def to_urdf(arm: Chain, path: str | Path | None = None, segments: int = 10) -> str:
+    """The arm as a URDF file, its beams as in `to_mjcf`, with a link and a joint for each freedom.
+
+    A free joint becomes a floating one, and a planar joint whose freedoms have the same numbers a planar one. URDF
+    has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip"; those
+    of a tree are links "NAME tip".
+
+    Args:
+        path: where to write it; None: nowhere.
+        segments: of each beam, 2 to 200.
+
+    Returns:
+        The text of the file.
+
+    Raises:
+        ValueError: loops; a ball; a free joint with more than one number of damping for all its freedoms; a beam
+            that is curved at rest; bad arguments.
+
+    Warns:
+        RobotWarning: features of the arm that the file lacks, and a frequency error of more than 1 %.
+    """
     arm.refuse_loops("to_urdf")
     cut = segmented(arm, segments)
     gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
@@ -423,5 +467,5 @@ def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[s
         )
     if left_out:
         said = "\n".join(f"  - {line}" for line in left_out)
-        warnings.warn(f"the file does not have\n{said}", RobotWarning, stacklevel=4)
+        warn(f"the file does not have\n{said}", RobotWarning)
     return text

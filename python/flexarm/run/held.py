@@ -1,9 +1,9 @@
-"""A start at rest, as its controllers hold an arm: their references have always been what they are at the start."""
+"""A start at rest, as its controllers hold an arm: their references have always had their values of the start."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,10 +17,10 @@ from ..analysis.rates import displaced
 from ..arm.arm import Arm
 from ..arm.variation import Setup
 from ..loop.laws import taps_of
-from ..model.acting.control import Controller, Run, gain_of, padded
+from ..model.acting.control import Controller, Run, controllers, gain_of, padded
 from ..model.acting.drive import Motion, Torque, is_patch, is_strut, split_drives, voltage_forces
 from ..model.acting.following import plus
-from ..model.acting.load import Load, at_time
+from ..model.acting.load import at_time
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
@@ -51,18 +51,16 @@ class _Law(NamedTuple):
     limit: Array
 
 
-def held(
-    arm: Arm, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, control: Any, t: float, tau: Any = None
-) -> Held:
-    """The start at time t (s), with constant forces tau (nv,).
+def held(of: Any, t: float, tau: Any = None) -> Held:
+    """The start of a Setup or a Scene at time t (s), with constant forces tau (nv,).
 
     Raises:
         ValueError: a controller that samples or remembers and is no LinearController; controllers that do not hold the
             arm, or only beyond a limit.
     """
+    arm: Arm = of.arm
     arm.refuse_loops("q0 = 'held'", rigid=True)
-    controls = (control,) if isinstance(control, Controller) else tuple(control or ())
-    setup = Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
+    setup = Setup(arm, dict(of.drive or {}), tuple(of.loads or ()), controllers(of.control))
     places = at_time(arm, setup.forces, t)
     laws = split_drives(arm, setup.drive)[0]
     motions = {i: float(law(t)[0]) for i, law in arm.by_rate("drive", laws).items() if isinstance(law, Motion)}
@@ -116,7 +114,7 @@ def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
         by_q = c._takes() @ np.array([tap.by_q for tap in taps]).reshape(-1, arm.nq)
         A = c.A if c.continuous else c.A - np.eye(len(c.A))
         felt = np.any(c.C != 0, axis=0)
-        for _ in range(felt.size):  # what no output feels need not stand still: the integral of a PID without one
+        for _ in range(felt.size):  # states that no output feels may move: the integral of a PID without one
             felt |= np.any(A[felt] != 0, axis=0)
         A, B, C = A[np.ix_(felt, felt)], c.B[felt], c.C[:, felt]
         e = _error(c, arm, run, y)
@@ -125,8 +123,8 @@ def _law(setup: Setup, k: int, q: Array, t: float) -> _Law:
         return _Law(columns, c.u0 + c.D @ e, -c.D @ by_q, C, B @ e, -B @ by_q, A, limit)
     laws, sampled = c._laws(arm, run)
     if sampled or c.memory:
-        what = " with a current loop" if sampled and c.memory else " with a washout" if c.memory else ""
-        raise ValueError(f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{what}: give q0 in numbers")
+        more = " with a current loop" if sampled and c.memory else " with a washout" if c.memory else ""
+        raise ValueError(f"control[{k}]: q0 = 'held' is not known of {type(c).__name__}{more}: give q0 in numbers")
     by_q = -np.array([law.by_q for law in laws]).reshape(-1, arm.nq)
     at = [0.0 if law.reference is None else float(np.ravel(law.reference(t))[0]) for law in laws]
     columns, n = np.array([law.column for law in laws]).reshape(-1, arm.nv).T, len(laws)
@@ -144,7 +142,7 @@ def _error(c: LinearController, arm: Arm, run: Run, y: Array) -> Array:
 
 
 def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
-    """The setup whose controllers begin with what they give at q with the memory x, and give it before their delay
+    """The setup whose controllers begin with their outputs at q with the memory x, and give them before their delay
     is over."""
     arm, control, first = setup.arm, list(setup.control), 0
     for k, c in enumerate(setup.control):

@@ -93,7 +93,7 @@ class Implicit(Integrator):
     """Generalised-alpha: fixed step, second order, stable at any stiffness, cost linear in links.
 
     (Chung & Hulbert 1993.) A step whose equations cannot be solved, as where a force leaps on a joint with hardly any
-    inertia, is divided, which damps what is too fast for it; a run counts such steps (`stats["failed_steps"]`), and
+    inertia, is divided, which damps motion too fast for it; a run counts such steps (`stats["failed_steps"]`), and
     warns. Dry friction is in its equations. A soft stop that the arm hits needs
     steps below 0.3 sqrt(mass / limit_stiffness).
 
@@ -122,12 +122,12 @@ class Implicit(Integrator):
 class Gauss(Integrator):
     """Gauss collocation: chosen or fixed steps, order 2 `stages`, stable at any stiffness, cheap.
 
-    (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of what they miss of the
+    (Hairer & Wanner, Solving ODEs II.) Without a `step` it chooses its steps by an estimate of their error in the
     places of the arm, its joints and its links' ends, and of its energy; vibration that is too fast for the steps
     counts by its size. It is symmetric in time. The state between its steps is interpolated, so that output times do
     not shorten them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into
     samples, which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the
-    points of Radau (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is
+    points of Radau (Radau IIA, order 2 `stages` - 1), whose steps damp vibration that a switch strikes and that is
     too fast for them.
 
     Args:
@@ -234,14 +234,6 @@ def integrator_on(of: Any, options: Mapping[str, Any]) -> Integrator:
     """
     rest = dict(options)
     return integrator_of(named(of, rest.pop("integrator", None), rest), **rest)
-
-
-def spelled(integrator: str | Integrator, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The name of an integrator, and its options among all that are given; see `integrator_of`."""
-    if not isinstance(integrator, Integrator):
-        return integrator, dict(options)
-    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
-    return integrator.name, {**options, **integrator.options}
 
 
 def integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,13 @@ class LoopMotion:
     place: Array
 
 
+def row_shapes(arm: Arm) -> dict[str, tuple[int, ...]]:
+    """The shape of a row of each array of a Result but its times."""
+    rates = dict.fromkeys(("v", "a", "tau", "friction"), (arm.nv,))
+    return {"q": (arm.nq,), **rates, "driven": (len(arm.struts),), "contacts": (len(arm.contacts), 3),
+            "loops": (len(arm.loops), 6)}  # fmt: skip
+
+
 @dataclass(repr=False)
 class Rows:
     """The data of a Result, where its attributes are explained."""
@@ -112,7 +120,13 @@ class Rows:
     loops: Array | None = None
     _source: Any = field(default=None, compare=False)
     _wrong: list[RunWarning] = field(default_factory=list, compare=False)
-    _error: Any = field(default=None, init=False, compare=False)  # what was asked for, and the estimate or its refusal
+    _error: Any = field(default=None, init=False, compare=False)  # the request, and the estimate or its refusal
+
+    @property
+    def matrices(self) -> dict[str, Array]:
+        """The arrays that it has but its times, by name, (nt, n) each."""
+        held = {k: (getattr(self, k), prod(shape)) for k, shape in row_shapes(self.arm).items()}
+        return {k: x.reshape(len(self.t), n) for k, (x, n) in held.items() if x is not None}
 
     @property
     def acting(self) -> tuple[Arm, tuple[Load, ...]]:
@@ -125,7 +139,7 @@ class Rows:
         t = self.t if len(self.t) > 1 else self.t[0] + np.array([0.0, 1.0])
         if self.driven is not None:
             if not np.isfinite(self.driven).all():
-                raise ValueError("driven: this result does not keep what drove its struts")
+                raise ValueError("driven: this result does not keep the drives of its struts")
             laws = (Torque(t, np.broadcast_to(x, t.shape)) for x in self.driven.T)
             out += [Push(arm, *x) for x in zip(arm.strut_names, laws, strict=True)]
         if arm.rubbing:
@@ -159,7 +173,7 @@ class Rows:
     def strut(self, strut: int | str = -1) -> StrutMotion:
         """Length, rate and force of a strut or tendon, by its name or its number in `arm.struts`: `.length` (m),
         `.rate` (m/s), `.force` (N), with which it pushes, and `.tension`, its negative; (nt,) each. Forces are nan
-        where the result does not keep what drove the struts."""
+        where the result does not keep the drives of the struts."""
         k = self.arm._strut(strut)
         known = self.driven is None or np.isfinite(self.driven).all()
         length, rate, force = self.arm.strut_motion(self.q, self.v, self.driven if known else None)
@@ -214,8 +228,8 @@ def titles(arm: Arm) -> Titles:
     for kind, per in (("v", "/s"), ("a", "/s^2")):
         out[kind] = [(f"{kind} {n}", rates[i] + per if i in rates else "") for i, n in enumerate(arm.coordinates)]
     out["contacts"] = [(f"{name} force {x}", "N") for name in arm.contact_names for x in "xyz"]
-    of_loop = [(f"{what} {x}", of) for what, of in (("force", "N"), ("moment", "N m")) for x in "xyz"]
-    out["loops"] = [(f"{name} {what}", of) for name in arm.loop_names for what, of in of_loop]
+    of_loop = [(f"{word} {x}", of) for word, of in (("force", "N"), ("moment", "N m")) for x in "xyz"]
+    out["loops"] = [(f"{name} {word}", of) for name in arm.loop_names for word, of in of_loop]
     for kind in ("tau", "friction"):
         out[kind] = [(f"{kind} {n}", forces[rates[i]] if i in rates else "") for i, n in enumerate(arm.coordinates)]
     return out
@@ -235,12 +249,12 @@ def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
     values["end"] = result.arm.end_places(result.q).reshape(len(result.t), -1)
     if result.arm.struts and np.isfinite(result.v).all():
         moved = [result.strut(k) for k in range(len(result.arm.struts))]
-        kept = 3 if all(np.isfinite(s.force).all() for s in moved) else 2  # a file may not know what drove them
-        names["strut"] = [(f"{name} {what}", of) for name in result.arm.strut_names for what, of in _OF_STRUT[:kept]]
+        kept = 3 if all(np.isfinite(s.force).all() for s in moved) else 2  # a file may lack their drives
+        names["strut"] = [(f"{name} {word}", of) for name in result.arm.strut_names for word, of in _OF_STRUT[:kept]]
         values["strut"] = np.column_stack([x for s in moved for x in (s.length, s.rate, s.force)[:kept]])
     if result.arm.contacts and np.isfinite(result.v).all():
         touched = [result.contact(k) for k in range(len(result.arm.contacts))]
-        names["contact"] = [(f"{n} {what}", of) for n in result.arm.contact_names for what, of in _OF_CONTACT]
+        names["contact"] = [(f"{n} {word}", of) for n in result.arm.contact_names for word, of in _OF_CONTACT]
         values["contact"] = np.column_stack([x for c in touched for x in (c.gap, c.rate, c.normal)])
     if result.arm.loops:
         closed = [result.loop(k) for k in range(len(result.arm.loops))]
@@ -260,20 +274,28 @@ def _places(name: str, loop: Loop) -> list[tuple[str, str]]:
     return [(f"{name} {word}", "" if joint.ball else of) for word, of in zip(words, joint.q_units, strict=True)]
 
 
-def table(result: Rows) -> Data:
-    """See Result.to_data."""
+def to_data(result: Rows) -> Data:
+    """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
+    `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
+    of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
+    and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N); of contacts "NAME gap" (m), "NAME
+    rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N); of loops "NAME gap" (m), the coordinates of
+    its joint such as "NAME angle" (rad), "NAME force x" (N) and "NAME moment x" (N m) and so on. Units are those of
+    joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are
+    left out.
+
+    Raises:
+        ValueError: no rows.
+    """
     if not len(result.t):
         raise ValueError("result: has no rows")
     names, values = derived(result)
     names = {**titles(result.arm), **names}
-    values = {**{k: getattr(result, k) for k in ("q", "v", "a", "tau", "friction")}, **values}
-    if result.contacts is not None:
-        values["contacts"] = result.contacts.reshape(len(result.t), -1)
-    if result.loops is not None:
-        values["loops"] = result.loops.reshape(len(result.t), -1)
+    own = result.matrices
+    own.pop("driven", None)  # it is in the forces of struts
     columns: dict[str, Array] = {}
-    for kind, x in values.items():
-        if x is not None and np.isfinite(x).any():
+    for kind, x in {**own, **values}.items():
+        if np.isfinite(x).any():
             columns |= {name: y for (name, _), y in zip(names[kind], x.T, strict=True)}
     units = {name: of for group in names.values() for name, of in group if name in columns}
     return Data(result.t, columns, units)
@@ -282,11 +304,28 @@ def table(result: Rows) -> Data:
 # -- beside measured data ----------------------------------------------------------------------------------------------
 
 
-def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None) -> Comparison:
-    """See Result.compare."""
+def compare(
+    result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None = None
+) -> Comparison:  # fmt: skip
+    """This run beside measured data, at the times of the data that lie within the run's (it is interpolated there
+    by cubic splines).
+
+    Args:
+        data: measured.
+        columns: by name of a column of the data, its counterpart: the name of a column of `to_data`; a
+            sensor of one component, such as `fa.sensors.StrainGauge(0)`; a function of a result that gives (nt,);
+            or numbers (nt,). A list of names: both have them. None: all names that both have.
+
+    Returns:
+        Comparison: `.nrmse["name"]`, `.bias`, `.lag`, `.correlation`, `print`, `.plot()`.
+
+    Raises:
+        ValueError: no such column, different units, shapes that do not fit, less than two rows in common.
+        (DataWarning: a measured column is constant: it has no NRMSE.)
+    """
     if not isinstance(data, Data):
         raise ValueError(f"data = {type(data).__name__}: must be fa.Data, such as fa.Data.load(...) gives")
-    own = table(result)
+    own = to_data(result)
     if columns is None:
         columns = [name for name in data if name in own]
         if not columns:
@@ -299,7 +338,7 @@ def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str]
     pairs = dict(columns) if isinstance(columns, Mapping) else {name: name for name in columns}
     for name in pairs:
         choice("columns", name, data)
-    found = {name: _signal(result, own, name, what) for name, what in pairs.items()}
+    found = {name: _signal(result, own, name, other) for name, other in pairs.items()}
     for name, (_, _, of) in found.items():
         theirs = data.units[name]
         if of and theirs and of != theirs:
@@ -320,23 +359,23 @@ def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str]
     return compared(measured, Data(t, at, units))
 
 
-def _signal(result: Rows, own: Data, name: str, what: Any) -> tuple[Array, Array, str]:
+def _signal(result: Rows, own: Data, name: str, other: Any) -> tuple[Array, Array, str]:
     """Times, values and unit of the signal that a column is compared with."""
     where = f"columns['{name}']"
-    if isinstance(what, str):
-        choice(where, what, own)
-        return own.t, own[what], own.units[what]
-    if hasattr(what, "read"):  # a sensor, whose room stands above this one
-        reading = what.read(result)
+    if isinstance(other, str):
+        choice(where, other, own)
+        return own.t, own[other], own.units[other]
+    if hasattr(other, "read"):  # a sensor, whose room stands above this one
+        reading = other.read(result)
         if reading.y.shape[1] != 1:
             parts = ", ".join(reading.labels)
             raise ValueError(
                 f"{where}: this sensor has {reading.y.shape[1]} components ({parts}); a function can choose one, such "
                 "as lambda r: sensor.read(r).y[:, 0]"
             )
-        of = unit(reading.units[0]).si if np.all(getattr(what, "gain", 1.0) == 1.0) else ""  # a gain may have a unit
+        of = unit(reading.units[0]).si if np.all(getattr(other, "gain", 1.0) == 1.0) else ""  # a gain may have a unit
         return reading.t, reading.y[:, 0], of
-    y = array(where, what(result) if callable(what) else what)
+    y = array(where, other(result) if callable(other) else other)
     if y.shape not in (result.t.shape, (*result.t.shape, 1)):
         raise ValueError(f"{where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")
     return result.t, y.reshape(-1), ""

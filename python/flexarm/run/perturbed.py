@@ -87,7 +87,7 @@ class Difference(NamedTuple):
 #: of fourth order; and of second order, with half the neighbours: to about 1e-9
 FOURTH = Difference.of(3e-4, ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4))
 SECOND = Difference.of(3e-5, ((-1, 1), (-0.5, 0.5)), (-1.5, 2.0, -0.5))
-_RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in what they have made
+_RELATIVE = {"drive": "drive", "load": "loads"}  # fields with parameters that are 1 or 0 in their objects
 _LEAST = 1e-3  # scale of a value that is nearly zero, as a fit may make it: a smaller step would be lost in rounding
 _BESIDE_KINKS = 1e-6  # largest step where forces set in at a place: a larger one reaches over it from far
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one passes a bound
@@ -168,8 +168,8 @@ def _parameter(
                 found += [problem(near, i, alike) for i in range(1, len(steps))]
             except OpenLoops as e:
                 raise ValueError(
-                    f"parameters: '{path}' = {value} moves what loops hold, which a start in numbers does not follow "
-                    f"(leave q0 and v0 out, or name joints, as in q0 = {{'crank': 0.5}}): {e}"
+                    f"parameters: '{path}' = {value} moves constraints of loops, which a start in numbers does not "
+                    f"follow (leave q0 and v0 out, or name joints, as in q0 = {{'crank': 0.5}}): {e}"
                 ) from None
             except ValueError as e:
                 why = why or e
@@ -187,12 +187,12 @@ def _begun(
     """A neighbour. `begin`: the start of the run in numbers; `follows`: whether its q0 and its v0 are its own, of the
     balance or the closed loops that it has."""
     made, v0 = near.scenario(i), None
-    if starts and made.arm.constrained:  # what is given in numbers must leave the loops closed
+    if starts and made.arm.constrained:  # numbers that are given must leave the loops closed
         q, v, _ = moved(made.arm, begin["q0"], begin["v0"], made.drive, float(np.ravel(t)[0]))
         q0, v0 = q0 if follows[0] else q, None if follows[1] else v
     elif not follows[0]:
         q0 = None
-    out = Problem(made.arm, t, q0, v0, tau, made.drive, made.loads, made.control, None, starts=starts)
+    out = Problem(made, t, q0, v0, tau, starts=starts)
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
     for (name, value), own in zip(begin.items(), follows, strict=True):
         rows = near.initial(name, (out.start[name].copy() if own else value)[None])

@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, increasing, number, whole
 from ..analysis.assembly import closed_start
 from ..analysis.findings import LoopWarning, RunWarning
 from ..arm.arm import Arm
+from ..arm.variation import Setup
 from ..loop import loops
 from ..model.acting.acts import Acts
-from ..model.acting.control import PD, Controller
+from ..model.acting.control import PD, controllers
 from ..model.acting.load import driven_forces
 from ..model.parts.labels import joint_rates
 from .held import held
@@ -33,26 +34,30 @@ class Problem(Acts):
     """A run before it begins: its arguments, checked, as the core takes them. Where it `starts`, loops are closed; if
     not, its caller says where a run begins.
 
+    Args:
+        of: a Setup or a Scene: an arm, and its drives, loads and controllers.
+        t, q0, v0, tau, events: as of `simulate`. remembered: see Acts.
+
     Attributes:
-        controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes them, and
-            as given. Others: see Acts.
+        setup, controls: as given. start: q0, v0 and tau, of the arm alone. events, asked_events: as the core takes
+            them, and as given. Others: see Acts.
         tell: called during the run with the warning that it is very slow; None: that is not looked for.
     """
 
     tell: Callable[[RunWarning], None] | None = None
 
-    def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
-                 events: Any, remembered: dict[int, _core.Remembered] | None = None, *,
-                 starts: bool = True) -> None:  # fmt: skip
-        times = _output_times(t)
-        acting = control
+    def __init__(
+        self, of: Any, t: ArrayLike, q0: Any = None, v0: Any = None, tau: Any = None, events: Any = None,
+        remembered: dict[int, _core.Remembered] | None = None, *, starts: bool = True,
+    ) -> None:  # fmt: skip
+        arm, times, acting = of.arm, increasing("t", t), of.control
         if isinstance(q0, str) and q0 == "held":
-            q, setup = held(arm, drive, loads, control, float(times[0]), tau)
+            q, setup = held(of, float(times[0]), tau)
             acting = setup.control
         else:
-            q = start(arm, q0, drive, loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
+            q = start(arm, q0, of.drive, of.loads, float(times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
-        super().__init__(arm, times, drive, loads, acting, remembered)
+        super().__init__(arm, times, of.drive, of.loads, acting, remembered)
         said = {"q0": [] if q is None else list(range(arm.nv)), "v0": [] if v0 is None else list(range(arm.nv))}
         follow = arm.constrained and (q0 is None or isinstance(q0, Mapping))  # joints that are not named close loops
         if follow:
@@ -62,7 +67,8 @@ class Problem(Acts):
             self.start["q0"], self.start["v0"] = closed_start(
                 arm, self.start["q0"], self.start["v0"], (not follow, v0 is not None), self.motions, said["q0"]
             )
-        self.controls = [control] if isinstance(control, Controller) else list(control or ())
+        self.setup = Setup(arm, dict(of.drive or {}), self.loads, controllers(of.control))
+        self.controls = list(self.setup.control)
         found = read_events(events)
         self.asked_events = [f for f, *_ in found]
         self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in found]
@@ -161,19 +167,12 @@ def _farthest(law: Any, times: Array) -> float:
     return 0.0 if spins else float(q[np.argmax(np.abs(q))])
 
 
-def _output_times(t: ArrayLike) -> Array:
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
-    return times
-
-
 def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
     """q0, v0 and tau, zero where they are None."""
     state = {}
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
         if name == "tau" and value is not None and np.ndim(value) > 1:
-            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
+            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for one that changes with time")
         if value is None:
             state[name] = zero
             continue

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from .._check import Array, instance, named
+from .._check import Array, instance, named, path_of
 from .._console import progress_bar
-from ..analysis.findings import Findings
 from ..arm.arm import Arm
-from ..data.compare import Comparison
-from ..data.data import Data
 from ..data.draw.style import Figure
 from ..data.draw.trajectory import plot_panels
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
@@ -36,7 +34,7 @@ class Result(outputs.Rows):
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
         friction: dry friction of the joints (N, N m), (nt, nv): it opposes sliding, or holds a joint that sticks; None
             where no joint has any.
-        driven: what drives add to the force of each strut, and to the tension of each tendon (N), (nt, n); None where
+        driven: forces that drives add to each strut, and tensions to each tendon (N), (nt, n); None where
             none is driven.
         contacts: the whole force of each contact on its link (N), friction included, world axes, (nt, n, 3); None where
             there is none, or it is not kept.
@@ -149,21 +147,6 @@ class Result(outputs.Rows):
             raise ValueError(f"titles = {titles!r}: must be a list of {len(runs)} strings, one for each result")
         return animate([(run.arm, run.t, run.q, run.loads) for run in runs], magnify, speed, names)
 
-    def to_data(self) -> Data:
-        """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
-        `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
-        of the arm's end, "end x", "end y", "end z" (m), of a tree of each end, "end of NAME x" and so on; of struts
-        and tendons "NAME length" (m), "NAME rate" (m/s) and "NAME force" (N); of contacts "NAME gap" (m), "NAME
-        rate" (m/s), "NAME normal" (N), and "NAME force x" and so on (N); of loops "NAME gap" (m), the coordinates of
-        its joint such as "NAME angle" (rad), "NAME force x" (N) and "NAME moment x" (N m) and so on. Units are those of
-        joints; elastic coordinates have "", since theirs depend on the beam's basis. Rows that a batch did not keep are
-        left out.
-
-        Raises:
-            ValueError: no rows.
-        """
-        return outputs.table(self)
-
     def sensitivities(self, parameters: Sequence[str], *, progress: Any = False) -> Any:
         """Derivatives of all rows by parameters, forward: at a cost that grows with their number. The run is made
         again, and derived step by step: these are derivatives of the integrator's own equations. Rows stand at their
@@ -209,7 +192,7 @@ class Result(outputs.Rows):
     def error(
         self, quantity: Any = "tip", *, parameters: Mapping[str, float] | None = None, progress: Any = False
     ) -> Any:  # fmt: skip
-        """How wrong this run is, over time, and what that comes from: steps, and of each beam the order of rotation,
+        """The error of this run, over time, and its sources: steps, and of each beam the order of rotation,
         rotary inertia, Gauss points, missing shapes of each strain, and strains that are left out.
 
         The run is made again in finer steps, and in a richer model, and backwards through that (3 runs, however many
@@ -258,43 +241,10 @@ class Result(outputs.Rows):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_source": None, "_error": None}
 
-    def check(self, watch: monitors.Watch | None = None) -> Findings:
-        """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
-        numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
-        too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
-        which hardly move the arm; an estimated error above 1 % of what the quantity spans, and what would mend it. A
-        result of a file does not know its drives and loads.
-
-        Args:
-            watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.
-        """
-        if watch is not None:
-            instance("watch", watch, monitors.Watch)
-        return monitors.check(self, watch)
-
     def to_pandas(self) -> Any:
         """A pandas DataFrame of `to_data`: its index is t (s), `.attrs["units"]` has the units. It needs
         `pip install 'flexarm[pandas]'`."""
         return self.to_data().to_pandas()
-
-    def compare(self, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None = None) -> Comparison:
-        """This run beside measured data, at the times of the data that lie within the run's (it is interpolated there
-        by cubic splines).
-
-        Args:
-            data: measured.
-            columns: by name of a column of the data, what it is compared with: the name of a column of `to_data`; a
-                sensor of one component, such as `fa.sensors.StrainGauge(0)`; a function of a result that gives (nt,);
-                or numbers (nt,). A list of names: both have them. None: all names that both have.
-
-        Returns:
-            Comparison: `.nrmse["name"]`, `.bias`, `.lag`, `.correlation`, `print`, `.plot()`.
-
-        Raises:
-            ValueError: no such column, different units, shapes that do not fit, less than two rows in common.
-            (DataWarning: a measured column is constant: it has no NRMSE.)
-        """
-        return outputs.compare(self, data, columns)
 
     def save(self, path: str | Path) -> None:
         """Writes a file, in the format of its suffix.
@@ -316,15 +266,15 @@ class Result(outputs.Rows):
         arrays, names = {**arrays, **values}, {"t": [("t", "s")], **outputs.titles(self.arm), **names}
         (write_hdf5 if kind in HDF5 else write_npz)(file, arrays, names, about)
 
+    check, compare, to_data = monitors.check, outputs.compare, outputs.to_data
+
     def _packed(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """All arrays by name, and the rest for JSON."""
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
-        more |= {k: x for k in ("friction", "driven") if (x := getattr(self, k)) is not None}
-        more |= {k: x.reshape(len(self.t), -1) for k in ("contacts", "loops") if (x := getattr(self, k)) is not None}
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
-        return {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}, about
+        return {"t": self.t, **self.matrices, **more}, about
 
     @staticmethod
     def load(path: str | Path) -> Result:
@@ -333,31 +283,25 @@ class Result(outputs.Rows):
         Raises:
             ValueError: no such file, another kind of file, a damaged one.
         """
-        if not isinstance(path, (str, Path)):
-            raise ValueError(f"result = {path!r}: must be a path")
-        if Path(path).suffix.lower() in (*CSV, *MAT):
+        file = path_of("result", path)
+        if file.suffix.lower() in (*CSV, *MAT):
             raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.Data.load reads its columns")
-        with readable("result", Path(path), "a file that Result.save wrote"):
-            about, arrays = read_arrays(Path(path).read_bytes())
+        with readable("result", file, "a file that Result.save wrote"):
+            about, arrays = read_arrays(file.read_bytes())
             arm = Arm.from_dict(about["arm"])
-            count, wide = about.get("events"), {"q": arm.nq, "driven": len(arm.struts)}
-            wide |= {"contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}
+            count = about.get("events")
             if any(x.dtype != float for x in arrays.values()):
                 raise ValueError("an array has no numbers")
             found: dict[str, Any] = {name: arrays.pop(name) for name in ("t", "q", "v", "a", "tau")}
-            found |= {k: arrays.pop(k, None) for k in ("friction", "driven", "contacts", "loops")}
+            for name, shape in outputs.row_shapes(arm).items():
+                x = found[name] if name in found else arrays.pop(name, None)
+                if x is not None and x.shape != (*found["t"].shape, prod(shape)):
+                    raise ValueError(f"{name} has shape {x.shape}")
+                found[name] = x if x is None else x.reshape(len(found["t"]), *shape)
             if count is not None:
                 found |= {f"{n}_events": [arrays.pop(f"{n}_events_{k}") for k in range(count)] for n in "tqv"}
             loads, status = None if about["loads"] else (), int(about.get("status", 0))
             result = Result(arm, **found, stats=dict(about["stats"]), loads=loads, status=status)
-            for name in ("q", "v", "a", "tau", "friction", "driven", "contacts", "loops"):
-                value = getattr(result, name)
-                if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
-                    raise ValueError(f"{name} has shape {value.shape}")
             if not set(arrays) <= {"deflection", "end", "strut", "contact", "loop"} or (np.diff(result.t) < 0).any():
                 raise ValueError("other arrays, or times that do not increase")
-            if result.contacts is not None:
-                result.contacts = result.contacts.reshape(len(result.t), len(arm.contacts), 3)
-            if result.loops is not None:
-                result.loops = result.loops.reshape(len(result.t), len(arm.loops), 6)
             return result

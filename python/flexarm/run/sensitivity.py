@@ -50,7 +50,7 @@ Output = Callable[[Result, Setup], ArrayLike]
 Loss = Mapping[str, Any] | Callable[[Result], tuple[float, Mapping[str, Any]]]
 
 
-#: Sees how long work goes on: (part done, what is being done) -> None; None where nobody looks.
+#: Is told how far work is: (part done, its present step) -> None; None where nobody looks.
 Look = Callable[[float, str], None] | None
 
 
@@ -149,7 +149,7 @@ class Source:
         by: the differences by parameters.
 
     `workers` of its functions: threads; None: one for each core. `look` is called now and then with the part that is
-    done, and with what is being done.
+    done, and with its present step in words.
     """
 
     setup: Setup
@@ -167,9 +167,9 @@ class Source:
         s = self.setup
         s.arm.refuse_rubbing("derivatives of a run")
         if not self.integrator.taped:
-            what = f'derivatives of a run, integrator = "{self.integrator.name}" (methods of fixed steps have them)'
-            s.arm.refuse_loops(what, rigid=True)
-        run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+            caller = f'derivatives of a run, integrator = "{self.integrator.name}" (methods of fixed steps have them)'
+            s.arm.refuse_loops(caller, rigid=True)
+        run = Problem(s, self.t, self.q0, self.v0, self.tau, self.events)
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")
         for sampler in run.sampled:
@@ -301,8 +301,8 @@ class Source:
     def _backwards(
         self, loss: Loss, run: Problem, result: Result, tape: Any, core: Any, workers: int, rough: bool = False
     ) -> tuple[dict[str, Any], list[Any], Any]:  # fmt: skip
-        """Derivatives of a number by rows and events, what these say of the events, and what the adjoint of the tape
-        makes of them."""
+        """Derivatives of a number by rows and events, those of the events weighed by these, and the result of the
+        tape's adjoint."""
         weights = _weights(loss, result)
         mine = rows_of(tape)
         occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import instance, outside
+from .._check import instance, warn
 from .._console import progress_bar
 from ..analysis.findings import RunWarning
 from ..analysis.validity import range_warning, worst_range
@@ -40,7 +39,7 @@ class _Stopped(BaseException):
 
 
 class SimulationError(_Stopped, RuntimeError):
-    """A simulation that could not go on. `.time` is the time reached (s), `.result` what was computed up to there."""
+    """A simulation that could not go on. `.time` is the time reached (s), `.result` the rows up to there."""
 
 
 class SimulationInterrupted(_Stopped, KeyboardInterrupt):
@@ -114,8 +113,8 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
     if cause:
-        what = failure.partition(": take ")[0].partition(": look ")[0]
-        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
+        cut = failure.partition(": take ")[0].partition(": look ")[0]
+        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({cut}){asked}", time, result)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(run.arm, step, run.start["q0"], run.prescribed)[0])
@@ -150,11 +149,11 @@ def simulate(
             Prescribed joints start where their motion does; a different q0 is an error. Or "equilibrium": at rest in
             balance with gravity, springs, and the loads, torques and voltages that act at the start, joints with a
             motion where it starts; or "trim": the other joints held at zero too, only the beams sag; or "held": at
-            rest as the controllers hold it, whose references have always been what they are at the start: integrals
-            and delays have what holds the arm.
+            rest as the controllers hold it, whose references have always had their values of the start: integrals
+            and delays have settled.
         v0: initial rates (nv,), likewise; zero if None.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
-        drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
+        drive: by link number (-1 is the last), or by (link, freedom), the drive of that freedom of its joint: a Torque,
             or a Motion, whose reaction is then in `Result.tau`. By the name of a strut or tendon: a Torque that adds to
             its force, or tension (N); of a strut with a mass a Motion, too, of its length (m). By ("patch", link,
             patch): a piezo patch's Voltage.
@@ -178,7 +177,7 @@ def simulate(
             max_order or linear_solver are given, where a torque, a voltage, a load or a reference is a Python function,
             whose leaps it finds, or the arm has more than 60 coordinates, unless it cannot run (joints with dry
             friction beside loops, or beside contacts with friction); else "gauss". `Result.stats` tells.
-        error: estimates at once how far the tip is off, and what that comes from: the result's `print`, `plot` and
+        error: estimates at once the error of the tip and its sources: the result's `print`, `plot` and
             `check` tell it, and `Result.error()` has it, or raises ValueError where it cannot be found.
         progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
@@ -187,14 +186,14 @@ def simulate(
     Joints with dry friction (`coulomb`, `stiction`) stick and slide; a joint that sticks does not move at all.
     "implicit" has friction in the equations of its steps, and stays of second order. A step of "gauss" or "rk4" ends
     where a joint switches, and "ida" starts again there; "gauss" takes the points of Radau then (Radau IIA, order
-    2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
+    2 `stages` - 1), whose steps damp vibration that a switch strikes and that is too fast for them.
 
     No step passes over a sample of a drive by torque, of a load or of control. With steps that are chosen ("ida",
     "gauss" without a step) and a drive that is a callable, no step passes over an output time. A pulse of a
     callable between steps can still be missed; a check at a thousand times after the run warns.
 
     Returns:
-        Its `t_events`, `q_events` and `v_events` hold what occurred. When a terminal event ended the run, that is no
+        Its `t_events`, `q_events` and `v_events` hold the occurrences. When a terminal event ended the run, that is no
         error: the rows end at the last output time up to the event, and `status` is 1.
 
     Raises:
@@ -215,16 +214,12 @@ def simulate(
     """
     result = simulated(
         arm, t, q0, v0, tau=tau, drive=drive, loads=loads, control=control, events=events, integrator=integrator,
-        progress=progress, tell=_warn, **options,
+        progress=progress, tell=warn, **options,
     )  # fmt: skip
     if error:
         with suppress(ValueError):  # which the result keeps
             result.error(progress=progress is True)
     return result
-
-
-def _warn(warning: RunWarning) -> None:
-    warnings.warn(warning, stacklevel=outside())
 
 
 def simulated(
@@ -240,9 +235,9 @@ def simulated(
     if integrator is not None:
         integrator = integrator_of(integrator, **options)
     instance("arm", arm, Arm)
-    run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
-    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(setup, options)
+    given: Any = drive, loads, control  # which the problem checks
+    run = Problem(Setup(arm, *given), t, q0, v0, tau, events)
+    chosen = integrator if isinstance(integrator, Integrator) else integrator_on(run.setup, options)
     wrong: list[RunWarning] = []
 
     def note(warning: RunWarning) -> None:
@@ -260,7 +255,7 @@ def simulated(
             out = _integrate(run, chosen, show)
     out["stats"] = {"integrator": chosen.name, **out["stats"]}
     result = run.result(out)
-    result._source = source(setup, run.times, q0, v0, tau, integrator=chosen, events=events)
+    result._source = source(run.setup, run.times, q0, v0, tau, integrator=chosen, events=events)
     result._wrong, already = wrong, {type(x) for x in wrong}  # a loop may have been told of during the run
     for warning in _judged(run, out, result, chosen):
         if type(warning) not in already:

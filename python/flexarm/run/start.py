@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice, outside
+from .._check import Array, array, choice, warn
 from ..analysis.assembly import closed_start
 from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm.arm import Arm
-from ..arm.variation import OF_ARM
+from ..arm.variation import OF_ARM, Setup
 from ..model.acting.drive import Motion, split_drives, voltage_forces
 from ..model.acting.load import Load, at_time, pushes
 from .held import acting as acting
@@ -42,7 +41,7 @@ def start(
     if choice("q0", q0, WORDS) != "equilibrium":
         arm.refuse_loops(f"q0 = {q0!r}", rigid=True)
     if q0 == "held":
-        return held(arm, drive, loads, control, t, tau).q
+        return held(Setup(arm, dict(drive or {}), tuple(loads or ()), control), t, tau).q
     word, loads = q0, (*(loads or ()), *pushes(arm, drive))
     places = {key: float(law(t)[0]) for key, law in (drive or {}).items() if isinstance(law, Motion)}
     pose = arm.pose(places)
@@ -114,10 +113,9 @@ def warn_of_one_balance(
     except ValueError:
         return
     if distance < NEAR:
-        warnings.warn(
+        warn(
             f"q0: is in balance with the numbers of the arm that is given; with another '{varied[0]}' it is not, and "
             'vibrates at once; q0 = "trim" (or "equilibrium") is the balance of each run',
             StateWarning,
-            stacklevel=outside(),
         )
 

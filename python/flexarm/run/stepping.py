@@ -13,6 +13,7 @@ import flexarm._core as _core
 
 from .._check import Array, array, number
 from ..arm.arm import Arm
+from ..arm.variation import Setup
 from ..model.acting.control import PD, Controller, Run
 from ..model.acting.drive import Motion, Torque, Voltage, is_patch, is_strut, split_drives
 from ..model.acting.load import Load
@@ -85,8 +86,8 @@ class Simulation:
         if not isinstance(of, Arm):
             if not all(hasattr(of, name) for name in ("arm", "drive", "loads", "control")):
                 raise ValueError(f"of = {of!r}: must be an Arm or a Scene")
-            given = {"drive": drive, "loads": loads, "control": control, "events": events}
-            for name, value in given.items():
+            own = {"drive": drive, "loads": loads, "control": control, "events": events}
+            for name, value in own.items():
                 if value is not None:
                     raise ValueError(f"{name}: is the scene's own; change the scene")
             drive, loads, control, events = of.drive, of.loads, of.control, of.events
@@ -97,7 +98,8 @@ class Simulation:
             raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
-        run = self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, events)
+        given: Any = drive, loads, control  # which the problem checks
+        run = self._problem = Problem(Setup(self.arm, *given), times, q0, v0, tau, events)
         self._patches = list(split_drives(self.arm, drive)[1])
         with run.both.naming():
             problem = run.core_problem(run.start, run.events, weak=True)

@@ -19,7 +19,7 @@ _MOST_SWITCHES = 20  # so many switches of one joint within a step of another ma
 _FOLLOWED_BY_GAUSS = 1.0  # step times frequency of a mode that the points of Radau keep, to 1e-6 in a step
 _DAMPED_BY_GAUSS = 4.0  # and from which on they damp it at once, by 2 % in a step and soon by half
 _RINGS = 40.0  # phase (rad) over which a vibration must ring to matter
-_MOST_STRUCK = 1.5  # switches times share of what they strike: of 90 drawn runs those below it were right to 4e-4
+_MOST_STRUCK = 1.5  # switches times their share of vibration: of 90 drawn runs those below it were right to 4e-4
 _FEW_HALVED, _SHARE_HALVED = 30, 0.1  # so many steps, and that share, may be halved: a pulse or a start costs some
 _GREAT_GROWTH = 20.0  # logarithm of a growth that makes rounding errors felt
 _SURELY_STABLE = 2.0  # step times |s|, up to which rk4 amplifies no motion e^(s t) that decays
@@ -120,8 +120,7 @@ def beyond_explicit(
     if np.log(growth) * span / step < _GREAT_GROWTH:
         return None
     what = (
-        f"is{when} above 2.83 over the highest frequency{words}; what moves so fast grows {growth:.3g} times in every "
-        "step"
+        f"is{when} above 2.83 over the highest frequency{words}; motion so fast grows {growth:.3g} times in every step"
     )
     return StepWarning(Finding(_where("rk4", step), what, step, limit, "s", "take shorter steps"), growth=growth)
 

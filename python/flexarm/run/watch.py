@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, instance
 from ..analysis.coarse import coarse
 from ..analysis.findings import Finding, Findings, RangeWarning
 from ..analysis.mistakes import mistakes
@@ -55,8 +55,8 @@ def _beyond_motor(arm: Arm, result: Rows, prescribed: Sequence[int]) -> Iterator
 
 
 def _in_contacts(result: Rows, step: float) -> Iterator[Finding]:
-    """Contacts that begin far inside a surface, that get as deep as half of what touches, or that bounce faster than
-    steps follow (s; 0: they are chosen)."""
+    """Contacts that begin far inside a surface, as deep as half the size of the touching bodies, or that bounce faster
+    than steps follow (s; 0: they are chosen)."""
     arm, t = result.arm, result.t
     gaps, rates, normals = arm.contact_motion(result.q, result.v)
     weight = _GRAVITY * sum(link.mass for link in arm.links)
@@ -68,7 +68,7 @@ def _in_contacts(result: Rows, step: float) -> Iterator[Finding]:
             what = f"begins {-gap[0]:.3g} m inside its surface, which pushes with {normal[0]:.3g} N"
             yield Finding(where, what, float(normal[0]), _CRUSHED * weight, "N", "on which side of it is the arm?")
         elif -gap[row] > thin:
-            what = f"gets {-gap[row]:.3g} m deep, at t = {t[row]:.4g} s: more than half the size of what touches"
+            what = f"gets {-gap[row]:.3g} m deep, at t = {t[row]:.4g} s: more than half of the touching bodies"
             remedy = "is its unit N/m? Take a stiffer one"
             yield Finding(f"{where}.stiffness", what, float(-gap[row]), thin, "m", remedy)
         speed = np.maximum(-rate, 0.0)
@@ -77,7 +77,7 @@ def _in_contacts(result: Rows, step: float) -> Iterator[Finding]:
             continue
         row = int(hits[speed[hits].argmax()])
         J = arm.contact_jacobian(result.q[row])[k]
-        give = float(J @ np.linalg.lstsq(arm.mass_matrix(result.q[row]), J)[0])  # 1/kg, of what hits
+        give = float(J @ np.linalg.lstsq(arm.mass_matrix(result.q[row]), J)[0])  # 1/kg, of the bodies that hit
         if not give > 0.0:
             continue
         deep = ((c.exponent + 1.0) / 2.0 * speed[row] ** 2 / (c.stiffness * give)) ** (1.0 / (c.exponent + 1.0))
@@ -113,7 +113,7 @@ def softened(arm: Arm, result: Rows) -> str:
 
 
 def readings(arm: Arm, result: Rows, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
-    """Each monitor along a run, (nt,), by (what, link). It costs some microseconds a row and beam.
+    """Each monitor along a run, (nt,), by (quantity, link). It costs some microseconds a row and beam.
 
     Args:
         frequency: the arm's first one (rad/s); nan: its spin is not read.
@@ -143,8 +143,8 @@ class Watch:
     """Limits for `Result.check(watch)`, at the output times.
 
     Attributes:
-        limits: by (what, link), such as ("rotation", 0), the largest value that is still in range: "rotation" (rad),
-            "strain" (1/m), "top" (share of the energy in the highest modes), "spin" (over the first frequency).
+        limits: by (quantity, link), such as ("rotation", 0), the largest value that is still in range: "rotation"
+            (rad), "strain" (1/m), "top" (share of the energy in the highest modes), "spin" (over the first frequency).
         frequency: the arm's first one with joints locked (rad/s).
     """
 
@@ -169,29 +169,39 @@ class Watch:
         the energy, and where the run is but at rest, nothing is said."""
         w = first_frequency(result.arm)
         limits = {}
-        for (what, k), values in readings(result.arm, result, w).items():
-            least = 0.0 if what == "strain" else 0.01
-            limits[what, k] = max(least, margin * float(values.max(initial=0.0)))
+        for (name, k), values in readings(result.arm, result, w).items():
+            least = 0.0 if name == "strain" else 0.01
+            limits[name, k] = max(least, margin * float(values.max(initial=0.0)))
         return Watch({key: x for key, x in limits.items() if x > 0.0}, w)
 
     def left(self, result: Rows) -> list[RangeWarning]:
         """A warning for each quantity that has left its range, in the order of time."""
         found = []
-        limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
-        for (what, k), values in readings(result.arm, result, self.frequency).items():
-            limit = limits.get((what, k), np.inf)
+        limits = {(name, result.arm._link(k)): limit for (name, k), limit in self.limits.items()}
+        for (name, k), values in readings(result.arm, result, self.frequency).items():
+            limit = limits.get((name, k), np.inf)
             past = np.flatnonzero(~(values <= limit))
             if past.size:
                 value, time = float(values.max()), float(result.t[past[0]])
-                unit, said, remedy = KINDS[what]
+                unit, said, remedy = KINDS[name]
                 what = f"{said.format(value)}, beyond its limit of {limit:.3g}, from t = {time:.6g} s on"
                 finding = Finding(result.arm.names[k], what, value, limit, unit, remedy)
                 found.append(RangeWarning(finding, link=k, time=time))
         return sorted(found, key=lambda x: x.time)
 
 
-def check(result: Rows, watch: Watch | None) -> Findings:
-    """See Result.check."""
+def check(result: Rows, watch: Watch | None = None) -> Findings:
+    """Possible improvements: a list of findings, which prints one on a line, the warnings of the run first. Then
+    numbers of the arm that are probably mistakes; too few shape functions; energy in the highest modes; turning
+    too fast for orders 0 and 1; motions beyond the `torque_limit` of a joint; steps of "ida" that follow modes
+    which hardly move the arm; an estimated error above 1 % of the span of the quantity, and its remedy. A
+    result of a file does not know its drives and loads.
+
+    Args:
+        watch: limits of your own, such as `economize(...).watch`, in place of those of energy and turning.
+    """
+    if watch is not None:
+        instance("watch", watch, Watch)
     arm, source, wrong = result.arm, result._source, [x.finding for x in result._wrong]
     rows = result.t, result.q, result.v
     drive, control, tau = ({}, (), None) if source is None else (source.setup.drive, source.setup.control, source.tau)

@@ -95,7 +95,7 @@ struct LinearLaw {
   Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
   Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< effect of a limit on the states
   Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and its motors' limits
-  /// Of each y: what is added, and then the step to whose nearest multiple it is rounded, 0: none. Both empty: none.
+  /// Of each y: an addition, and then the step to whose nearest multiple it is rounded, 0: none. Both empty: none.
   Eigen::VectorXd offset = {}, resolution = {};
   Eigen::MatrixXd start = {};  ///< x is start e ahead of the samples up to the time `first` (s); empty: it is kept
   double first = -std::numeric_limits<double>::infinity();

@@ -68,7 +68,7 @@ struct ServoGains {
   double limit = std::numeric_limits<double>::infinity();  ///< of |u|
 };
 
-/// What a drive follows, over time (s); empty: zero.
+/// The law of a drive, over time (s); empty: zero.
 struct Commands {
   std::function<double(double)> position = {}, rate = {}, force = {};
 };

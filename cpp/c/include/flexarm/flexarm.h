@@ -1,7 +1,7 @@
 /* flexarm for C, and for all that calls C: compiled scenes, simulated step by step.
  *
  * Functions that return a pointer give NULL, those that return an int a negative number, and those that return a double
- * NaN, where something is wrong; flexarm_error() then says what. NULL in place of a handle is wrong in this way. What has
+ * NaN, where something is wrong; flexarm_error() then says why. NULL in place of a handle is wrong in this way. What has
  * been freed must not be used again. Arrays of matrices are row by row. Indices begin at 0.
  *
  * A scene may serve many simulations in many threads at once. A simulation is used by one thread at a time. After
@@ -24,12 +24,12 @@ extern "C" {
 #define FLEXARM_STOPPED -1 /* a step could not be taken: the state is the last good one */
 #define FLEXARM_INVALID -2 /* a bad argument: nothing has changed */
 
-typedef struct flexarm_scene flexarm_scene;           /* an arm, what acts on it, where it starts */
+typedef struct flexarm_scene flexarm_scene;           /* an arm, its actions, where it starts */
 typedef struct flexarm_simulation flexarm_simulation; /* a scene in motion */
 typedef struct flexarm_state flexarm_state;           /* of a simulation, to go back to */
 
 FLEXARM_API const char* flexarm_version(void);
-/* What went wrong in this thread last; "" if nothing has. Valid until the next call that fails. */
+/* The last error in this thread; "" if nothing has. Valid until the next call that fails. */
 FLEXARM_API const char* flexarm_error(void);
 
 /* --- Scenes --- */

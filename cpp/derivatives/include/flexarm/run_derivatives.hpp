@@ -69,7 +69,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
 void state_matrices(const Problem& of, const Tape& tape, const ImplicitOptions& options, Eigen::MatrixXd& A,
                     Eigen::MatrixXd& B);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
-/// @param rough  takes slopes at two places of each step alone, for half the time: exact but for what slopes change
+/// @param rough  takes slopes at two places of each step alone, for half the time: exact but for changes of slopes
 ///               within a step
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
                 const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau, int threads = 1,

@@ -19,7 +19,7 @@ class InverseDerivatives {
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
-  void recall(const Workspace& ws);  ///< of a run, what it remembers of contacts, and the forces that loops hold with
+  void recall(const Workspace& ws);  ///< of a run, the memory of its contacts, and the forces that loops hold with
   /// Loops hold with these forces from now on, one for each row of the arm's loops (Loop::rows); none: with none.
   /// @throws std::invalid_argument where there are others
   void hold(const Arm& arm, const Eigen::VectorXd& forces);

@@ -51,7 +51,7 @@ class Workspace {
   std::vector<bool> prescribed;     ///< per velocity coordinate
   std::vector<int> free;            ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;       ///< v^T M v (J), set by factor_shifted
-  std::vector<double> remembered;   ///< what a run remembers of contacts; empty: no run
+  std::vector<double> remembered;   ///< the memory of contacts in a run; empty: no run
   std::vector<double> loop_forces;  ///< forces of the rigid rows of loops, in their order, as given; empty: none
   std::vector<double> note;         ///< the same at the end of a step, if `noted`, before it counts
   bool noted = false;

@@ -40,7 +40,7 @@ class Arm {
  public:
   static constexpr int kWorld = -1;
 
-  /// What a joint sits on: a link, at its end or on the slice at so many metres along its beam; or the world.
+  /// The seat of a joint: a link, at its end or on the slice at so many metres along its beam; or the world.
   struct Seat {
     int link;
     std::optional<double> at;

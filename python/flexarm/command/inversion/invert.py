@@ -1,14 +1,13 @@
 """Stable inversion: joint torques and motions that carry the tip of a flexible arm along a path."""
 
 import time
-import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, choice, instance, not_negative, positive
+from ..._check import Array, choice, instance, not_negative, positive, warn
 from ..._console import progress_bar
 from ...analysis.validity import range_warning, worst_range
 from ...arm.arm import Arm
@@ -135,12 +134,12 @@ def invert(
         _at=(equations.output.link, equations.output.x), _held=equations.locked, _passive=equations.passive,
     )  # fmt: skip
     if rings := check_rest(slower, motions, poles, accuracy):
-        warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
+        warn(f"invert: {rings}", InversionWarning)
     if (beyond := worst_range(arm, out.t, out.q)) is not None:
-        warnings.warn(range_warning(arm, beyond).of("invert"), stacklevel=2)
+        warn(range_warning(arm, beyond).of("invert"))
     if out.exceeded:
         text = "; ".join(map(str, out.exceeded)) + "; slow the path (stretch=True), or take another posture"
-        warnings.warn(f"invert: {text}", InversionWarning, stacklevel=2)
+        warn(f"invert: {text}", InversionWarning)
     return out
 
 

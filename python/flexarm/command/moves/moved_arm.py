@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._check import Array
-from ...analysis.equilibrium import equilibrium
+from ...analysis.equilibrium import balanced
 from ...analysis.modes import small_motions
 from ...arm.arm import Arm
 from ...model.acting.drive import Motion
@@ -47,7 +47,7 @@ class MovedArm:
     def _rest(self, joints: Array) -> Array:
         q = self.arm.zero
         q[self.driven.at] = joints
-        return equilibrium(self.arm, q, None, self.arm.movable, ())
+        return balanced(self.arm, q, None, self.arm.movable)
 
     def modes_at(self, q: Array) -> LockedModes:
         """The modes at a state of rest (nq,)."""

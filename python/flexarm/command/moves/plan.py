@@ -1,6 +1,5 @@
 """Moves from rest to rest, as fast as limits allow, that leave a flexible arm still."""
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, between, choice
+from ..._check import Array, array, between, choice, warn
 from ..._console import progress_bar
 from ...arm.arm import Arm
 from ...run.simulation import simulated
@@ -143,19 +142,17 @@ def _points(arm: Arm, driven: Driven, q_from: Any, q_to: Any, path: Any) -> Arra
 
 def _warn(move: Move, allowed: float, scale: float) -> None:
     if move.residual > max(allowed * move.residual_unshaped, _NEGLIGIBLE * scale):
-        warnings.warn(
+        warn(
             f"plan_move: {1e3 * move.residual:.3g} mm of vibration are left, of {1e3 * move.residual_unshaped:.3g} mm "
             f"unshaped; residual = {allowed:g} asks for less. Take longer limits, or an arm with more damping or modes",
             MoveWarning,
-            stacklevel=3,
         )
     for x in move.limits:
         if x.peak > 1.001 * x.limit:
-            warnings.warn(
+            warn(
                 f"plan_move: {x.what} of '{x.joint}' comes to {x.peak:.5g} at t = {x.t:.4g} s, above its limit "
                 f"{x.limit:.5g}",
                 MoveWarning,
-                stacklevel=3,
             )
 
 

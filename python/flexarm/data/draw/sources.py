@@ -1,4 +1,4 @@
-"""An error over time, the quantity within it, and what it comes from."""
+"""An error over time, the quantity within it, and its sources."""
 
 from collections.abc import Mapping, Sequence
 

@@ -126,7 +126,7 @@ def _read(value: Any, word: str) -> tuple[Any, ...]:
         return found, getattr(value, "__module__", None), getattr(value, "__dict__", None)
     if not isinstance(found, tuple):
         raise _Unknown(
-            f"an object of {word}, whose state cannot be read: leave it out of what the batch computes with, or out of "
+            f"an object of {word}, whose state cannot be read: leave it out of the arguments of the batch, or out of "
             "the __getstate__ of the class that holds it"
         )
     function, args, state, items, pairs = (*found, None, None, None)[:5]

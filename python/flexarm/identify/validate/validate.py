@@ -156,7 +156,7 @@ def validate(
     """Compares the shipped model of a measured arm with recordings of it.
 
     Without `data`, the unknown parameters of the arm are fitted to the shipped recordings but one, and that one is
-    predicted. With `data`, the shipped values of the arm are judged on other recordings. What belongs to the set-up is
+    predicted. With `data`, the shipped values of the arm are judged on other recordings. The numbers of the set-up are
     always fitted to the first part of the recording that is judged, and the rest is judged: the zero of the second
     joint's encoder, the calibration of the strain gauges, the cable, and, driven by currents, the drives.
 

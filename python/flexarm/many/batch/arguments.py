@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, at_least, check_finite, choice, known_keys
+from ..._check import Array, array, at_least, check_finite, choice, instance, known_keys, mapping
 from ..._threads import cores
-from ...arm.arm import Arm
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...run.integrators import Integrator, integrator_of
 
@@ -82,32 +81,20 @@ def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ..
         if x is None:
             x = np.empty(shape)
         elif not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape:
-            what = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
-            raise ValueError(f"out['{name}'] is {what}: must be an array of float64, shape {shape}")
+            given = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
+            raise ValueError(f"out['{name}'] is {given}: must be an array of float64, shape {shape}")
         elif not x.flags.c_contiguous or not x.flags.writeable:
             raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
         made[name] = x
     return made
 
 
-def check_balls(arm: Arm, q: Array) -> None:
-    """ValueError for a quaternion of q0 (B, nq) that has no length, with its scenario."""
-    for k, at in arm.quaternions():
-        size = np.abs(q[:, at]).max(axis=1)
-        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
-        if bad.size:
-            whose = f"q0[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
-            raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
-
-
 def checked_drive(drive: Any, name: str = "drive") -> dict[Any, Any]:
     """The argument `drive` of a batch."""
-    if drive is not None and not isinstance(drive, Mapping):
-        raise ValueError(f"{name} = {drive!r}: must be a dictionary, by link number")
-    for key, law in (drive or {}).items():
-        if not isinstance(law, (Motion, Torque, Voltage)):
-            raise ValueError(f"{name}[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
-    return dict(drive or {})
+    found = mapping(name, drive, ", by link number")
+    for key, law in found.items():
+        instance(f"{name}[{key!r}]", law, (Motion, Torque, Voltage))
+    return found
 
 
 def checked_drives(drive: Any) -> list[dict[Any, Any]]:
@@ -118,7 +105,7 @@ def checked_drives(drive: Any) -> list[dict[Any, Any]]:
     kinds = [{key: type(law).__name__ for key, law in own.items()} for own in drives]
     for k, own in enumerate(kinds):
         if own != kinds[0]:
-            raise ValueError(f"drive[{k}] = {own}: must drive what drive[0] does, {kinds[0]}")
+            raise ValueError(f"drive[{k}] = {own}: must drive the same as drive[0], {kinds[0]}")
     return drives
 
 

@@ -217,7 +217,7 @@ class _Rolls:
         paths = {path: components(Setup(arm), path, {}) for path in self.paths}
         single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
         found = problems(Setup(arm), single, self.times, None, None, None, starts=False)
-        problem = Problem(arm, self.times, None, None, None, {}, (), (), None, starts=False)
+        problem = Problem(Setup(arm), self.times, starts=False)
         return _Near(arm, problem.core, paths, {p.path: p for p in found})
 
     def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:

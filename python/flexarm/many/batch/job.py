@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from ..._check import Array
 from ...arm.arm import Arm
 from ...arm.variation import Variation
-from ...run.integrators import OPTIONS, Integrator, integrator_of
+from ...run.integrators import Integrator
+from ...run.outputs import row_shapes
 from ...run.problem import read_events
 
-#: what a batch may keep
+#: the arrays that a batch may keep
 OUTPUTS = ("q", "v", "a", "tau", "contacts", "loops")
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
@@ -23,7 +25,7 @@ FAILED = 5
 
 def width(arm: Arm, output: str) -> int:
     """Numbers in a row of an output."""
-    return {"q": arm.nq, "contacts": 3 * len(arm.contacts), "loops": 6 * len(arm.loops)}.get(output, arm.nv)
+    return prod(row_shapes(arm)[output])
 
 
 def renamed(message: str, names: Any) -> str:
@@ -33,7 +35,7 @@ def renamed(message: str, names: Any) -> str:
 
 @dataclass
 class Job:
-    """makes what is stored instead of the outputs, as `RunSummary`; a file's fingerprint has its attributes"""
+    """A batch, checked, before it runs."""
 
     variation: Variation  #: the scenarios' arms, drives, loads and controllers
     t: Array  #: output times (s)
@@ -42,9 +44,9 @@ class Job:
     tau: Array | None  #: (B or 1, nt or 1, nv), held; None: zero
     outputs: tuple[str, ...]  #: some of OUTPUTS
     every: int  #: how many of t between two rows of the result
-    integrator: str  #: it, the step and the options are of `simulate`
-    step: float | None
-    options: dict[str, Any] = field(default_factory=dict)
+    integrator: Integrator
+    events: Any = None  #: as of `simulate`
+    #: makes the stored arrays in place of the outputs, as `RunSummary`; a file's fingerprint has its attributes
     summary: Any = None
     whole: int = 0  #: scenarios of the whole batch, of which this may be a part; few are not worth the lanes
     balance: str | None = None  #: q0 if it was a word, such as "trim"
@@ -71,11 +73,6 @@ class Job:
         """Bytes of a scenario's result."""
         return max(1, 8 * self.rows * sum(self.sizes().values()))
 
-    @property
-    def events(self) -> int:
-        """Number of events."""
-        return len(read_events(self.options.get("events")))
-
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
@@ -94,22 +91,16 @@ class Job:
 
     @property
     def keeps_events(self) -> bool:
-        return bool(self.events) and self.summary is None
+        return bool(read_events(self.events)) and self.summary is None
 
     def event_sizes(self) -> tuple[int, int, int, int]:
         """Number of events, largest number of occurrences of each in a file, nq and nv."""
         arm = self.variation.setup.arm
-        return self.events, self.rows, arm.nq, arm.nv
+        return len(read_events(self.events)), self.rows, arm.nq, arm.nv
 
     def blocks(self, count: int) -> dict[str, Any]:
         """Arrays for the results of this number of scenarios."""
         out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
         out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
-        out |= {"events": np.full(count, None)} if self.events else {}
+        out |= {"events": np.full(count, None)} if read_events(self.events) else {}
         return {**out, "out_of_range": np.full((count, 4), np.nan), "wrong": np.full(count, None)}
-
-    @property
-    def stepping(self) -> Integrator:
-        """The integrator of the scenarios."""
-        own = {k: x for k, x in self.options.items() if k in OPTIONS}
-        return integrator_of(self.integrator, step=self.step, **own)

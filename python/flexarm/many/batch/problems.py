@@ -29,7 +29,7 @@ from .job import renamed
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
-    3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
+    3: "the motion ran away: look for its cause (a control loop, order 1 at high speed), or take a smaller step",
 }
 RAN_AWAY, NOT_DONE, OVER = 3, 4, 5
 _LOOKS = 3  # scenarios of growing motion whose loops are tested
@@ -58,7 +58,7 @@ def problems_of(
 
     def made(k: int, s: Setup) -> Problem:
         try:
-            return Problem(s.arm, t, None, None, None, s.drive, s.loads, s.control, events, remembered, starts=False)
+            return Problem(s, t, events=events, remembered=remembered, starts=False)
         except ValueError as e:
             if len(setups) == 1:
                 raise

@@ -15,6 +15,7 @@ from ...arm.arm import Arm
 from ...arm.variation import OF_ARM, Setup, Variation
 from ...data.store.files import Refused, readable, sealed, write_whole
 from ...model.acting.load import driven_forces
+from ...run.outputs import row_shapes
 from ...run.result import Result
 from ...run.simulation import source
 from .job import ENDED, FAILED, OUTPUTS, Job, width
@@ -26,16 +27,16 @@ def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_lo
     """Scenario i of a batch's arrays: its rows up to its end, at the times t."""
     n = int((t <= held["reached"][i] + 1e-9 * (t[-1] - t[0])).sum())
     arm, loads = setup.arm, setup.loads if keeps_loads else None
-    arrays: dict[str, Any] = {k: None if held.get(k) is None else np.array(held[k][i, :n]) for k in OUTPUTS}
-    forces: dict[str, Any] = {}
-    for kind, size in (("contacts", 3), ("loops", 6)):
-        x = arrays.pop(kind)
-        forces[kind] = None if x is None else x.reshape(n, -1, size)
-    arrays = {k: np.full((n, width(arm, k)), np.nan) if x is None else x for k, x in arrays.items()}
+    arrays: dict[str, Any] = {}
+    for name, shape in row_shapes(arm).items():
+        if held.get(name) is not None:
+            arrays[name] = np.array(held[name][i, :n]).reshape(n, *shape)
+        elif name in ("q", "v", "a", "tau"):
+            arrays[name] = np.full((n, *shape), np.nan)
     driven = driven_forces(arm, setup.drive, t[:n])
     if arm.struts and not keeps_loads:
         driven = np.full((n, len(arm.struts)), np.nan)
-    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven, **forces)
+    result = Result(arm, t[:n], **arrays, loads=loads, driven=driven)
     result.status, events = int(held["status"][i] == ENDED), held.get("events")
     if events is not None and events[i] is not None:
         result.t_events, result.q_events, result.v_events = events[i]
@@ -111,9 +112,7 @@ class BatchResult:
             q0 = job.balance or q0
             tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
             of = self.variation.setup, {k: x[i % len(x)][None] for k, x in self.variation.values.items()}
-            found._source = source(
-                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **job.options
-            )
+            found._source = source(setup, self.t, q0, v0, tau, integrator=job.integrator, of=of, events=job.events)
         return found
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Many runs of fixed steps, from arrays to arrays."""
 
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,20 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._check import Array, at_least, outside, whole, within
+from ..._check import Array, at_least, warn, whole, within
 from ..._console import progress_bar
 from ...analysis.findings import LoopWarning, RunWarning
 from ...analysis.validity import range_warning
 from ...arm.arm import Arm
 from ...arm.variation import Setup
-from ...model.acting.control import Controller
+from ...model.acting.control import Controller, controllers
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...model.acting.load import Load
 from ...run.integrators import Integrator
 from ...run.start import start
 from ...run.touch import of_contacts
 from .arguments import (
-    check_balls,
     check_memory,
     checked_drives,
     default_workers,
@@ -169,11 +167,7 @@ def rollout(
         StepWarning: steps of "rk4" above the limit of a scenario's arm, which has grown; a callable has a pulse
             between two steps that no step has seen; the equations of a step could not be solved as they are.
     """
-    return rolled(tell, **locals())
-
-
-def tell(warning: RunWarning) -> None:
-    warnings.warn(warning, stacklevel=outside())
+    return rolled(warn, **locals())
 
 
 def rolled(
@@ -205,12 +199,11 @@ def rolled(
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "drive": len(drives),
              "control": len(controls)}  # fmt: skip
     count = scenario_count(sizes)
-    check_balls(one, q)
+    one.check_balls("q0", q)
     made = max(len(arms) if drive or loads or control or of_contacts(events) else 1, len(drives), len(controls))
 
     def setup(k: int) -> Setup:
-        law = controls[k % len(controls)]
-        laws = (law,) if isinstance(law, Controller) else law or ()
+        laws = controllers(controls[k % len(controls)])
         return Setup(arms[k % len(arms)], drives[k % len(drives)], tuple(loads or ()), laws)
 
     times = length * np.arange(steps + 1, dtype=float)

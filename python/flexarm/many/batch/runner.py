@@ -14,7 +14,6 @@ from ..._check import Array, at_least
 from ..._threads import later
 from ...arm.variation import Setup
 from ...run.held import held
-from .arguments import check_balls
 from .executor import gather
 from .job import ENDED, FAILED, Job, renamed
 from .problems import OVER, Failure, problems_of, run_problems
@@ -42,13 +41,12 @@ def run_steps(
             raise ValueError(f"scenario {indices[k]}: its arm must have the same coordinates as the others")
     q0, v0, tau = (None if x is None else _taken(x, indices) for x in (job.q0, job.v0, job.tau))
     if q0 is not None:
-        check_balls(one, q0)
-    integrator = job.stepping
+        one.check_balls("q0", q0)
     acting = setups
     if job.balance == "held":
-        acting = [held(s.arm, s.drive, s.loads, s.control, float(job.t[0])).setup for s in setups]
-    apart = not all(_core.in_kernels(integrator.name, arm._core) for arm in arms)
-    problems = problems_of(acting, len(indices), job.t, job.options.get("events"), indices, apart)
+        acting = [held(s, float(job.t[0])).setup for s in setups]
+    apart = not all(_core.in_kernels(job.integrator.name, arm._core) for arm in arms)
+    problems = problems_of(acting, len(indices), job.t, job.events, indices, apart)
     prescribed = problems[0].prescribed
     for i in prescribed:
         for name, given, at in (("q0", q0, one.coordinate_of(i)), ("v0", v0, i)):
@@ -60,7 +58,7 @@ def run_steps(
         blocks = {k: np.full((len(indices), rows, n), np.nan) for k, n in (("q", one.nq), ("v", one.nv))} | {**blocks}
     found, stats = run_problems(
         problems, setups, arms[:1] if all(arm is one for arm in arms) else arms, len(indices), job.every, q0, v0, tau,
-        integrator, blocks, workers, alive, whole=job.whole, names=indices,
+        job.integrator, blocks, workers, alive, whole=job.whole, names=indices,
     )  # fmt: skip
     ended = blocks["status"] == OVER
     blocks["status"][[f.index for f in found]] = FAILED

@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, choice, instance, whole, within
+from ..._check import Array, choice, increasing, instance, instances, warn, whole, within
 from ..._console import progress_bar
 from ...analysis.findings import LoopWarning, RangeWarning
 from ...analysis.validity import range_warning
 from ...arm.arm import Arm
 from ...arm.variation import Setup, Variation
 from ...loop.loops import unstable
-from ...model.acting.control import Controller
+from ...model.acting.control import Controller, controllers
 from ...model.acting.drive import Motion, split_drives
 from ...model.acting.load import Load
-from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named, spelled
+from ...run.integrators import INTEGRATORS, Integrator, integrator_of, named
 from ...run.start import check_one_start, start
 from .arguments import check_memory, checked_drive, default_workers, forces, rows, scenario_count
 from .job import OUTPUTS, Job, width
 from .problems import NOT_DONE
 from .result import BatchResult
-from .rollout import BatchInterrupted, lowest, tell
+from .rollout import BatchInterrupted, lowest
 from .runner import Runner
 from .storage import File, Memory
 
@@ -42,19 +42,15 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
 
 def make_job(
     arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
-    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, **options: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator | None = None, events: Any = None, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
-    integrator, options = spelled(named(setup, integrator, options), options)
-    options = {k: x for k, x in options.items() if x is not None}
-    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
-        options.setdefault("step", float(np.diff(times).min()))
-    integrator_of(integrator, **{k: x for k, x in options.items() if k != "events"})
-    step = options.pop("step", None)
+    times = increasing("t", t)
+    integrator = named(setup, integrator, options)
+    if isinstance(integrator, str) and INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].needs_step:
+        options = {"step": float(np.diff(times).min()), **{k: x for k, x in options.items() if x is not None}}
+    chosen = integrator_of(integrator, **options)
     within("every", whole("every", every), 1, times.size - 1, ", the number of steps")
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
@@ -74,8 +70,8 @@ def make_job(
         starts[name] = None if given is None and said is value else said
     sizes = {name: len(x) for name, x in starts.items() if x is not None}
     count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
-    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
-              step, options, whole=count, balance=balance)  # fmt: skip
+    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, chosen,
+              events, whole=count, balance=balance)  # fmt: skip
     return job, count
 
 
@@ -97,12 +93,8 @@ def _balances(variation: Variation, word: Any, t: float, tau: Any) -> Array:
 def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
     """The common setup of the scenarios, checked."""
     drives = checked_drive(drive)
-    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
-        if given is not None and not isinstance(given, (list, tuple, Controller)):
-            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
     instance("arm", arm, Arm, "an Arm; give differences as parameters")
-    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
-    return Setup(arm, drives, tuple(loads or ()), controls)
+    return Setup(arm, drives, instances("loads", loads or (), Load, "Load"), controllers(control))
 
 
 def simulate_batch(
@@ -146,7 +138,7 @@ def simulate_batch(
             if none is given.
             "implicit" and "rk4" step scenarios side by side, whatever acts on the arm; with other integrators, and dry
             friction with "rk4", each scenario is one `simulate`, and `stats["lanes"]` 0. docs/batch.md has a table of
-            what each costs. A Python function that several scenarios share is called for all of them in turn: it must
+            their costs. A Python function that several scenarios share is called for all of them in turn: it must
             not remember one of them.
         outputs: which of "q", "v", "a", "tau", "contacts", the forces of these, with friction, and "loops",
             likewise.
@@ -164,8 +156,8 @@ def simulate_batch(
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
         batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
-            whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
-            the forces differ; with an executor a 64th of all.
+            whichever is more, and at most as many as 64 MB hold where there is a file; all, where nothing but the start
+            and the forces differ; with an executor a 64th of all.
 
     Returns:
         BatchResult; `batch_memory` tells its bytes beforehand.
@@ -185,8 +177,8 @@ def simulate_batch(
     )  # fmt: skip
     workers = default_workers(1 if workers is None and executor is not None else workers)
     if not out:
-        what = f"outputs: {count} scenarios of {job.rows} rows"
-        check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
+        kept = f"outputs: {count} scenarios of {job.rows} rows"
+        check_memory(kept, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
     started = time.perf_counter()
     runner = Runner(job, count, workers, batch, executor)
     storage: File | Memory
@@ -216,7 +208,7 @@ def simulate_batch(
         else:
             found.setdefault(LoopWarning, loop.of(f"scenario {i}"))
     for warning in found.values():
-        tell(warning)
+        warn(warning)
     return result
 
 

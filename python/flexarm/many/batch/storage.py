@@ -78,8 +78,9 @@ def job_marks(job: Job, name: str | None) -> dict[str, str]:
     parts |= {f"drive {key}": law for key, law in s.drive.items()}
     for kind, group in (("loads", s.loads), ("control", s.control)):
         parts |= {f"{kind}[{k}]": part for k, part in enumerate(group)}
-    parts |= {k: getattr(job, k) for k in ("t", "q0", "v0", "tau", "outputs", "every", "integrator", "step")}
-    return marks({**parts, **job.options, **(vars(job.summary) if job.summary else {})}, name)
+    parts |= {k: getattr(job, k) for k in ("t", "q0", "v0", "tau", "outputs", "every", "events")}
+    parts |= {"integrator": job.integrator.name, **job.integrator.options}
+    return marks({**parts, **(vars(job.summary) if job.summary else {})}, name)
 
 
 def about(variation: Variation) -> dict[str, Any]:
@@ -201,14 +202,14 @@ class File:
 
     Args:
         name: see `marks`. more: names and units of the columns of a summary.
-        what, where, otherwise: see `ScenarioFile`.
+        kind, where, otherwise: see `ScenarioFile`.
 
     Attributes:
         damaged: number of scenarios to compute again because their data were damaged.
     """
 
     def __init__(
-        self, job: Job, count: int, path: Path, resume: bool, name: str | None, what: str = "batch",
+        self, job: Job, count: int, path: Path, resume: bool, name: str | None, kind: str = "batch",
         where: str = "out =", otherwise: str = "give another name, or resume=False to write over it",
         more: Mapping[str, Sequence[tuple[str, str]]] | None = None,
     ) -> None:  # fmt: skip
@@ -221,7 +222,7 @@ class File:
         told = {**about(job.variation), "marks": job_marks(job, name)}
         self._job = job
         self._file = ScenarioFile(
-            path, count, columns, _once(job.kept_times, job.variation), told, resume, what, where, otherwise
+            path, count, columns, _once(job.kept_times, job.variation), told, resume, kind, where, otherwise
         )
         self.damaged = self._file.damaged
 

@@ -94,7 +94,7 @@ def _end_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
     return [(f"{label} {c}", "m") for _, label in ends(arm) for c in "xyz"]
 
 
-#: the quantities of sweeps, by name; docs/sweeps.md says what each is
+#: the quantities of sweeps, by name; docs/sweeps.md explains each
 QUANTITIES: dict[str, Quantity] = {
     "tip_deflection": Quantity(_one("tip deflection", "m"), _tip),
     "residual": Quantity(_one("residual", "m"), _residual),

@@ -3,7 +3,6 @@
 import csv
 import io
 import time
-import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array
+from ..._check import Array, warn
 from ..._console import progress_bar
 from ...analysis.findings import RangeWarning
 from ...analysis.validity import range_warning
@@ -24,7 +23,7 @@ from ...run.scene.scene import Scene, load
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
 from ..batch.problems import NOT_DONE
-from ..batch.rollout import BatchInterrupted, lowest, tell
+from ..batch.rollout import BatchInterrupted, lowest
 from ..batch.runner import Runner
 from ..batch.simulate import make_job
 from ..batch.storage import File, Memory
@@ -229,9 +228,9 @@ def sweep(
     if result.beyond:
         i, worst = result.beyond[0]
         others = f" (and {len(result.beyond) - 1} others)" if len(result.beyond) > 1 else ""
-        warnings.warn(worst.of(f"scenario {i}{others}"), stacklevel=2)
+        warn(worst.of(f"scenario {i}{others}"))
     for found in lowest(held["wrong"]).values():
-        tell(found)
+        warn(found)
     return result
 
 

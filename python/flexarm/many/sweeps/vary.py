@@ -9,7 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, at_least, between, choice, flag, instance, known_keys, number, whole, within
+from ..._check import (
+    Array,
+    array,
+    at_least,
+    between,
+    choice,
+    flag,
+    instance,
+    known_keys,
+    number,
+    path_of,
+    whole,
+    within,
+)
 from ...run.scene.scene import SCENES, shallow, tomllib
 from .quantities import QUANTITIES, quantity
 
@@ -209,9 +222,7 @@ class SweepPlan:
         Raises:
             ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
         """
-        if not isinstance(path, (str, Path)):
-            raise ValueError(f"sweep = {path!r}: must be a path")
-        p = Path(path)
+        p = path_of("sweep", path)
         try:
             if not p.exists() and p.parent == Path() and (SCENES / "sweeps" / f"{p.name}.toml").exists():
                 p = SCENES / "sweeps" / f"{p.name}.toml"

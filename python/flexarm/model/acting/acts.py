@@ -12,7 +12,7 @@ from flexarm._core import Feedback
 
 from ..._check import Array
 from ..parts.chain import Chain
-from .control import Controller, control_laws, extended, padded
+from .control import control_laws, controllers, extended, padded
 from .drive import KNOWN, Motion, Torque, patch_laws, split_drives, standing, weak_law
 from .load import Load, at_time, pushes
 
@@ -103,7 +103,7 @@ class Acts:
 
 def acts_from(arm: Chain, t: float, step: float, drive: Any, loads: Any, control: Any) -> Acts:
     """Actions from time t on, without an end."""
-    if any(c.of_arm for c in ([control] if isinstance(control, Controller) else control or [])):
+    if any(c.of_arm for c in controllers(control)):
         raise ValueError("control: a FeedForward is fitted to the times of a run, and there are none; give its torques")
     return Acts(arm, np.array([t, t + step]), drive, loads, control)
 

@@ -10,7 +10,7 @@ import numpy as np
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, choice, instance, not_negative, positive
+from ..._check import Array, array, choice, for_each, instance, not_negative, positive
 from ..parts.chain import Chain
 from .control import Controller, Run, all_joints
 from .drive import Motion
@@ -25,13 +25,6 @@ def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, ine
     for name, motion in zip(names, out, strict=True):
         check_motion(f"reference of '{name}'", motion, times, smooth=inertia)
     return out
-
-
-def per_joint(field: str, value: Any, count: int) -> Array:
-    found = array(field, value)
-    if found.shape not in ((), (count,)):
-        raise ValueError(f"{field} has shape {found.shape}: must be one number, or {count}, one for each freedom")
-    return np.broadcast_to(found, (count,))
 
 
 class _OfInverse(Controller):
@@ -168,8 +161,8 @@ class ComputedTorque(_OfInverse):
     def _law(self, arm: Chain, times: Array, size: int) -> Any:
         rates = all_joints(arm)
         motions, n = _motions(arm, self.reference, rates, times), len(rates)
-        gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
-        limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
+        gains = (for_each(name, getattr(self, name), n, "freedom").tolist() for name in ("kp", "kv"))
+        limits = np.full(n, np.inf) if self.limit is None else for_each("limit", self.limit, n, "freedom")
         model, own = self._model_arm(arm, rates)
         axes = [(i, m.law, *rest) for i, m, *rest in zip(own, motions, *gains, limits.tolist(), strict=True)]
         moved = [(arm.coordinate_of(i), i) for i in rates]

@@ -120,6 +120,14 @@ class Controller:
         return force_columns(arm, self.actuate)  # type: ignore[attr-defined]
 
 
+def controllers(control: Any) -> tuple[Controller, ...]:
+    """The argument `control` of a run: none, one, or a list of controllers."""
+    found = () if control is None else (control,) if isinstance(control, Controller) else control
+    if not isinstance(found, (list, tuple)) or not all(isinstance(c, Controller) for c in found):
+        raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
+    return tuple(found)
+
+
 def _in_words(value: Any) -> str:
     """An argument of a controller in short words; "" for None."""
     if isinstance(value, Torque) and value.constant:
@@ -374,9 +382,7 @@ def control_laws(
 ) -> tuple[list[Feedback], list[Sampler], int]:
     """The continuous and sampled laws of all controllers of a run, as the core takes them, and the number of their
     states, by which the arm is extended. `prescribed`: the rates with prescribed motion."""
-    all_given = [] if control is None else [control] if isinstance(control, Controller) else control
-    if not isinstance(all_given, (list, tuple)) or not all(isinstance(c, Controller) for c in all_given):
-        raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
+    all_given = controllers(control)
     total, first = sum(c.memory for c in all_given), 0
     feedback, sampled = [], []
     for k, c in enumerate(all_given):

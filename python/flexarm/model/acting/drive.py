@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, finite_number, instance, positive
+from ..._check import Array, array, choice, finite_number, increasing, instance, positive
 from ..parts.chain import Chain
 
 KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that the core evaluates
@@ -23,22 +23,12 @@ _OF_CORE = (_core.LinearLaw, _core.ComputedTorque, *([_core.Mpc] if hasattr(_cor
 
 def weak_law(law: Any) -> Any:
     """A Python function that something else holds, for an object of the core that its owner may hold: the garbage
-    collector does not see what the core holds, and would keep such a circle for ever."""
+    collector does not see the objects that the core holds, and would keep such a circle for ever."""
     try:
         held = None if isinstance(law, (*KNOWN, *_OF_CORE)) else weakref.ref(law)
     except TypeError:  # of a class without weak references
         held = None
     return law if held is None else lambda *given: held()(*given)  # type: ignore[misc]
-
-
-def sample_times(t: ArrayLike) -> Array:
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be at least two times")
-    bad = np.flatnonzero(np.diff(times) <= 0)
-    if bad.size:
-        raise ValueError(f"t[{bad[0] + 1}] = {times[bad[0] + 1]}: t must increase")
-    return times
 
 
 @dataclass(frozen=True)
@@ -166,7 +156,7 @@ class Motion(Law):
                 raise ValueError("q: a callable t -> (q, v, a) stands alone, without samples")
             self.law = t
             return
-        times = sample_times(t)
+        times = increasing("t", t)
         if q is None:
             raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
         if (v is None) != (a is None):
@@ -265,7 +255,7 @@ class Scalar(Law):
             self.constant = True
             self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array(name, t, ()).item()]])
         else:
-            times = sample_times(t)
+            times = increasing("t", t)
             at = array(name, values, times.shape)
             self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 

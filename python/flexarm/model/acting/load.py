@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, instance, number
+from ..._check import Array, array, choice, increasing, instances, number
 from ..parts.chain import Chain
-from .drive import Law, Torque, sample_times, split_drives, weak_law
+from .drive import Law, Torque, split_drives, weak_law
 
 Value = ArrayLike | Callable[[float], Any]
 
@@ -66,14 +66,14 @@ class Load(Law):
         if self.by_state:
             if t is not None or along is not None:
                 raise ValueError("force, moment: a callable of the state acts on one slice, without t and along")
-            self.law: Any = _StateWrench(force=force, moment=moment)
+            self.law: Any = _Wrench(force=force, moment=moment)
             return
         if any(callable(value) for value in (force, moment)):
             if t is not None:
                 raise ValueError("t: goes with samples, not with a callable")
             self.law = _Wrench(force=force, moment=moment)
             return
-        times = np.array([0.0, 1.0]) if t is None else sample_times(t)
+        times = np.array([0.0, 1.0]) if t is None else increasing("t", t)
         self.constant = t is None
         shape = (3,) if t is None else (len(times), 3)
         given: dict[str, Any] = {"force": force, "moment": moment}
@@ -104,7 +104,7 @@ class Load(Law):
         return {name: value for name, value in self.__dict__.items() if name != "_known"}
 
     def numbers(self, t: float) -> Array:
-        """What the core takes at time t: [force; moment], or the time alone if they follow from the state."""
+        """The numbers for the core at time t: [force; moment], or the time alone if they follow from the state."""
         return np.array([t, *[0.0] * 5]) if self.by_state else self(t)
 
     def __repr__(self) -> str:
@@ -170,7 +170,7 @@ def pushes(arm: Chain, drive: Any) -> list[Push]:
 
 
 def driven_forces(arm: Chain, drive: Any, t: Array) -> Array | None:
-    """What the drives of a run add to the force of each Strut and the tension of each Tendon (N) at times t (nt,):
+    """The forces that the drives of a run add to each Strut, and tensions to each Tendon (N), at times t (nt,):
     (nt, n); None where none is driven."""
     struts = split_drives(arm, drive)[2]
     if not struts:
@@ -187,18 +187,6 @@ def _along(arm: _core.Arm, link: int, a: float, b: float, world: bool) -> _core.
     return _core.Load.along(arm, link, a, b, world)
 
 
-class _Wrench:
-    """Force and moment, callables or constant."""
-
-    def __init__(self, **parts: Any) -> None:
-        still = np.zeros(3)
-        self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
-
-    def __call__(self, t: float) -> list[float]:
-        at = (array(f"Load {k} at t = {t}", x(t), (3,)) if callable(x) else x for k, x in self.parts.items())
-        return [float(value) for part in at for value in part]
-
-
 class Pose(NamedTuple):
     """Where a slice is in the world, and how it stands there."""
 
@@ -206,20 +194,21 @@ class Pose(NamedTuple):
     R: Array
 
 
-class _StateWrench:
-    """Force and moment by the state, callables of it or of time, or constant."""
+class _Wrench:
+    """Force and moment: callables of time or of the state, or constant."""
 
     def __init__(self, **parts: Any) -> None:
         still = np.zeros(3)
         self.parts = {k: x if callable(x) else array(k, still if x is None else x, (3,)) for k, x in parts.items()}
         self.of_state = {k: callable(x) and _takes_state(x) for k, x in self.parts.items()}
 
-    def __call__(self, t: float, p: Array, R: Array, velocity: Array) -> list[float]:
+    def __call__(self, t: float, *state: Array) -> list[float]:
+        """Of the time, and where one is of the state, of p, R and velocity."""
+        given = (t, Pose(*state[:2]), state[2]) if state else (t,)
         found: list[float] = []
         for k, x in self.parts.items():
             if callable(x):
-                given = (t, Pose(p, R), velocity) if self.of_state[k] else (t,)
-                x = array(f"Load {k} at t = {t}", x(*given), (3,))
+                x = array(f"Load {k} at t = {t}", x(*(given if self.of_state[k] else (t,))), (3,))
             found.extend(float(value) for value in x)
         return found
 
@@ -246,8 +235,5 @@ def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_c
     """Places and wrenches (n, 6) of loads at time t."""
     if loads is None:
         return [], _NONE
-    if not isinstance(loads, (list, tuple)):
-        raise ValueError(f"loads = {loads!r}: must be a list of Load")
-    for k, load in enumerate(loads):
-        instance(f"loads[{k}]", load, Load)
+    instances("loads", loads, Load, "Load")
     return [load.place(arm) for load in loads], np.array([load.numbers(t) for load in loads]).reshape(-1, 6)

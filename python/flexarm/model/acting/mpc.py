@@ -3,7 +3,6 @@ limits."""
 
 from __future__ import annotations
 
-import warnings
 import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,7 +13,19 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, at_least, flag, instance, not_negative, number, positive, whole, within
+from ..._check import (
+    Array,
+    at_least,
+    flag,
+    for_each,
+    instance,
+    not_negative,
+    number,
+    positive,
+    warn,
+    whole,
+    within,
+)
 from ..parts.chain import Chain
 from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
@@ -193,10 +204,10 @@ class MPC(Controller):
                 law.failures += 1
             if first:
                 first = False
-                warnings.warn(MPCWarning(
+                warn(MPCWarning(
                     f"MPC: the sample at t = {t:.6g} s could not be solved: {_STATUS[status]}; it went on along its "
                     f"last plan. Give more effort, a shorter horizon, more stages or wider limits"
-                ), stacklevel=2)  # fmt: skip
+                ))  # fmt: skip
 
         return failed
 
@@ -311,10 +322,7 @@ class MPC(Controller):
             return [law.law for law in columns_of(given[0], given[1], ny)]
         if callable(given):
             return CallableReference(given, ny)
-        fixed = array("reference", given)
-        if fixed.shape not in ((), (ny,)):
-            raise ValueError(f"reference has shape {fixed.shape}: must be one number, or {ny}, one for each tracked")
-        return [Torque(float(r)).law for r in np.broadcast_to(fixed, (ny,))]
+        return [Torque(float(r)).law for r in for_each("reference", given, ny, "tracked")]
 
 
 def _entry(given: Any) -> Any:

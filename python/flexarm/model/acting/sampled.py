@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, not_negative, number, positive
+from ..._check import Array, array, for_each, increasing, not_negative, number, positive
 from ..parts.chain import Chain
 from .control import (
     Controller,
@@ -27,7 +27,7 @@ from .control import (
     measured_rows,
     padded,
 )
-from .drive import Motion, Torque, sample_times
+from .drive import Motion, Torque
 from .following import along, check_motion, plus, scaled
 from .motor import Motor, reach_of
 from .record import LawRecord
@@ -218,7 +218,7 @@ class Sampled(Controller):
 
 def columns_of(t: Any, r: Any, ny: int) -> list[Any]:
     """Samples (t, r) of a reference, linear in between, as ny laws of time."""
-    times, values = sample_times(array("reference: t", t)), array("reference: r", r)
+    times, values = increasing("reference: t", t), array("reference: r", r)
     if values.shape in (times.shape, (times.size, 1)):
         values = np.repeat(values.reshape(-1, 1), ny, axis=1)
     if values.shape != (times.size, ny):
@@ -337,10 +337,7 @@ class LinearController(Sampled):
             return laws
         if callable(reference):
             return lambda t: np.broadcast_to(array(f"reference at t = {t}", reference(t)), (ny,))
-        given = array("reference", reference)
-        if given.shape not in ((), (ny,)):
-            raise ValueError(f"reference has shape {given.shape}: must be one number, or {ny}, one for each of y")
-        return np.broadcast_to(given, (ny,))
+        return for_each("reference", reference, ny, "of y")
 
     def _check_outputs(self, count: int) -> None:
         if count != self.C.shape[0]:

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, choice, number, positive
-from .drive import Motion, Torque, sample_times
+from ..._check import Array, array, choice, increasing, number, positive
+from .drive import Motion, Torque
 
 #: number of "zv" shapers whose convolution gives each kind
 KINDS = {"zv": 1, "zvd": 2, "zvdd": 3}
@@ -95,7 +95,7 @@ class Shaper:
         Returns:
             The shaped command at the same times, of y's shape.
         """
-        times, values = sample_times(t), array("y", y)
+        times, values = increasing("t", t), array("y", y)
         if values.ndim not in (1, 2) or len(values) != len(times):
             raise ValueError(f"y has shape {values.shape}: must have one row for each of the {len(times)} times")
         columns = values.reshape(len(times), -1)

@@ -15,7 +15,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import array, known_keys, number, positive, whole, within
+from ..._check import array, instances, known_keys, number, positive, whole, within
 from .material import Material
 from .part import Part, Place, one_of
 from .patch import Patch, core_patches
@@ -131,9 +131,7 @@ class Beam(Part):
             *tip,
             self._read_curvature(),
         )
-        if not isinstance(self.patches, (list, tuple)) or not all(isinstance(p, Patch) for p in self.patches):
-            raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
-        self._set("patches", tuple(self.patches))
+        self._set("patches", instances("patches", self.patches, Patch, "Patch"))
         glued = core_patches(self.patches, self.section, self.length)
         made_of = () if self.material is None else (self.material._core,)
         core: Any = _core.Beam

@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from copyreg import __newobj__  # type: ignore[attr-defined]
 from difflib import get_close_matches
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import flexarm._core as _core
 
-from ..._check import Array, array, batch, finite, instance, number
+from ..._check import Array, array, batch, finite, instances, mapping, number
 from .beam import Beam
 from .contact import Contact
 from .cylinder import cylinders, stretched, tie, tube
@@ -25,7 +25,6 @@ from .part import as_table
 from .strut import WORLD, Point, Strut, Tendon
 
 _Kind = TypeVar("_Kind", bound="Chain")
-_Item = TypeVar("_Item")
 _LEAST = 1e-9  # m: a strut that is shorter has no direction
 _Fastened = tuple[int, str, float, Array]  # link, "origin", "end" or "slice", its place (m), offset (m)
 
@@ -45,22 +44,6 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
             if k not in out.get(name, ()):
                 out[name] = (*out.get(name, ()), k)
     return out
-
-
-def _lines(given: Sequence[Strut | Tendon]) -> tuple[Strut | Tendon, ...]:
-    """The struts and tendons, struts ahead, as files have them."""
-    if not isinstance(given, Sequence):
-        raise ValueError(f"struts = {given!r}: must be a list of Strut and Tendon")
-    for k, x in enumerate(given):
-        if not isinstance(x, (Strut, Tendon)):
-            raise ValueError(f"struts[{k}] = {x!r}: must be a Strut or a Tendon")
-    return tuple(sorted(given, key=lambda x: isinstance(x, Tendon)))
-
-
-def _listed(field: str, given: Sequence[_Item], kind: type[_Item]) -> tuple[_Item, ...]:
-    if not isinstance(given, Sequence):
-        raise ValueError(f"{field} = {given!r}: must be a list of {field}")
-    return tuple(instance(f"{field}[{k}]", x, kind) for k, x in enumerate(given))
 
 
 def _found(given: Any, field: str, names: Sequence[str], none: str) -> int:
@@ -90,6 +73,16 @@ def _quaternion(turn: Array) -> Array:
     return np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * turn)])
 
 
+class Parts(NamedTuple):
+    """The arguments of a chain, by their names in files and in the paths of parameters."""
+
+    link: Sequence[Link]
+    gravity: Sequence[float]
+    strut: Sequence[Strut | Tendon]
+    contact: Sequence[Contact]
+    loop: Sequence[Loop]
+
+
 class Chain:
     """The data of an arm: its links, gravity, struts, contacts and loops, the indices of its coordinates, its slices
     and their motion. Links are a chain, or a tree: see `parents`.
@@ -108,13 +101,13 @@ class Chain:
         contacts: Sequence[Contact] = (),
         loops: Sequence[Loop] = (),
     ) -> None:
-        if not isinstance(links, Sequence):
-            raise ValueError(f"links = {links!r}: must be a list of links")
-        self.links: tuple[Link, ...] = tuple(instance(f"links[{k}]", link, Link) for k, link in enumerate(links))
+        self.links: tuple[Link, ...] = instances("links", links, Link, "links")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
-        self.struts: tuple[Strut | Tendon, ...] = _lines(struts)  #: struts, then tendons, by number
-        self.contacts: tuple[Contact, ...] = _listed("contacts", contacts, Contact)  #: by number
-        self.loops: tuple[Loop, ...] = _listed("loops", loops, Loop)  #: by number
+        lines = instances("struts", struts, (Strut, Tendon), "Strut and Tendon")
+        #: struts, then tendons, as files have them, by number
+        self.struts: tuple[Strut | Tendon, ...] = tuple(sorted(lines, key=lambda x: isinstance(x, Tendon)))
+        self.contacts: tuple[Contact, ...] = instances("contacts", contacts, Contact, "contacts")  #: by number
+        self.loops: tuple[Loop, ...] = instances("loops", loops, Loop, "loops")  #: by number
         self._name()
         self._make()
         if len(self._tubes) < len(self._rods):
@@ -171,7 +164,7 @@ class Chain:
             taken |= dict.fromkeys(names, one)
 
     def _make(self) -> None:
-        self._fastened = [self._fasten(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
+        self._fastened = [self._line(f"struts[{k}]", s) for k, s in enumerate(self.struts)]
         self._touching = [self._touch(f"contacts[{k}]", c) for k, c in enumerate(self.contacts)]
         self._closing = [self._close(f"loops[{k}]", x) for k, x in enumerate(self.loops)]
         #: length at which the spring of each strut and tendon has no force (m)
@@ -215,39 +208,36 @@ class Chain:
         with self.naming():
             return _core.Arm([link._core for link in self.links], self.gravity, self.seats, struts, contacts, loops)
 
-    def _fasten(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
-        """The points of a strut as the core takes them. ValueError unless they can move against each other."""
+    def _fasten(self, field: str, points: Mapping[str, Any], fault: str) -> list[_Fastened]:
+        """Points, by their names, as the core takes them. ValueError, with this `fault`, where all sit on one rigid
+        body."""
+        found = [self._fasten_point(f"{field}: {name}", p) for name, p in points.items()]
+        if len({self._body(*point[:3]) for point in found}) == 1:
+            raise ValueError(f"{field}: {fault}")
+        return found
+
+    def _line(self, field: str, strut: Strut | Tendon) -> list[_Fastened]:
+        """The points of a strut."""
         names = ("a", "b") if isinstance(strut, Strut) else [f"points[{i}]" for i in range(len(strut.points))]
-        points = [self._fasten_point(f"{field}: {name}", p) for name, p in zip(names, strut.points, strict=True)]
-        if len({self._body(*point[:3]) for point in points}) == 1:
-            raise ValueError(f"{field}: all its points sit on one rigid body, so that its length cannot change")
+        fault = "all its points sit on one rigid body, so that its length cannot change"
+        points = self._fasten(field, dict(zip(names, strut.points, strict=True)), fault)
         for i, (here, there) in enumerate(pairwise(points)):
             if here[:3] == there[:3] and np.array_equal(here[3], there[3]):
                 raise ValueError(f"{field}: {names[i]} and {names[i + 1]} are one point; give different ones")
         return points
 
-    def _touch(self, field: str, contact: Contact) -> tuple[_Fastened, _Fastened]:
-        """The point of a contact and that of its surface, as the core takes them. ValueError unless they can move
-        against each other."""
+    def _touch(self, field: str, contact: Contact) -> list[_Fastened]:
+        """The point of a contact and that of its surface."""
         surface = contact.against
-        names = "point", f"against.{surface.on}"
-        points: Any = contact.point, surface.at
-        point, on = (self._fasten_point(f"{field}: {n}", p) for n, p in zip(names, points, strict=True))
-        if self._body(*point[:3]) == self._body(*on[:3]):
-            raise ValueError(f"{field}: its point and its surface sit on one rigid body, so that the gap cannot change")
-        return point, on
+        fault = "its point and its surface sit on one rigid body, so that the gap cannot change"
+        return self._fasten(field, {"point": contact.point, f"against.{surface.on}": surface.at}, fault)
 
-    def _close(self, field: str, loop: Loop) -> tuple[_Fastened, _Fastened]:
-        """The origins of a loop's frames as the core takes them. ValueError unless they can move against each other."""
-        sides: list[_Fastened] = []
-        given: Any = (loop.a, loop.b)
-        for name, point, (origin, _) in zip("ab", given, loop._core, strict=True):
-            link, on, x, offset = self._fasten_point(f"{field}: {name}", point)
-            sides.append((link, on, x, offset + origin))
-        a, b = sides
-        if self._body(*a[:3]) == self._body(*b[:3]):
-            raise ValueError(f"{field}: both its places sit on one rigid body, so that it closes nothing")
-        return a, b
+    def _close(self, field: str, loop: Loop) -> list[_Fastened]:
+        """The origins of a loop's frames."""
+        fault = "both its places sit on one rigid body, so that it closes nothing"
+        sides = self._fasten(field, {"a": loop.a, "b": loop.b}, fault)
+        pairs = zip(sides, loop._core, strict=True)
+        return [(link, on, x, offset + origin) for (link, on, x, offset), (origin, _) in pairs]
 
     def _fasten_point(self, field: str, point: Point) -> _Fastened:
         offset = np.array(point.offset)
@@ -267,17 +257,22 @@ class Chain:
         return k, "slice", x, offset
 
     def _body(self, link: int, on: str, x: float) -> Any:
-        """What tells the rigid bodies apart on which points sit."""
+        """A key of the rigid body on which a point sits, equal for all points of the body."""
         if link < 0:
             return -1
         beam = self.links[link].beam
         bends = beam is not None and beam.ne > 0
         if bends and beam is not None and (on == "end" or x > 0.0):
             return link, beam.length if on == "end" else x
-        if not self.links[link].joint.nv:  # it is one body with what it sits on
+        if not self.links[link].joint.nv:  # it is one body with its parent
             parent, at = self.seats[link]
             return self._body(parent, "end" if at is None else "slice", at or 0.0)
         return link, 0.0
+
+    @property
+    def _parts(self) -> Parts:
+        """All that it is made of."""
+        return Parts(self.links, self.gravity, self.struts, self.contacts, self.loops)
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
@@ -305,16 +300,9 @@ class Chain:
         return out
 
     @classmethod
-    def _varied(
-        cls: type[_Kind],
-        of: Chain,
-        links: Sequence[Link],
-        gravity: Sequence[float],
-        struts: Sequence[Strut | Tendon],
-        contacts: Sequence[Contact],
-        loops: Sequence[Loop],
-    ) -> _Kind:
+    def _varied(cls: type[_Kind], of: Chain, parts: Parts) -> _Kind:
         """An arm with other numbers than `of`: it takes the names from there, if its links have the same."""
+        links, gravity, struts, contacts, loops = parts
         if of._tubes:  # cylinders follow their struts
             mine = [*zip(links[of._own :], of.links[of._own :], strict=True)]
             ties: Any = [(x, y) for x, y in zip(loops, of.loops, strict=True) if y.name in of._ties]
@@ -324,7 +312,7 @@ class Chain:
             kept = [x for x in loops if x.name not in of._ties]
             return of._alike(links[: of._own], gravity, struts, contacts, kept)  # type: ignore[return-value]
         if len(links) != len(of.links) or not all(x is y or _alike(x, y) for x, y in zip(links, of.links, strict=True)):
-            return cls(links, gravity, struts, contacts, loops)
+            return cls(*parts)
         out = cls.__new__(cls)
         out.links, out.gravity = tuple(links), tuple(array("gravity", gravity, (3,)).tolist())
         out.struts, out.strut_names = tuple(struts), of.strut_names
@@ -338,23 +326,19 @@ class Chain:
         return out
 
     def __reduce__(self) -> Any:
-        return __newobj__, (type(self),), (self.links, self.gravity, self.struts, self.contacts, self.loops)
+        return __newobj__, (type(self),), tuple(self._parts)
 
     def __setstate__(self, state: Any) -> None:
         Chain.__init__(self, *state)
 
     def __eq__(self, other: object) -> bool:
-        def parts(x: Chain) -> Any:
-            return x.links, x.gravity, x.struts, x.contacts, x.loops
-
-        return isinstance(other, Chain) and parts(self) == parts(other)
+        return isinstance(other, Chain) and self._parts == other._parts
 
     __hash__ = None  # type: ignore[assignment]  # beams hold dictionaries
 
     def __repr__(self) -> str:
-        counted = f"{len(self.links)} links, " + (f"{len(self.struts)} struts, " if self.struts else "")
-        counted += f"{len(self.contacts)} contacts, " if self.contacts else ""
-        counted += f"{len(self.loops)} loops, " if self.loops else ""
+        many = {"struts": self.struts, "contacts": self.contacts, "loops": self.loops}
+        counted = f"{len(self.links)} links, " + "".join(f"{len(x)} {name}, " for name, x in many.items() if x)
         return f"{type(self).__name__}({counted}{self.nv} coordinates: {', '.join(self.coordinates)})"
 
     def __getitem__(self, link: Any) -> Link:
@@ -412,10 +396,10 @@ class Chain:
                 two = f"is link {found[0]} and the joint of link {found[1]}"
                 raise ValueError(f"{field} = {link!r}: {two}; give a number")
             others = (("strut", self.strut_names), ("contact", self.contact_names), ("loop", self.loop_names))
-            for what, names in others:
+            for kind, names in others:
                 if link in names:
-                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if what == "strut" else ""
-                    raise ValueError(f"{field} = {link!r}: is a {what}; here is meant a link or a joint{hint}")
+                    hint = "; a strut with a mass is one: fa.Strut(..., mass=...)" if kind == "strut" else ""
+                    raise ValueError(f"{field} = {link!r}: is a {kind}; it must be a link or a joint{hint}")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
@@ -533,10 +517,8 @@ class Chain:
 
     def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
         """The values of `keyed` by index of the rate instead of by link or (link, freedom)."""
-        if keyed is not None and not isinstance(keyed, Mapping):
-            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number or name")
         out: dict[int, Any] = {}
-        for link, value in (keyed or {}).items():
+        for link, value in mapping(field, keyed, ", by link number or name").items():
             i = self.joint_rate(link, f"{field}: link")
             if i in out:
                 raise ValueError(f"{field}: link = {link}: is named twice")
@@ -617,10 +599,8 @@ class Chain:
         Raises:
             ValueError: an unknown name, a joint named twice, too few or too many numbers.
         """
-        if not isinstance(joints, Mapping):
-            raise ValueError(f"joints = {joints!r}: must be a dictionary, by link number or name, such as {{0: 0.3}}")
         q, seen = self.zero, set[int]()
-        for link, value in joints.items():
+        for link, value in mapping("joints", joints, ", by link number or name, such as {0: 0.3}").items():
             rates = self.joint_rates(link, "joints: link")
             if not seen.isdisjoint(rates):
                 raise ValueError(f"joints: link = {link}: is named twice")
@@ -694,12 +674,15 @@ class Chain:
         """Raises ValueError if a quaternion in q (..., nq) has zero length, or a length whose square overflows."""
         for k, at in self.quaternions() if self.nq != self.nv else ():
             size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
-            for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
-                if bad.any():
-                    raise ValueError(
-                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of {self.joint_names[k]} must have a "
-                        "length, from 1e-100 to 1e100"
-                    )
+            bad = np.argwhere((size < 1e-100) | (size > 1e100))
+            if len(bad):
+                first = tuple(bad[0].tolist())
+                value = "0 0 0 0" if size[first] < 1e-100 else f"up to {size[first]:g}"
+                where = "".join(f"[{i}]" for i in first) + f"[{at.start}:{at.stop}]"
+                raise ValueError(
+                    f"{field}{where} = {value}: the quaternion of {self.joint_names[k]} must have a length, from "
+                    "1e-100 to 1e100"
+                )
 
     # -- kinematics ----------------------------------------------------------------------------------------------------
 
@@ -866,20 +849,20 @@ class Chain:
         """The names of contacts with friction."""
         return [name for name, c in zip(self.contact_names, self.contacts, strict=True) if c.coulomb]
 
-    def refuse_rubbing(self, what: str) -> None:
-        """ValueError where contacts have friction: `what` does not know the past of a run, of which that depends."""
+    def refuse_rubbing(self, caller: str) -> None:
+        """ValueError where contacts have friction: `caller` does not know the past of a run, on which that depends."""
         for k, c in enumerate(self.contacts):
             if c.coulomb:
                 name = self.contact_names[k]
                 raise ValueError(
-                    f"{what}: contact '{name}' has friction (coulomb = {c.coulomb:g}), which depends on a run's past, "
-                    "and that is not known here; take contacts with coulomb = 0"
+                    f"{caller}: contact '{name}' has friction (coulomb = {c.coulomb:g}), which depends on a run's "
+                    "past, and that is not known here; take contacts with coulomb = 0"
                 )
 
     # -- loops ---------------------------------------------------------------------------------------------------------
 
     def loop_motion(self, q: ArrayLike, v: ArrayLike | None = None) -> tuple[Array, Array]:
-        """What the loops hold at zero, g (..., n), and its rate dg/dt, loop by loop: components of the way from the
+        """The constraints g (..., n) of the loops, and their rates dg/dt, loop by loop: components of the way from the
         joint's frame on a to that on b, along axes of a's (m), then products of an axis of a's and one of b's, 0 where
         they are square (such as 1e-3 for a turn of 1e-3 rad). v is zero if None. A compliant loop pulls g back to zero;
         runs keep that of rigid ones there."""
@@ -888,8 +871,8 @@ class Chain:
         return found[..., 0], found[..., 1]
 
     def loop_jacobian(self, q: ArrayLike) -> Array:
-        """Jacobian (..., n, nv) of what `loop_motion` gives: dg/dt = J v. Forces f along g have the generalised forces
-        J^T f."""
+        """Jacobian (..., n, nv) of the constraints of `loop_motion`: dg/dt = J v. Forces f along g have the generalised
+        forces J^T f."""
         (q,) = self._batch(q=q)
         rates = self.loop_motion(np.repeat(q[..., None, :], self.nv, axis=-2), np.eye(self.nv))[1]
         return np.ascontiguousarray(np.swapaxes(rates, -1, -2))
@@ -918,15 +901,15 @@ class Chain:
         """Whether loops hold it rigidly, so that not all of its coordinates are free."""
         return any(x.rigid for x in self.loops)
 
-    def refuse_loops(self, what: str, rigid: bool = False) -> None:
-        """ValueError where there are loops, or `rigid` ones: `what` does not know them."""
+    def refuse_loops(self, caller: str, rigid: bool = False) -> None:
+        """ValueError where there are loops, or `rigid` ones: `caller` does not know them."""
         for name, loop in zip(self.loop_names, self.loops, strict=True):
             if name in self._ties:
                 rod = self._rods[self._ties.index(name)]
-                raise ValueError(f"{what}: does not know cylinders, such as '{rod}', a strut with a mass")
+                raise ValueError(f"{caller}: does not know cylinders, such as '{rod}', a strut with a mass")
             if loop.rigid or not rigid:
                 kind, remedy = ("rigid loops", "; give it stiffnesses") if rigid else ("loops", "")
-                raise ValueError(f"{what}: does not know {kind}, such as '{name}'{remedy}")
+                raise ValueError(f"{caller}: does not know {kind}, such as '{name}'{remedy}")
 
     # -- inertia and energy --------------------------------------------------------------------------------------------
 

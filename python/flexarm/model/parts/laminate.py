@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import Array, choice, positive, tilde
+from ..._check import Array, choice, instances, positive, tilde, warn
 from .material import Material
 from .part import Finite, ModelWarning, Part, Positive
 from .sections import SectionMatrix
@@ -63,7 +62,7 @@ class Ply(Part):
 
     def _made(self) -> None:
         if abs(self.angle) > 2 * np.pi:
-            warnings.warn(f"angle = {self.angle:g} rad of a ply: is it in degrees?", ModelWarning, stacklevel=3)
+            warn(f"angle = {self.angle:g} rad of a ply: is it in degrees?", ModelWarning)
         if isinstance(self.material, Material) and not self.material._core.shear_modulus > 0.0:
             raise ValueError(f"material = {self.material!r}: must have a poisson_ratio or a shear_modulus")
 
@@ -110,17 +109,15 @@ def laminate(width: float, plies: Sequence[Ply], normal: str = "y") -> SectionMa
     """
     b = positive("width", width)
     choice("normal", normal, ("y", "z"))
-    if not isinstance(plies, (list, tuple)) or not plies or not all(isinstance(p, Ply) for p in plies):
-        raise ValueError(f"plies = {plies!r}: must be a list of Ply")
+    instances("plies", plies, Ply, "Ply", 1)
     edges = np.cumsum([0.0, *(p.thickness for p in plies)])
     edges -= edges[-1] / 2
     t = float(edges[-1] - edges[0])
     if t > _THICK * b:
-        warnings.warn(
+        warn(
             f"laminate: is {t:.3g} m thick and {b:.3g} m wide: its law is that of plates, thinner than a third of the "
             "width; see polygon for thick sections",
             ModelWarning,
-            stacklevel=2,
         )
     return SectionMatrix(*(of(b, plies, edges, normal).tolist() for of in (_stiffness, _inertia)))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import flexarm._core as _core
 
-from ..._check import instance
+from ..._check import instances
 from .beam import Beam, RigidBody
 from .joints import Joint
 from .look import Look
@@ -20,7 +20,7 @@ class Link(Part):
     """A joint and up to three bodies: a rigid hub, an elastic beam, a rigid tip. (Sec. 4.2)
 
     The joint sits at the end of its parent, or on a slice of its beam, in its axes. The beam starts at `hub.end`; the
-    tip sits on the beam's last section (or at `hub.end`), in its axes; what it carries sits at `tip.end`.
+    tip sits on the beam's last section (or at `hub.end`), in its axes; the links that it carries sit at `tip.end`.
 
     Args:
         joint: connects the link to its parent.
@@ -51,7 +51,7 @@ class Link(Part):
         read_name(self.name)
         if isinstance(self.parent, bool) or not isinstance(self.parent, (str, int, type(None))):
             raise ValueError(f"parent = {self.parent!r}: must be the name or number of a link, 'world' or None")
-        self._set("looks", tuple(instance(f"looks[{k}]", look, Look) for k, look in enumerate(self.looks)))
+        self._set("looks", instances("looks", self.looks, Look, "Look"))
         hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
         return _core.Link(self.joint._core, hub, beam, tip)  # type: ignore[arg-type]
 

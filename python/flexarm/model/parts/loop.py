@@ -41,8 +41,8 @@ class Loop(Part):
         a, b: the places, and their frames: a Point, whose axes are those of its link's end, origin or slice, or of the
             world; or short, a link (its end), (link, at), or (x, y, z), a place in the world (m).
         joint: Fixed, Revolute, Prismatic, Cylindrical, Universal, Planar or Spherical. It moves freely: springs,
-            dampers, stops, friction and motors belong to a joint of a link; cut the loop at another joint then. What it
-            holds of turns are right angles between axes, which are so where an axis is reversed, too: a hinge whose
+            dampers, stops, friction and motors belong to a joint of a link; cut the loop at another joint then. Of
+            turns it holds right angles between axes, which remain right where an axis is reversed: a hinge whose
             axes point opposite ways at the start counts as closed, and stays so. Its `place` is then counted the other
             way; turn the joint's `inboard` or `outboard` by pi to have it the usual way.
         stiffness: of the directions that the joint holds (N/m); None: it is rigid there.

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from functools import cache
 from typing import Annotated, Any, get_origin
 
-from ..._check import array, choice, finite_number, flag, not_negative, number, plain, positive, whole
+from ..._check import array, choice, finite_number, flag, instance, not_negative, number, plain, positive, whole
 from .arguments import alternatives, arguments, with_inherited
 
 #: A check of an argument, which returns the value to be kept: (name, value) -> value.
@@ -130,8 +130,7 @@ def _check(kinds: Sequence[Any]) -> Check:
         if own is not None:
             return own(name, plain(value))
         if parts and len(parts) == len(given) and not isinstance(value, parts):
-            words = [f"a{'n' * (k.__name__[0] in 'AEIO')} {k.__name__}" for k in parts]
-            raise ValueError(f"{name} = {value!r}: must be {' or '.join(words + ['None'] * optional)}")
+            instance(name, value, (*parts, *[type(None)] * optional))
         return plain(value)
 
     return read

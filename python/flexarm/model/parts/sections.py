@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
@@ -11,7 +10,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from ..._check import array, instance, number, tilde
+from ..._check import array, instance, number, tilde, warn
 from .material import Material
 from .part import ModelWarning, Part
 
@@ -304,7 +303,7 @@ class SectionMatrix(Section):
         M = material.density * np.diag([s.area, s.area, s.area, iy + iz, iy, iz])
         y, z, angle = (float(array(name, v, ())) for name, v in (("y", y), ("z", z), ("angle", angle)))
         if abs(angle) > 2 * np.pi:
-            warnings.warn(f"angle = {angle:g} rad of a section: is it in degrees?", ModelWarning, stacklevel=2)
+            warn(f"angle = {angle:g} rad of a section: is it in degrees?", ModelWarning)
         cosine, sine = np.cos(angle), np.sin(angle)
         R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
         c = tilde((0.0, y, z))

@@ -24,9 +24,9 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     The curvature of a beam jumps where a stiff patch begins. Smooth shape functions follow that slowly: a pair half as
     stiff as the beam leaves a static tip wrong by a fifth with three shapes and by 2 % with thirty (docs/piezo.md);
     pieces, each smooth, converge exponentially. Use it as Arm([*split(link), ...]). Links behind it are numbered anew;
-    the first piece keeps the link's name and its parent, the others are "NAME 2" and so on. What sits on the link sits
+    the first piece keeps the link's name and its parent, the others are "NAME 2" and so on. All on the link sits
     on its last piece then: a `parent`, or a point of a strut or of a contact, that names the link's end must name that
-    one, and numbers of links move on; what sits `at` a place along the beam sits on the piece there, at the place less
+    one, and numbers of links move on; a link `at` a place along the beam sits on the piece there, at the place less
     where that piece begins.
 
     Args:

@@ -50,7 +50,7 @@ def check_run(scene: Scene, result: Result) -> Findings:
 
 
 def _problem(scene: Scene) -> Problem:
-    return Problem(scene.arm, scene.t, scene.q0, scene.v0, None, **scene.given())
+    return Problem(scene, scene.t, scene.q0, scene.v0, events=scene.events)
 
 
 def _angles(run: Problem) -> Iterator[Finding]:

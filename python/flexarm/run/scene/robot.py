@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..._check import array
+from ..._check import array, warn
 from ...arm.arm import Arm
 from ...model.parts.beam import Beam
 from ...robots.chain import Flexible, arm_links
@@ -42,7 +41,7 @@ def from_urdf(
             of its own, without mass. A list: the last links of a tree. Joints of other branches are locked at zero, and
             their bodies move with the link that carries them. None: all joints that move.
         flexible: flexible links: by the name of a moving link, a Beam from its joint to the next one (or the tip), with
-            that length, whose mass replaces the link's own; or a Flexible for other cases. What sits on a beam must sit
+            that length, whose mass replaces the link's own; or a Flexible for other cases. Links on a beam must sit
             on its end: there, beyond it, or on a body that is fixed to it.
         stops: soft stops at the position limits: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no stops.
         reflected_inertia: of the drives' rotors at the joints (kg m^2, kg), which URDF lacks: one number for all moving
@@ -115,5 +114,5 @@ def _arm(
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
     if made.notes:
         text = "\n".join(f"  - {line}" for line in made.notes)
-        warnings.warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning, stacklevel=3)
+        warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning)
     return arm

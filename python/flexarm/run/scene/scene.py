@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, choice, known_keys, named
+from ..._check import Array, choice, known_keys, mapping, named, path_of
 from ...arm.arm import Arm
 from ...data.store.files import write_whole
-from ...model.acting.control import Controller
+from ...model.acting.control import Controller, controllers
 from ...model.acting.drive import Motion, Torque, Voltage, is_strut
 from ...model.acting.load import Load
 from ...model.parts.arguments import arguments
@@ -80,10 +80,8 @@ class Scene:
     events: Any = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.drive, Mapping):
-            raise ValueError(f"drive = {self.drive!r}: must be a dictionary, by link number or name")
-        if isinstance(self.control, Controller):  # a single one, as in `simulate`
-            self.control = (self.control,)
+        mapping("drive", self.drive, ", by link number or name")
+        self.control = controllers(self.control)
         if isinstance(self.q0, str):
             choice("q0", self.q0, WORDS)
 
@@ -231,9 +229,7 @@ def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
     """
-    if not isinstance(path, (str, Path)):
-        raise ValueError(f"scene = {path!r}: must be a path")
-    p = Path(path)
+    p = path_of("scene", path)
     try:
         if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
             p = SCENES / f"{p.name}.toml"

@@ -12,6 +12,7 @@ import flexarm._core as _core
 
 from ..._check import Array
 from ...arm.arm import Arm
+from ...arm.variation import Setup
 from ...model.acting.control import Controller
 from ...model.acting.drive import Motion, Scalar, SpinUp, is_patch, is_strut
 from ...model.acting.load import Load
@@ -208,7 +209,7 @@ def compiled_text(scene: Any) -> str:
     integrator = integrator_on(scene, scene.options)
 
     def text(control: Any) -> str:
-        run = Problem(scene.arm, scene.t, scene.q0, scene.v0, None, scene.drive, scene.loads, control, None)
+        run = Problem(Setup(scene.arm, scene.drive, scene.loads, control), scene.t, scene.q0, scene.v0)
         laws = {f"drive {key!r}": law for key, law in scene.drive.items()}
         laws |= {f"loads[{k}]": law for k, law in enumerate(scene.loads)}
         for where, law in laws.items():

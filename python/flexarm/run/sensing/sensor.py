@@ -7,7 +7,6 @@ noise, rounds to steps and saturates, in this order.
 
 from __future__ import annotations
 
-import warnings
 import zlib
 from collections import deque
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._check import Array, array, not_negative, outside, positive
+from ..._check import Array, array, not_negative, positive, warn
 from ...arm.arm import Arm
 from ...model.acting.load import Load
 from ...model.parts.beam import as_floats
@@ -190,7 +189,7 @@ class Sensor(Part):
         if isinstance(self.filter, LowPass):
             coarse = self._coarse_warning(float(np.diff(result.t).max()))
             if coarse:
-                warnings.warn(coarse, stacklevel=outside())
+                warn(coarse)
             y = self._filtered(result.t, found)
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
@@ -414,7 +413,7 @@ class Sampler:
             self._filter = f.settled(y)
             return y, None
         if len(self._history) == 1 and (coarse := s._coarse_warning(t - self._history[-1][0])):
-            warnings.warn(coarse, stacklevel=outside())
+            warn(coarse)
         rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
                            for x0, x1 in zip(before[1:], self._last_input[1:], strict=True)]  # fmt: skip
         middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]

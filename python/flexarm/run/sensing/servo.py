@@ -45,10 +45,10 @@ class Servo(LinearController):
         limit: of |u|; None: the motor's. The joint's `torque_limit` holds besides.
         reference: r (rad, m): a number, samples (t, r), linear in between, a callable t -> r, or a Motion.
         reference_rate: r', likewise; None: the rate of a Motion, else zero.
-        feedforward: what is added: a torque (N m, N): a number, samples (t, tau), a callable or a Torque; a Move of
-            `plan_move`, for its torques; "gravity": what holds the arm where the references of all its servos are, its
-            other joints at zero, or "motion": what these references need with their accelerations, as of FeedForward;
-            None: nothing.
+        feedforward: an added torque (N m, N): a number, samples (t, tau), a callable or a Torque; a Move of
+            `plan_move`, for its torques; "gravity": the torque that holds the arm where the references of all its
+            servos are, its other joints at zero, or "motion": the one that these references need with their
+            accelerations, as of FeedForward; None: nothing.
         current_loop: bandwidth (Hz) of the current loop, with which the torque follows u (first order); None: at once.
         motor: converts u to a torque; None: u is the torque.
         tracking_time: time constant (s) that unwinds the integral while u is at a limit (back-calculation; Astrom &
@@ -144,7 +144,7 @@ class Servo(LinearController):
 
 
 def _forward(given: Any, link: Any) -> str | Torque | None:
-    """What `feedforward` stands for: a word, or a Torque."""
+    """The meaning of `feedforward`: a word, or a Torque."""
     if given is None:
         return None
     if isinstance(given, str):
