@@ -27,16 +27,16 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensitivity import ByForces, RunStopped
 from ..run.simulation import SimulationError, simulated, source
-from .enrich import enriched, moving_strains
+from .enrich import enriched, moving_strains, relevant
 from .error_estimate import ErrorEstimate, ErrorSource
-from .indicators import elastic, response
+from .indicators import elastic
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
 from .models import BeamModel, Model, Models
 from .pieces import leaps
 from .states import embed, keys, some_rows
 
-_SMALL = 0.003  # of the estimated response of all strains: those of a smaller one are not in the richer model
+_SMALL = 0.05  # of the estimated error: shapes that change less together are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
 _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
@@ -163,15 +163,9 @@ class _Estimating:
             return replace(b, counts=tuple(map(max, b.counts, models.given.counts(k))))
 
         rich = models.rebased(enriched(models, 0, reached)).each(more)
-        at = models.at(rich, {})
-        shares, size = response(at, self.result, self.measure)
-        by_strain: dict[tuple[int, int], float] = {}
-        for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
-            by_strain[k, s] = by_strain.get((k, s), 0.0) + share
-        least = _SMALL * sum(share for (k, _), share in by_strain.items() if k >= 0)
-        small = {key for key, share in by_strain.items() if share < least}
+        kept, _, size = relevant(models, rich, self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in range(len(STRAINS))}), self.result, self.measure, _SMALL)
         moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
-        return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
+        return kept.each(lambda k, b: self.finer(k, b, moving)), size
 
     def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
         """With one shape more of these strains (link, strain), in another basis than the scene's: n + 2 polynomials are
