@@ -19,7 +19,7 @@ from .indicators import excited, growth, smoothed
 from .measures import Measure, times_to_compare
 from .models import BeamModel, Model, Models
 from .sources import MODES, ORDER, ROTARY, Change, Part, Sources, orders, size
-from .states import keys, some_rows
+from .states import some_rows
 from .trials import Budget, OutOfTime, Run, Trials, by_tolerance, longest_gap, stable_step
 
 _GOAL = 0.9  # of the room in the tolerance: what models may take of it; steps and Gauss points may take the rest
@@ -268,7 +268,8 @@ class EconomizeSearch:
                 self.refused |= {part for part in gone if part[0] == ROTARY} or set(gone)
                 continue
             self.learn(run)
-            if self.good(run, _GOAL) and (self.best is self.reference or self.trials.saved(self.best.model, model) > 0.0):
+            cheaper = self.best is self.reference or self.trials.saved(self.best.model, model) > 0.0
+            if cheaper and self.good(run, _GOAL):
                 self.best = run
 
     @property

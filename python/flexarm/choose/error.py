@@ -8,6 +8,7 @@ these the forces that the run lacks (`lacking`) become parts of that error.
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -40,7 +41,7 @@ _SMALL = 0.05  # of the estimated error: shapes that change less together are no
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
 _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
-_FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
+_FINER, _SHARE = 0.1, 0.1  # of the run's own tolerance, of the error: the tolerance of its finer steps
 _DETUNED = 0.01  # of a frequency: what polynomials may miss of it
 _SWINGS = 0.3  # of the estimated error: what a missed frequency may change
 _LOOKS = 41  # rows at which that is looked for
@@ -163,7 +164,8 @@ class _Estimating:
             return replace(b, counts=tuple(map(max, b.counts, models.given.counts(k))))
 
         rich = models.rebased(enriched(models, 0, reached)).each(more)
-        kept, _, size = relevant(models, rich, self.without(rich, {(k, s) for k in range(len(rich.beams)) for s in range(len(STRAINS))}), self.result, self.measure, _SMALL)
+        least = self.without(rich, itertools.product(range(len(rich.beams)), range(len(STRAINS))))
+        kept, _, size = relevant(models, rich, least, self.result, self.measure, _SMALL)
         moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
         return kept.each(lambda k, b: self.finer(k, b, moving)), size
 

@@ -18,17 +18,17 @@ from .._check import Array
 from ..analysis.closed import turning
 from ..arm.arm import Arm
 from ..model.acting.control import control_laws, padded
-from ..model.acting.drive import moved_rates, split_drives, voltage_forces
+from ..model.acting.drive import moved_rates, split_drives
 from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from ..run.start import acting
 from .measures import Measure, probes
+from .models import Model, Models
 from .states import embed, keys, restated, some_rows
 
-_ROWS = 121  # rows of a run for the residuals
-_PLACES, _FEW = 61, 16  # of a run, at which its equations of small motions are found; the latter for shares alone
+_ROWS = 81  # rows of a run for the residuals
+_PLACES, _FEW = 61, 9  # of a run, at which its equations of small motions are found; the latter for shares alone
 _STUCK = 1e-6  # rad/s or m/s: joints with dry friction that are slower stick
 
 
@@ -139,16 +139,34 @@ def elastic(arm: Arm) -> tuple[Array, Array]:
     return K, D
 
 
-def forces_of(scene: Scene, arm: Arm, run: Result) -> Array:
-    """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
-    patched, loads = bool(split_drives(arm, scene.drive)[1]), [*scene.loads, *pushes(arm, scene.drive)]
-    if not loads and not patched:
-        return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a))
-    out = []
-    for t, q, v, a in zip(run.t, run.q, run.v, run.a, strict=True):
-        r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, loads, float(t)))
-        out.append(r - voltage_forces(arm, acting(scene.arm, scene.drive, float(t))[1]) if patched else r)
-    return np.array(out)
+def forces(scene: Scene, run: Result, arm: Arm | None = None) -> Array:
+    """Inverse dynamics along a run, of its arm or of another one with its coordinates, less the loads' forces,
+    (nt, nv)."""
+    arm, loads = arm or run.arm, [*scene.loads, *pushes(scene.arm, scene.drive)]
+    rows = [[load.numbers(x) for load in loads] for x in run.t.tolist()]
+    wrenches = np.array(rows).reshape(len(run.t), len(loads), 6)
+    return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a, [x.place(arm) for x in loads], wrenches))
+
+
+def acting_on(models: Models, run: Result, arm: Arm) -> Array:
+    """What acts on the coordinates of a run, beside loads, in those of another model: on joints as it is; on beams by
+    the voltages of patches. Feedback reads what the other model shows, such as another strain at a clamp."""
+    of, found = run.arm, forces(models.scene, run)
+    out = restated(found, of, arm, rates=True)
+    if models.pinned:  # something may act on coordinates by number; they are the same
+        return out
+    theirs, own = ([i for i, key in enumerate(keys(a)) if key[0] >= 0] for a in (arm, of))
+    out[:, theirs] = 0.0
+    if of.patch_matrix.size and of.patch_matrix[own].any():
+        volts = np.linalg.lstsq(of.patch_matrix[own], found[:, own].T, rcond=None)[0]
+        out[:, theirs] = (arm.patch_matrix[theirs] @ volts).T
+    scene, lifted = models.scene, embed(run, arm)
+    laws = (control_laws(a, scene.control, scene.t, scene.loads)[0] if scene.control else () for a in (arm, of))
+    for f, g in zip(*laws, strict=True):  # a force is column (reference - by_q q - by_v v)
+        read = lifted.q @ f.by_q[: arm.nq] + lifted.v @ f.by_v[: arm.nv]
+        before = run.q @ g.by_q[: of.nq] + run.v @ g.by_v[: of.nv]
+        out -= np.outer(read - before, f.column[: arm.nv])
+    return out
 
 
 class Tangents:
@@ -223,11 +241,11 @@ class Tangents:
                 part = ((np.arange(first, end) + 0.5 - first) / (end - first))[:, None, None]
                 S, T, L = (X[i] + part * (X[i + 1] - X[i]) for X in (before, after, stiff))
                 S = np.linalg.inv(S)
-                T, L, push = S @ T, S @ L, S @ pushed[first:end]
                 for k in range(end - first):
-                    new = T[k] @ v - L[k] @ x + push[k]
+                    new = S[k] @ (T[k] @ v - L[k] @ x + pushed[first + k])
                     if single:
-                        new[:, single] += S[k][:, one] * ((target[first + k + 1, one] - new[one, single]) / S[k, one, one])
+                        lacks = target[first + k + 1, one] - new[one, single]
+                        new[:, single] += S[k][:, one] * (lacks / S[k, one, one])
                     for c, some in several:
                         lacks = target[first + k + 1, some] - new[some, c]
                         new[:, c] += S[k][:, some] @ np.linalg.solve(S[k][np.ix_(some, some)], lacks)
@@ -247,11 +265,11 @@ def smoothed(run: Result) -> Result:
     return replace(run, v=v, a=np.gradient(v, run.t, axis=0))
 
 
-def shares(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
-    """What each coordinate of a richer arm changes in the quantity of a run, over its span, (nv,), and all together: the
-    motions of the richer arm under the forces that the run lacks in it."""
-    arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
-    some, run = embed(result, result.arm, rows), embed(result, arm, rows)
-    lacking = restated(forces_of(rich, result.arm, some), result.arm, arm, rates=True) - forces_of(rich, arm, run)
-    x, size = Tangents(rich, run, _FEW).answers(lacking[:, :, None])[0][:, :, 0], measure.sense(rich, run.q)
-    return np.array([size(x * unit) for unit in np.eye(arm.nv)]), size(x)
+def shares(models: Models, rich: Model, result: Result, measure: Measure) -> tuple[Array, float]:
+    """What each coordinate of a richer model changes in the quantity of a run, over its span, (nv,), and all together:
+    the motions of its arm under the forces that the run lacks in it."""
+    scene, rows = models.at(rich, {}), some_rows(len(result.t), _ROWS)
+    some, run = embed(result, result.arm, rows), embed(result, scene.arm, rows)
+    lacking = acting_on(models, some, scene.arm) - forces(scene, run)
+    x, size = Tangents(scene, run, _FEW).answers(lacking[:, :, None])[0][:, :, 0], measure.sense(scene, run.q)
+    return np.array([size(x * unit) for unit in np.eye(scene.arm.nv)]), size(x)

@@ -90,7 +90,7 @@ def setting_words(options: dict[str, Any]) -> str:
 
 
 _LONG = 0.3  # s: longer runs are not repeated
-_ROUNDS = 5  # timings of an evaluation
+_ROUNDS, _STATES = 6, 32  # timings of evaluations, and of how many
 _EQUAL = 0.05  # of an evaluation's time: least saving, with all beams changed, that counts as cheaper
 
 
@@ -328,7 +328,7 @@ class Trials:
         """The time of `cost`, measured now."""
         arm, r = self.models.arm(model), self.states
         assert r is not None
-        states = embed(r, arm, some_rows(len(r.t), 16))
+        states = embed(r, arm, some_rows(len(r.t), _STATES))
         tau, least = np.zeros(states.v.shape), np.inf
         for _ in range(_ROUNDS):
             started = time.thread_time()
