@@ -71,11 +71,10 @@ def relevant(
 ) -> tuple[Model, dict[tuple[int, int, int], float], float]:
     """A rich model without the shapes that are estimated to change a run's quantity by less than a part of `size`
     together (None: of what the rich model changes), but no less than the `least` model; by (link, strain, number) what
-    each shape changes, over the span; and what the rich model does."""
-    found, whole = shares(models, rich, result, measure)
-    of = {key: float(x) for key, x in zip(keys(models.arm(rich)), found, strict=True) if key[0] >= 0}
+    each further shape changes, over the span; and what the rich model does."""
+    of, whole = shares(models, rich, result, measure)
     counts = {(g[0], s): n for g, s, n in models.items(rich)}
-    worth = {(g[0], s, i): max(of[k, s, i] for k in g) for g, s, n in models.items(rich)
+    worth = {(g[0], s, i): max(of.get((k, s, i), 0.0) for k in g) for g, s, n in models.items(rich)
              for i in range(least.counts(g[0])[s] + 1, n + 1)}  # fmt: skip
     left = part * (whole if size is None else size)
     for k, s, number in sorted(worth, key=lambda key: (worth[key], -key[2])):

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+import flexarm._core as _core
+
 from .._check import Array, positive
 from .._console import progress_bar
 from ..arm.variation import Setup, value_at
@@ -192,13 +194,13 @@ class _Estimating:
         return out
 
     def without(self, rich: Model, strains: Iterable[tuple[int, int]]) -> Model:
-        """The model without further strains (link, strain) that the scene's own has none of, and with hardly more
-        shapes than that of the others."""
-        out = set(strains)
-        given = self.models.given
+        """The model without further strains (link, strain) that the scene's own has none of, and with one more shape
+        than that of the others, of bending three, which are enough for a frequency."""
+        out, given = set(strains), self.models.given
 
         def change(k: int, b: BeamModel) -> BeamModel:
-            few = (m and m + (b.basis is not None) for m in given.counts(k))
+            own = zip(given.counts(k), _core.STRAIN_FIELDS, strict=True)
+            few = (m and max(m + 1, 3 * field.bending) for m, field in own)
             kept = (min(n, m) if (k, s) in out else n for s, (n, m) in enumerate(zip(b.counts, few, strict=True)))
             return replace(b, counts=tuple(kept))
 

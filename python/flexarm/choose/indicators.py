@@ -265,11 +265,17 @@ def smoothed(run: Result) -> Result:
     return replace(run, v=v, a=np.gradient(v, run.t, axis=0))
 
 
-def shares(models: Models, rich: Model, result: Result, measure: Measure) -> tuple[Array, float]:
-    """What each coordinate of a richer model changes in the quantity of a run, over its span, (nv,), and all together:
-    the motions of its arm under the forces that the run lacks in it."""
+def shares(
+    models: Models, rich: Model, result: Result, measure: Measure
+) -> tuple[dict[tuple[int, int, int], float], float]:
+    """What a run's quantity changes, over its span, by the force that it lacks on each further coordinate of a richer
+    model, by (link, strain, number), and by all that it lacks: the motions of the richer arm under these."""
     scene, rows = models.at(rich, {}), some_rows(len(result.t), _ROWS)
     some, run = embed(result, result.arm, rows), embed(result, scene.arm, rows)
     lacking = acting_on(models, some, scene.arm) - forces(scene, run)
-    x, size = Tangents(scene, run, _FEW).answers(lacking[:, :, None])[0][:, :, 0], measure.sense(scene, run.q)
-    return np.array([size(x * unit) for unit in np.eye(scene.arm.nv)]), size(x)
+    own = set(keys(result.arm))
+    new = {key: i for i, key in enumerate(keys(scene.arm)) if key not in own}
+    each = np.zeros((*lacking.shape, len(new) + 1))
+    each[:, list(new.values()), range(len(new))], each[:, :, -1] = lacking[:, list(new.values())], lacking
+    x, size = Tangents(scene, run, _FEW).answers(each)[0], measure.sense(scene, run.q)
+    return {key: size(x[:, :, k]) for k, key in enumerate(new)}, size(x[:, :, -1])
