@@ -360,19 +360,27 @@ class EconomizeSearch:
         if reference.values is None:
             reference = self.base  # the check measures its error
         agree = self.in_pieces(reference) if self.models.jumps else self.by_more_shapes(reference)
-        if self.check is None or self.check.values is None:
-            if self.check is not None:
-                label = self.models.label(self.check.model)
-                self.reasons.append(f"the check, {label}, cannot be run: {self.check.reason}")
+        if self.check is None:
             return
         self.reduce()
         self.integrate()
+        if self.check.values is None:
+            self.reasons.append(f"the check, {self.models.label(self.check.model)}, cannot be run: {self.check.reason}")
+            return
         self.off = self.trials.distance(self.lean, self.check)
         if not agree or self.off > self.tol - _REMAINDER * self.gap - self.lost:
             self.reasons.append(
-                f"the lean run is off by {self.off:.2g}; the check is by {self.gap:.2g} from a poorer model; "
-                f"tolerance {self.tol:.2g}"
+                f"against the check the lean run is off by {self.off:.2g}, and a run of a poorer model by {self.gap:.2g}; "
+                f"tolerance {self.tol:.2g}{self.models.jumps and f'; {self.advice}' or ''}"
             )
+
+    @property
+    def advice(self) -> str:
+        """What mends strains that jump."""
+        return (
+            f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
+            "Arm([*fa.split(link), ...])"
+        )
 
     def checked(self, beside: Run, rich: Model) -> bool:
         """Runs the check; whether the run beside it agrees with it."""
@@ -405,13 +413,9 @@ class EconomizeSearch:
         """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
         taken from beams in pieces. The reference gets as many modes as it needs to come near these."""
         self.reference = reference
-        advice = (
-            f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
-            "Arm([*fa.split(link), ...])"
-        )
         if self.models.pinned or callable(self.measure.quantity):
             why = self.models.pinned or "the quantity is a function, which may count on the links"
-            self.reasons.append(f"{advice}; the check cannot, as {why}")
+            self.reasons.append(f"{self.advice}; the check cannot, as {why}")
             return False
         rich = replace(self.affordable(self.enriched(0, reference.model), reference.model), pieces=True)
         many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
@@ -428,7 +432,6 @@ class EconomizeSearch:
             if self.good(reference, _GOAL):
                 return True
             reference = self.attempt(self.enriched(2 * k + 1, self.reference.model))
-        self.reasons.append(advice)
         return False
 
     def find_unstable(self) -> None:
