@@ -370,8 +370,8 @@ class EconomizeSearch:
         self.off = self.trials.distance(self.lean, self.check)
         if not agree or self.off > self.tol - _REMAINDER * self.gap - self.lost:
             self.reasons.append(
-                f"against the check the lean run is off by {self.off:.2g}, and one of a poorer model by {self.gap:.2g}; "
-                f"tolerance {self.tol:.2g}{f'; {self.advice}' if self.models.jumps else ''}"
+                f"against the check the lean run is off by {self.off:.2g}, and one of a poorer model by {self.gap:.2g}"
+                f"; tolerance {self.tol:.2g}{f'; {self.advice}' if self.models.jumps else ''}"
             )
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -169,13 +169,16 @@ class _Estimating:
         least = self.without(rich, itertools.product(range(len(rich.beams)), range(len(STRAINS))))
         kept, _, size = relevant(models, rich, least, self.result, self.measure, _SMALL)
         moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
-        return kept.each(lambda k, b: self.finer(k, b, moving)), size
 
-    def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
-        """With one shape more of these strains (link, strain), in another basis than the scene's: n + 2 polynomials are
-        too few to have the frequencies of n clamped-free modes."""
-        each = enumerate(beam.counts)
-        return replace(beam, counts=tuple(n + (beam.basis is not None and (link, s) in strains) for s, n in each))
+        def finer(k: int, b: BeamModel) -> BeamModel:
+            """All shapes of these strains, and one more in another basis than the scene's: n + 2 polynomials are too
+            few to have the frequencies of n clamped-free modes."""
+            counts = enumerate(zip(b.counts, rich.counts(k), strict=True))
+            return replace(
+                b, counts=tuple(m + (b.basis is not None) if (k, s) in moving else n for s, (n, m) in counts)
+            )
+
+        return kept.each(finer), size
 
     def vibration(self) -> dict[tuple[int, int], float]:
         """By link and strain of several shapes: what a frequency of the last of them that is a little off would change
