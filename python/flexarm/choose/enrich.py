@@ -77,9 +77,11 @@ def relevant(
     worth = {(g[0], s, i): max(of.get((k, s, i), 0.0) for k in g) for g, s, n in models.items(rich)
              for i in range(least.counts(g[0])[s] + 1, n + 1)}  # fmt: skip
     left = part * (whole if size is None else size)
-    for k, s, number in sorted(worth, key=lambda key: (worth[key], -key[2])):
-        if number == counts[k, s] and worth[k, s, number] <= left:
-            counts[k, s], left = number - 1, left - worth[k, s, number]
+    while last := {(k, s): worth[k, s, n] for (k, s), n in counts.items() if (k, s, n) in worth}:
+        fewest = min(last, key=lambda key: last[key])
+        if last[fewest] > left:
+            break
+        counts[fewest], left = counts[fewest] - 1, left - last[fewest]
     group = {k: g[0] for g in models.groups for k in g}
 
     def fewer(k: int, beam: BeamModel) -> BeamModel:
