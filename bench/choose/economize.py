@@ -53,7 +53,7 @@ def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
 
 
 def tip_and_time(scene: fa.Scene, count: int = _COUNT) -> tuple[np.ndarray, float]:
-    """Tip positions of a run, and its wall time (s)."""
+    """Tip positions of a run, and its processor time (s)."""
     runs = [timed(scene) for _ in range(count)]
     return runs[0][0].frame()[0], min(least for _, least, _ in runs)
 
@@ -210,7 +210,7 @@ def draw(found: dict, path: Path) -> None:
     )
     ax.axhline(found["tol"], color="#009E73", ls="--", lw=1.2)
     ax.text(
-        0.99, found["tol"], "tolerance", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color="#009E73"
+        1.01, found["tol"], "tolerance", transform=ax.get_yaxis_transform(), ha="left", va="center", color="#009E73"
     )
     scale_errors(ax, 3.0)
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -53,7 +53,7 @@ def _without(search: EconomizeSearch, lower: Model) -> tuple[float | None, str]:
     """Error of a poorer model, and its source: a run, or the estimate."""
     for run in search.trials.runs.values():
         if run.options == search.trials.setting and run.model == lower and run.values is not None:
-            return search.trials.distance(run, search.judge), RUN
+            return search.trials.distance(run, search.rich), RUN
     if search.sources is None:
         return None, "not looked at"
     return search.estimate(lower), ESTIMATE
@@ -151,7 +151,7 @@ def _setting(search: EconomizeSearch, run: Run) -> Choice:
     if run.values is None:
         why = {"cut": "given up: slow", "failed": "the run failed"}.get(run.status, run.status)
         return Choice("arm", "integrator", words, None, why, None, False)
-    error, time = search.trials.distance(run, search.judge), run.time / search.lean.time - 1.0
+    error, time = search.trials.distance(run, search.rich), run.time / search.lean.time - 1.0
     return Choice("arm", "integrator", words, error, RUN, time, run is search.lean)
 
 

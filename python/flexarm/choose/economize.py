@@ -251,7 +251,7 @@ def _head(plan: ModelPlan) -> list[str]:
     lines = [f"{plan.given.name}: {plan.quantity}, span {spans}, to {tolerance}", ""]
     lines.append(f"Take   {plan.model}; {setting_words(plan.scene.options)}")
     if plan.certified:
-        lines.append(f"CERTIFIED: error {plan.error:.1e} against {check}, which was not on the path")
+        lines.append(f"CERTIFIED: error {plan.error:.1e} against {check}, richer than all on the path")
     else:
         lines.append(f"NOT CERTIFIED: {'; '.join(plan.reasons)}")
     lines += [f"Note: {note}" for note in plan._search.notes]

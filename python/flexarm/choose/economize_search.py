@@ -14,24 +14,24 @@ from ..model.parts.beam import STRAINS
 from ..run.integrators import DENSE
 from ..run.scene.scene import Scene
 from ..run.watch import first_frequency, readings
-from .enrich import enriched, moving_strains
-from .indicators import excited, growth, smoothed, worth
+from .enrich import enriched, moving_strains, relevant
+from .indicators import excited, growth, smoothed
 from .measures import Measure, times_to_compare
 from .models import BeamModel, Model, Models
 from .sources import MODES, ORDER, ROTARY, Change, Part, Sources, orders, size
-from .states import keys, some_rows
+from .states import some_rows
 from .trials import Budget, OutOfTime, Run, Trials, by_tolerance, longest_gap, stable_step
 
-_GOAL = 0.7  # of the tolerance: share for the model; the rest is for the integrator and unknown errors
-_RUN_SHARE = 0.85  # of the tolerance: limit of the error with the integrator's
-_SMALL = 1 / 30  # of the tolerance: tolerance of steps; coordinates of less effect are not in the reference
-_LOST = 0.2  # of the tolerance: largest estimated effect of the shear and extension that no run has
+_GOAL = 0.9  # of the room in the tolerance: what models may take of it; steps and Gauss points may take the rest
+_ROOM = 0.97  # of the tolerance: the largest known error
+_SMALL = 1 / 30  # of the tolerance: tolerance of steps
+_LOST = 0.1  # of the tolerance: shapes of less estimated effect together are not in the reference
 _AGREE = 1 / 3  # of the tolerance: largest distance between reference and check
 _REMAINDER = 1.5  # times the gap: error that may remain beyond the check, if convergence is slow
 _ROUNDS = 3  # most references
 _SLIGHT = 0.05  # of the goal: parts that change less hardly matter
 _NEAR = 3.0  # times the goal: models that are estimated to miss it by less are tried
-_WALKS = 3  # most runs of models from one reference
+_WALKS = 3  # most runs of models
 _STEPS = (1e-9, 1e-4)  # bounds of the tolerance of steps
 _DENSE = (8, 401, 801)  # times of a run for estimates: of each of its steps, the least and the most in all
 _GROWTH = 100.0  # of motions that symmetry excludes, within the run: above it the run is unstable
@@ -47,20 +47,20 @@ class EconomizeSearch:
             present activity.
 
     Attributes:
-        reference: a rich run; `sources` are the parts of its model. judge: from which errors are taken: the reference,
-            or its beams in pieces. best: of models in steps of a negligible error. lean: the choice, with all output
-            times and the chosen integrator. check: a richer run, from which the final error is taken. off, gap: of the
-            lean run and of the judge from that; lost: the estimated effect of shear and extension that it has not.
+        reference: a rich run; `sources` are the parts of its model. check: a richer run, from which errors are taken.
+            gap: between them, or where strains jump, between the check and a run with its beams in pieces, too.
+            lost: the estimated effect of shear and extension that none of these has.
+        best: of models in steps of a negligible error. lean: the choice, with all output times and the chosen
+            integrator. off: of it from the check.
         share: estimated effect of each coordinate of the enriched model, by (link, strain, number).
         settings: runs of the lean model with other integrators. reasons: why the plan is not certified.
-        notes: limits of the check. dormant: by link, strains that are not excited.
+        notes: of the start, and of what could not be tested. dormant: by link, strains that are not excited.
     """
 
     reference: Run
-    judge: Run
     lean: Run
-    sources: Sources | None = None
     best: Run
+    sources: Sources | None = None
 
     def __init__(self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]) -> None:
         self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
@@ -81,8 +81,8 @@ class EconomizeSearch:
 
     @property
     def rich(self) -> Run:
-        """The run from which final errors are taken: the check, or the reference if there is none."""
-        return self.check or self.reference
+        """The run from which errors are taken: the check, or the reference if there is none."""
+        return self.reference if self.check is None or self.check.values is None else self.check
 
     # -- models ------------------------------------------------------------------------------------------------------
 
@@ -120,37 +120,24 @@ class EconomizeSearch:
             self.own = other if self.rebase else self.own
 
     def relevant(self, rich: Model, base: Run) -> Model:
-        """The rich model reduced to coordinates with an estimated effect; it keeps those of the base."""
+        """The rich model without coordinates that hardly have an estimated effect; it keeps those of the base."""
         assert base.dense is not None
-        scene = self.models.at(rich, {})
-        sizes, _ = worth(scene, smoothed(base.dense), self.measure)
-        self.share = {key: float(x) for key, x in zip(keys(scene.arm), sizes, strict=True) if key[0] >= 0}
+        kept, self.share, _ = relevant(
+            self.models, rich, base.model, smoothed(base.dense), self.measure, _LOST, self.tol
+        )  # fmt: skip
+        return kept
 
-        def matters(k: int, beam: BeamModel) -> BeamModel:
-            group, numbers = next(g for g in self.models.groups if k in g), []
-            for s, (n, own) in enumerate(zip(beam.counts, base.model.counts(k), strict=True)):
-                seen = [i for i in range(1, n + 1) if max(self.share[j, s, i] for j in group) > _SMALL * self.tol]
-                numbers.append(max([min(own, n), *seen]))
-            return replace(beam, counts=tuple(numbers))
-
-        return self.affordable(rich, base.model).each(matters)
-
-    def without(self, rich: Model, model: Model) -> tuple[Model, float]:
-        """The rich model without the shear and extension that another one has none of, and the estimated effect of
-        these: beams are stiff in them, and need very short steps."""
-        out = {(k, s) for k, beam in enumerate(rich.beams) for s in _FAST if beam and not model.counts(k)[s]}
+    def affordable(self, rich: Model, model: Model | None = None) -> Model:
+        """The rich model without the shear and extension that another one has none of (None: without all), whose
+        estimated effect is `lost`: beams are stiff in them, and need very short steps."""
+        beams = [k for k, beam in enumerate(rich.beams) if beam]
+        out = {(k, s) for k in beams for s in _FAST if model is None or not model.counts(k)[s]}
 
         def fewer(k: int, beam: BeamModel) -> BeamModel:
             return replace(beam, counts=tuple(0 if (k, s) in out else n for s, n in enumerate(beam.counts)))
 
-        return rich.each(fewer), sum(x for (k, s, _), x in self.share.items() if (k, s) in out)
-
-    def affordable(self, rich: Model, model: Model) -> Model:
-        """The rich model, without shear and extension that the other has none of, if these have a small effect."""
-        few, lost = self.without(rich, model)
-        small = lost <= _LOST * self.tol
-        self.lost = lost if small else 0.0
-        return few if small else rich
+        self.lost = sum(x for (k, s, _), x in self.share.items() if (k, s) in out)
+        return rich.each(fewer)
 
     # -- runs --------------------------------------------------------------------------------------------------------
 
@@ -183,7 +170,7 @@ class EconomizeSearch:
     def attempt(self, model: Model, finer: bool = False) -> Run:
         """A run of a model, with the setting, or with steps and a method that are independent of it; if it fails, with
         another integrator."""
-        setting, usual = self.trials.setting, max(10.0, 100.0 * self.base.time)
+        setting, usual = self.trials.setting, max(3.0, 50.0 * self.base.time)
         steps = setting.get("tolerance", setting.get("rtol", 0.0)) / (10 if finer else 1)
         dense = int(np.clip(_DENSE[0] * self.base.steps, *_DENSE[1:]))
         for tried in self.options(steps, 3) if finer else [setting, *self.options(steps)[1:]]:
@@ -193,10 +180,10 @@ class EconomizeSearch:
         return run
 
     def error(self, model: Model) -> float:
-        """Error of a model beside the judge, by simulation; inf where it cannot be run."""
+        """Error of a model beside the check, by simulation; inf where it cannot be run."""
         try:
             self.models.check(model)
-            return self.trials.distance(self.trials.run(model, most=max(0.5, 3 * self.reference.time)), self.judge)
+            return self.trials.distance(self.trials.run(model, most=max(0.5, 3 * self.reference.time)), self.rich)
         except ValueError:
             return np.inf
 
@@ -207,8 +194,6 @@ class EconomizeSearch:
         off that are near to it."""
         assert self.sources is not None
         change = self.sources.change(model)
-        if len(self.known) < 2 and self.judge is self.reference:  # which is not off
-            return size(change)
         near = np.array([size({u: x - known[u] for u, x in change.items()}) for known, _ in self.known])
         parts = 1.0 / np.maximum(near, 1e-9 * self.tol) ** 2
         parts = parts / parts.sum()
@@ -216,9 +201,9 @@ class EconomizeSearch:
 
     def learn(self, run: Run) -> None:
         """Stores how far a run is off from its estimate."""
-        assert self.sources is not None and run.values is not None and self.judge.values is not None
+        assert self.sources is not None and run.values is not None and self.rich.values is not None
         change = self.sources.change(run.model)
-        self.known.append((change, {u: (run.values[u] - self.judge.values[u]) / span - change[u]
+        self.known.append((change, {u: (run.values[u] - self.rich.values[u]) / span - change[u]
                                     for u, span in self.measure.span.items()}))  # fmt: skip
 
     def poorer(self, model: Model) -> Iterator[Model]:
@@ -236,7 +221,7 @@ class EconomizeSearch:
     def walk(self) -> Model:
         """From the reference's model down, by what saves most time for its error, to the goal. Fewer shapes always save
         time: those that hardly matter go first."""
-        goal, model, now = self.limit(_GOAL), self.reference.model, 0.0
+        goal, model, now = _GOAL * self.room, self.reference.model, 0.0
 
         def first(some: list[tuple[float, float, Model]]) -> tuple[float, float, Model] | None:
             return next((x for x in sorted(some, key=lambda x: x[0]) if self.possible(x[2])), None)
@@ -272,27 +257,29 @@ class EconomizeSearch:
             model = self.walk()
             if model in ran:
                 near = [(self.estimate(x), x) for x in self.poorer(self.best.model) if x.size < self.best.model.size]
-                near = [x for x in near if x[1] not in ran and x[0] <= _NEAR * self.limit(_GOAL)]
+                near = [x for x in near if x[1] not in ran and x[0] <= _NEAR * _GOAL * self.room]
                 near = [x for x in near if self.possible(x[1])]
                 if not near:
                     break
                 model = min(near, key=lambda x: x[0])[1]
             ran.add(model)
-            run = self.trials.run(model, most=max(0.5, 3 * self.reference.time))
+            run = self.trials.run(model, most=max(0.5, 3 * self.reference.time), often=2)
             if run.values is None:
                 gone = [part for part in self.sources.left_out(model) if part[0] != MODES]
                 self.refused |= {part for part in gone if part[0] == ROTARY} or set(gone)
                 continue
             self.learn(run)
-            if self.good(run) and (self.best is self.reference or self.trials.saved(self.best.model, model) > 0.0):
+            if self.good(run, _GOAL) and (self.best is self.reference or run.time < self.best.time):
                 self.best = run
 
-    def good(self, run: Run, share: float = _GOAL) -> bool:
-        return self.trials.distance(run, self.judge) <= self.limit(share)
+    @property
+    def room(self) -> float:
+        """The error beside the check that a run may have. (What cannot be certified leaves half of the tolerance.)"""
+        room = _ROOM * self.tol - _REMAINDER * self.gap - self.lost
+        return room if self.gap <= _AGREE * self.tol else 0.5 * self.tol
 
-    def limit(self, share: float) -> float:
-        """The error that a run may have for this share of the tolerance."""
-        return share * self.tol - self.lost
+    def good(self, run: Run, share: float = 1.0) -> bool:
+        return self.trials.distance(run, self.rich) <= share * self.room
 
     def sliced(self, model: Model, share: float) -> Model:
         """The model with this share of the Gauss points that its bases ask for."""
@@ -306,7 +293,7 @@ class EconomizeSearch:
         return model.each(fewer) if share < 1.0 else model
 
     def integrate(self) -> None:
-        """Finds the fastest run of the best model with an error below 0.85 of the tolerance: few Gauss points first,
+        """Finds the fastest run of the best model with an error within the room: few Gauss points first,
         where no new warning appears; chosen steps, loose ones first, then fixed ones of some times their length, then
         short ones of a cheap method."""
         self.tell("integrators")
@@ -314,7 +301,7 @@ class EconomizeSearch:
         span, gap = float(np.ptp(self.scene.t)), longest_gap(self.scene)
 
         def good(run: Run) -> bool:
-            return self.good(run, _RUN_SHARE) and (bool(self.best.warning) or not run.warning)
+            return self.good(run) and (bool(self.best.warning) or not run.warning)
 
         def best() -> float:
             return min((x.time for x in tried if good(x)), default=np.inf)
@@ -349,7 +336,7 @@ class EconomizeSearch:
         """Decides. After OutOfTime the result so far stays, not certified."""
         self.find_basis()
         try:
-            self.base = self.reference = self.judge = self.best = self.lean = self.first()
+            self.base = self.reference = self.best = self.lean = self.first()
             self.trials.states = self.base.result
         except OutOfTime:
             raise ValueError("budget: is over before the scene's own model could be run; give more") from None
@@ -371,78 +358,80 @@ class EconomizeSearch:
         reference = self.attempt(self.relevant(self.enriched(0), self.base))
         if reference.values is None:
             reference = self.base  # the check measures its error
-        if self.models.jumps:
-            self.in_pieces(reference)
+        agree = self.in_pieces(reference) if self.models.jumps else self.by_more_shapes(reference)
+        if self.check is None:
             return
-        for k in range(_ROUNDS):
-            assert reference.values is not None
-            self.measure.set_span(reference.values)
-            self.reference = self.judge = reference
-            rich = self.affordable(self.enriched(2 * k, reference.model), reference.model)
-            if self.descended(rich) or self.check is None or self.check.values is None:
-                return
-            reference = self.check
-            self.trials.setting = {k: v for k, v in self.check.options.items() if k != "stages"} | {"stages": 4}
-
-    def descended(self, rich: Model) -> bool:
-        """Finds the lean run and checks it; whether they agree."""
-        self.reasons, self.check = [], None
         self.reduce()
         self.integrate()
-        self.tell("check")
-        self.notes = self.notes[: bool(self.models.start.note)]
-        check = self.attempt(rich, finer=True)
-        few, lost = self.without(rich, self.reference.model)
-        if check.values is None and few != rich:  # for example with switching friction and fast shear
-            check, self.lost = self.attempt(few, finer=True), lost
-            self.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
-        self.check = check
-        if check.values is None:
-            self.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
-            return False
-        self.off, self.gap = (self.trials.distance(run, check) for run in (self.lean, self.judge))
-        if self.gap <= _AGREE * self.tol:  # else the choices were made against a wrong run
-            for run in (self.lean, *sorted(self.settings, key=lambda x: x.time)):
-                off = self.trials.distance(run, check)
-                if off + _REMAINDER * self.gap + self.lost <= self.tol and (run is self.lean or not run.warning):
-                    self.lean, self.off = run, off
-                    return True
-        self.reasons = [
-            f"against the check it is off by {self.off:.2g}, and the reference, against which choices were "
-            f"made, by {self.gap:.2g}; tolerance {self.tol:.2g}"
-        ]
-        return False
+        if self.check.values is None:
+            self.reasons.append(f"the check, {self.models.label(self.check.model)}, cannot be run: {self.check.reason}")
+            return
+        self.off = self.trials.distance(self.lean, self.check)
+        if not agree or self.off > self.tol - _REMAINDER * self.gap - self.lost:
+            self.reasons.append(
+                f"against the check the lean run is off by {self.off:.2g}, and one of a poorer model by {self.gap:.2g}"
+                f"; tolerance {self.tol:.2g}{f'; {self.advice}' if self.models.jumps else ''}"
+            )
 
-    def in_pieces(self, reference: Run) -> None:
-        """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
-        taken from beams in pieces from the start, also in the check. The reference gets as many modes as it needs to
-        come near these."""
-        self.reference = reference
-        advice = (
+    @property
+    def advice(self) -> str:
+        """What mends strains that jump."""
+        return (
             f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
             "Arm([*fa.split(link), ...])"
         )
+
+    def checked(self, beside: Run, rich: Model) -> bool:
+        """Runs the check; whether the run beside it agrees with it."""
+        self.tell("check")
+        self.check = self.attempt(rich, finer=True)
+        self.gap = self.trials.distance(beside, self.check)
+        return self.gap <= _AGREE * self.tol
+
+    def by_more_shapes(self, reference: Run) -> bool:
+        """Finds a reference that agrees with a richer model: the check of one that does not is the next."""
+        for k in range(_ROUNDS):
+            assert reference.values is not None
+            self.measure.set_span(reference.values)
+            self.reference = reference
+            if self.checked(reference, self.affordable(self.enriched(2 * k, reference.model), reference.model)):
+                return True
+            assert self.check is not None
+            if self.check.values is None:  # for example with switching friction and fast shear
+                few = self.affordable(reference.model)
+                reference = self.attempt(few)
+                if few == self.reference.model or reference.values is None:
+                    return False
+                self.notes.append(f"nothing could be run with shear and extension, estimated at {self.lost:.1g}")
+            elif k + 1 < _ROUNDS:
+                reference = self.check
+                self.trials.setting = {k: v for k, v in reference.options.items() if k != "stages"} | {"stages": 4}
+        return False
+
+    def in_pieces(self, reference: Run) -> bool:
+        """If strains jump, models with smooth shapes agree with each other before they are accurate. Errors are then
+        taken from beams in pieces. The reference gets as many modes as it needs to come near these."""
+        self.reference = reference
         if self.models.pinned or callable(self.measure.quantity):
             why = self.models.pinned or "the quantity is a function, which may count on the links"
-            self.reasons.append(f"{advice}; the check cannot, as {why}")
-            return
+            self.reasons.append(f"{self.advice}; the check cannot, as {why}")
+            return False
         rich = replace(self.affordable(self.enriched(0, reference.model), reference.model), pieces=True)
-        self.tell("beams in pieces")
-        judge, near = self.attempt(rich), False
-        for k in range(_ROUNDS):
-            if judge.values is None or reference.values is None:
-                break
-            self.measure.set_span(judge.values)
-            self.reference = reference
-            near = self.trials.distance(reference, judge) <= _GOAL * self.tol
-            if near:
-                break
-            reference = self.attempt(self.enriched(2 * k + 1, self.reference.model))
-        self.judge = judge if near else self.reference  # too far from the pieces: the check reports it
         many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
         more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
-        if not self.descended(more) and self.check is not None:
-            self.reasons[0] += f"; {advice}"
+        self.tell("beams in pieces")
+        cut = self.attempt(rich)
+        if cut.values is not None:
+            self.measure.set_span(cut.values)
+        agree = self.checked(cut, more)
+        for k in range(_ROUNDS):
+            if not agree or reference.values is None or self.check is None or self.check.values is None:
+                break
+            self.reference = reference
+            if self.good(reference, _GOAL):
+                return True
+            reference = self.attempt(self.enriched(2 * k + 1, self.reference.model))
+        return False
 
     def find_unstable(self) -> None:
         """Tests whether disturbances of motions that symmetry excludes stay small."""

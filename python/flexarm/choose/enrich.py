@@ -1,8 +1,9 @@
-"""Richer models of a scene: the strains that move at all, and more shapes of each of them."""
+"""Richer models of a scene: the strains that move at all, more shapes of each of them, and which of these matter."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,9 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..model.parts.beam import STRAINS
-from .indicators import excited
+from ..run.result import Result
+from .indicators import excited, shares
+from .measures import Measure
 from .models import BeamModel, Model, Models
 from .states import keys
 
@@ -61,3 +64,27 @@ def enriched(
         return BeamModel(tuple(numbers), "exact", True)
 
     return models.given.each(rich)
+
+
+def relevant(
+    models: Models, rich: Model, least: Model, result: Result, measure: Measure, part: float, size: float | None = None
+) -> tuple[Model, dict[tuple[int, int, int], float], float]:
+    """A rich model without the shapes that are estimated to change a run's quantity by less than a part of `size`
+    together (None: of what the rich model changes), but no less than the `least` model; by (link, strain, number) what
+    each further shape changes, over the span; and what the rich model does."""
+    of, whole = shares(models, rich, result, measure)
+    counts = {(g[0], s): n for g, s, n in models.items(rich)}
+    worth = {(g[0], s, i): max(of.get((k, s, i), 0.0) for k in g) for g, s, n in models.items(rich)
+             for i in range(least.counts(g[0])[s] + 1, n + 1)}  # fmt: skip
+    left = part * (whole if size is None else size)
+    while last := {(k, s): worth[k, s, n] for (k, s), n in counts.items() if (k, s, n) in worth}:
+        fewest = min(last, key=lambda key: last[key])
+        if last[fewest] > left:
+            break
+        counts[fewest], left = counts[fewest] - 1, left - last[fewest]
+    group = {k: g[0] for g in models.groups for k in g}
+
+    def fewer(k: int, beam: BeamModel) -> BeamModel:
+        return replace(beam, counts=tuple(counts.get((group[k], s), 0) for s in range(len(beam.counts))))
+
+    return rich.each(fewer), of, whole

@@ -8,13 +8,16 @@ these the forces that the run lacks (`lacking`) become parts of that error.
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+
+import flexarm._core as _core
 
 from .._check import Array, positive
 from .._console import progress_bar
@@ -27,20 +30,20 @@ from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.sensitivity import ByForces, RunStopped
 from ..run.simulation import SimulationError, simulated, source
-from .enrich import enriched, moving_strains
+from .enrich import enriched, moving_strains, relevant
 from .error_estimate import ErrorEstimate, ErrorSource
-from .indicators import elastic, response
+from .indicators import elastic
 from .lacking import BASIS, START, Between, static_weights
 from .measures import Measure
 from .models import BeamModel, Model, Models
 from .pieces import leaps
 from .states import embed, keys, some_rows
 
-_SMALL = 0.003  # of the estimated response of all strains: those of a smaller one are not in the richer model
+_SMALL = 0.05  # of the estimated error: shapes that change less together are not in the richer model
 _FAST = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear") or name == "extension")
 _LOOSE, _TIGHT, _LEAST = 1e-3, 1e-7, 1e-10  # bounds of the tolerances of steps
 _MISSED = 0.25  # of their tolerance: what steps miss at most of places; usually a tenth of that
-_FINER, _SHARE = 0.1, 1 / 30  # of the run's own tolerance, of the error: the tolerance of its finer steps
+_FINER, _SHARE = 0.1, 0.1  # of the run's own tolerance, of the error: the tolerance of its finer steps
 _DETUNED = 0.01  # of a frequency: what polynomials may miss of it
 _SWINGS = 0.3  # of the estimated error: what a missed frequency may change
 _LOOKS = 41  # rows at which that is looked for
@@ -163,21 +166,19 @@ class _Estimating:
             return replace(b, counts=tuple(map(max, b.counts, models.given.counts(k))))
 
         rich = models.rebased(enriched(models, 0, reached)).each(more)
-        at = models.at(rich, {})
-        shares, size = response(at, self.result, self.measure)
-        by_strain: dict[tuple[int, int], float] = {}
-        for (k, s, _), share in zip(keys(at.arm), shares, strict=True):
-            by_strain[k, s] = by_strain.get((k, s), 0.0) + share
-        least = _SMALL * sum(share for (k, _), share in by_strain.items() if k >= 0)
-        small = {key for key, share in by_strain.items() if share < least}
+        least = self.without(rich, itertools.product(range(len(rich.beams)), range(len(STRAINS))))
+        kept, _, size = relevant(models, rich, least, self.result, self.measure, _SMALL)
         moving = {key for key, share in self.vibration().items() if share > _SWINGS * size}
-        return self.without(rich.each(lambda k, b: self.finer(k, b, moving)), small - moving), size
 
-    def finer(self, link: int, beam: BeamModel, strains: Collection[tuple[int, int]]) -> BeamModel:
-        """With one shape more of these strains (link, strain), in another basis than the scene's: n + 2 polynomials are
-        too few to have the frequencies of n clamped-free modes."""
-        each = enumerate(beam.counts)
-        return replace(beam, counts=tuple(n + (beam.basis is not None and (link, s) in strains) for s, n in each))
+        def finer(k: int, b: BeamModel) -> BeamModel:
+            """All shapes of these strains, and one more in another basis than the scene's: n + 2 polynomials are too
+            few to have the frequencies of n clamped-free modes."""
+            counts = enumerate(zip(b.counts, rich.counts(k), strict=True))
+            return replace(
+                b, counts=tuple(m + (b.basis is not None) if (k, s) in moving else n for s, (n, m) in counts)
+            )
+
+        return kept.each(finer), size
 
     def vibration(self) -> dict[tuple[int, int], float]:
         """By link and strain of several shapes: what a frequency of the last of them that is a little off would change
@@ -196,13 +197,13 @@ class _Estimating:
         return out
 
     def without(self, rich: Model, strains: Iterable[tuple[int, int]]) -> Model:
-        """The model without further strains (link, strain) that the scene's own has none of, and with hardly more
-        shapes than that of the others."""
-        out = set(strains)
-        given = self.models.given
+        """The model without further strains (link, strain) that the scene's own has none of, and with one more shape
+        than that of the others, of bending three, which are enough for a frequency."""
+        out, given = set(strains), self.models.given
 
         def change(k: int, b: BeamModel) -> BeamModel:
-            few = (m and m + (b.basis is not None) for m in given.counts(k))
+            own = zip(given.counts(k), _core.STRAIN_FIELDS, strict=True)
+            few = (m and max(m + 1, 3 * field.bending) for m, field in own)
             kept = (min(n, m) if (k, s) in out else n for s, (n, m) in enumerate(zip(b.counts, few, strict=True)))
             return replace(b, counts=tuple(kept))
 

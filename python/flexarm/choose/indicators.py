@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from .._check import Array
 from ..analysis.closed import turning
 from ..arm.arm import Arm
-from ..model.acting.control import control_laws
-from ..model.acting.drive import moved_rates, split_drives, voltage_forces
+from ..model.acting.control import control_laws, padded
+from ..model.acting.drive import moved_rates, split_drives
 from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
-from ..run.start import acting
 from .measures import Measure, probes
+from .models import Model, Models
 from .states import embed, keys, restated, some_rows
 
-_ROWS = 121  # rows of a run for the residuals
-_PLACES = 61  # of a run, at which its equations of small motions are found; between them they are interpolated
+_ROWS = 81  # rows of a run for the residuals
+_PLACES, _FEW = 61, 9  # of a run, at which its equations of small motions are found; the latter for shares alone
 _STUCK = 1e-6  # rad/s or m/s: joints with dry friction that are slower stick
 
 
@@ -105,43 +105,30 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
     if not out.size or len(result.t) < 2:
         return 1.0
     run = embed(result, arm, some_rows(len(result.t), most_rows))
+    run = replace(run, a=np.gradient(run.v, run.t, axis=0))  # not of fast vibration
     n, span = len(out), float(run.t[-1] - run.t[0])
     beams, eye = elastic(arm)[0][np.ix_(out, out)], np.eye(2 * n)
-    mean: Array
-    mean_a = np.gradient(run.v, run.t, axis=0)  # not of fast vibration
-    rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
-    stiffening: Array = np.zeros((n, n))  # of loads and spin, at their largest
-    for K, _, _ in rows:
-        w, Z = np.linalg.eigh(0.5 * (K + K.T) - beams)
-        positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
-        stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
-    M0 = rows[0][1]
+    M, D, K = Tangents(scene, run, len(run.t)).matrices[:, :, out[:, None], out]
+    w, Z = np.linalg.eigh(0.5 * (K + K.transpose(0, 2, 1)) - beams)
+    positive = (Z * np.maximum(w, 0.0)[:, None]) @ Z.transpose(0, 2, 1)
+    stiffening = positive[np.trace(positive, axis1=1, axis2=2).argmax()]  # of loads and spin
+    M0, A = M[0], np.tile(np.eye(2 * n, k=n), (len(M), 1, 1))
+    A[:, n:] = -np.linalg.solve(M, np.concatenate([K, D], axis=2))
     norm = np.linalg.cholesky(np.block([[beams + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
     state: Array = np.linalg.inv(norm)  # columns of unit energy
     most, fast = 1.0, 0.0
-    for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
+    for stiff, before, after, step in zip(K[:-1], A[:-1], A[1:], np.diff(run.t), strict=True):
         for share in (0.25, 0.75):  # trapezoidal rule: modes too fast for it neither grow nor decay
             mean = float(step) / 4 * ((1 - share) * before + share * after)
             state = np.asarray(np.linalg.solve(eye - mean, state + mean @ state))
         size = float(np.linalg.norm(norm @ state, 2)) if np.isfinite(state).all() else np.inf
         most = max(most, size)
-        if np.linalg.eigvalsh(K + K.T)[0] < 0:  # growth too fast for the rule is counted apart
+        if np.linalg.eigvalsh(stiff + stiff.T)[0] < 0:  # growth too fast for the rule is counted apart
             rate = float(step) * float(np.linalg.eigvals(before).real.max())
             fast += rate if rate > 2.0 else 0.0
         if not size < 1e12:
             break
     return max(most, float(np.exp(min(fast, 30.0))))
-
-
-def _tangent(scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    """Stiffness, mass, and A in d/dt [x; y] = A [x; y] for small motions x of the coordinates `out` and their rates y.
-    No force acts on them along the run."""
-    arm, here = scene.arm, np.ix_(out, out)
-    loads = [*scene.loads, *pushes(arm, scene.drive)]
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, loads, t))
-    K, D, M = ((by_q @ arm._core.rates(q, v)[2])[here], by_v[here], arm._core.mass_matrix(q)[here])
-    turn = -turning(arm, v)[here]  # of the axes of a ball's rates, as it rotates
-    return K, M, np.block([[turn, np.eye(len(out))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
 
 
 def elastic(arm: Arm) -> tuple[Array, Array]:
@@ -152,150 +139,118 @@ def elastic(arm: Arm) -> tuple[Array, Array]:
     return K, D
 
 
-def forces_of(scene: Scene, arm: Arm, run: Result) -> Array:
-    """Inverse dynamics along a run, less the loads' and the patches' forces, (nt, nv)."""
-    patched, loads = bool(split_drives(arm, scene.drive)[1]), [*scene.loads, *pushes(arm, scene.drive)]
-    if not loads and not patched:
-        return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a))
-    out = []
-    for t, q, v, a in zip(run.t, run.q, run.v, run.a, strict=True):
-        r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, loads, float(t)))
-        out.append(r - voltage_forces(arm, acting(scene.arm, scene.drive, float(t))[1]) if patched else r)
-    return np.array(out)
+def forces(scene: Scene, run: Result, arm: Arm | None = None) -> Array:
+    """Inverse dynamics along a run, of its arm or of another one with its coordinates, less the loads' forces,
+    (nt, nv)."""
+    arm, loads = arm or run.arm, [*scene.loads, *pushes(scene.arm, scene.drive)]
+    rows = [[load.numbers(x) for load in loads] for x in run.t.tolist()]
+    wrenches = np.array(rows).reshape(len(run.t), len(loads), 6)
+    return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a, [x.place(arm) for x in loads], wrenches))
 
 
-def _newmark(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
-    """x (nt, n) of M x'' + D x' + K x = f from rest, f (nt, n), by Newmark's method with numerical damping of modes too
-    fast for dt: their coordinates follow f quasi-statically."""
-    gamma, beta = 0.55, 0.276
-    size = 1.0 / np.sqrt(np.diag(M) + beta * dt**2 * np.abs(np.diag(K)))
-    S = size[:, None] * (M + gamma * dt * D + beta * dt**2 * K) * size
-    inverse = size[:, None] * np.linalg.inv(S) * size  # scaled, small, used for every step
-    x, v, a = (np.zeros(forces.shape[1:]) for _ in range(3))
-    out = np.zeros(forces.shape)
-    for k in range(1, len(forces)):
-        x = x + dt * v + dt**2 * (0.5 - beta) * a
-        v = v + dt * (1 - gamma) * a
-        a = inverse @ (forces[k] - D @ v - K @ x)
-        x, v = x + beta * dt**2 * a, v + gamma * dt * a
-        out[k] = x
+def acting_on(models: Models, run: Result, arm: Arm) -> Array:
+    """What acts on the coordinates of a run, beside loads, in those of another model: on joints as it is; on beams by
+    the voltages of patches. Feedback reads what the other model shows, such as another strain at a clamp."""
+    of, found = run.arm, forces(models.scene, run)
+    out = restated(found, of, arm, rates=True)
+    if models.pinned:  # something may act on coordinates by number; they are the same
+        return out
+    theirs, own = ([i for i, key in enumerate(keys(a)) if key[0] >= 0] for a in (arm, of))
+    out[:, theirs] = 0.0
+    if of.patch_matrix.size and of.patch_matrix[own].any():
+        volts = np.linalg.lstsq(of.patch_matrix[own], found[:, own].T, rcond=None)[0]
+        out[:, theirs] = (arm.patch_matrix[theirs] @ volts).T
+    scene, lifted = models.scene, embed(run, arm)
+    laws = (control_laws(a, scene.control, scene.t, scene.loads)[0] if scene.control else () for a in (arm, of))
+    for f, g in zip(*laws, strict=True):  # a force is column (reference - by_q q - by_v v)
+        read = lifted.q @ f.by_q[: arm.nq] + lifted.v @ f.by_v[: arm.nv]
+        before = run.q @ g.by_q[: of.nq] + run.v @ g.by_v[: of.nv]
+        out -= np.outer(read - before, f.column[: arm.nv])
     return out
-
-
-def response(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
-    """The contribution of each coordinate of a richer arm to the quantity, over its span, (nv,), and that of all, at
-    one stiffness; `worth` takes that of each time."""
-    arm, rows = rich.arm, some_rows(len(result.t), _ROWS)
-    run = embed(result, arm, rows)
-    known = restated(forces_of(rich, result.arm, embed(result, result.arm, rows)), result.arm, arm, rates=True)
-    x, size = _response(rich, run, known - forces_of(rich, arm, run)), measure.sense(rich, run.q)
-    return np.array([size(x * unit) for unit in np.eye(arm.nv)]), size(x)
-
-
-def _response(scene: Scene, run: Result, forces: Array) -> Array:
-    """Motions (nt, nv) of the linearised arm under forces (nt, nv), from rest."""
-    arm, n = scene.arm, scene.arm.nv
-    k, still = len(run.t) // 2, np.zeros(n)
-    loads = at_time(arm, [*scene.loads, *pushes(arm, scene.drive)], float(run.t[k]))
-    M, (by_q, D) = arm._core.mass_matrix(run.q[k]), arm._core.inverse_derivatives(run.q[k], still, still, *loads)
-    K = np.asarray(by_q @ arm._core.rates(run.q[k], still)[2])
-    more, free = _by_controllers(scene), _free(scene)
-    K, D = K + more[1], D + more[0]
-    x = np.zeros(forces.shape)
-    if free.any() and len(run.t) > 1:
-        at2 = np.ix_(free, free)
-        dt = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
-        with np.errstate(all="ignore"):
-            x[:, free] = _newmark(M[at2], D[at2], K[at2], dt, forces[:, free])
-    return np.nan_to_num(x, nan=1e6, posinf=1e6, neginf=-1e6)
-
-
-def _by_controllers(scene: Scene) -> Array:
-    """Damping and stiffness of controllers, without their memory, (2, nv, nv)."""
-    arm, n = scene.arm, scene.arm.nv
-    out, rates = np.zeros((2, n, n)), [arm.coordinate_of(i) for i in range(n)]
-    for f in control_laws(arm, scene.control, scene.t, scene.loads)[0] if scene.control else ():
-        out[0] += np.outer(f.column[:n], f.by_v[:n])
-        out[1] += np.outer(f.column[:n], [f.by_q[j] if j >= 0 else 0.0 for j in rates])
-    return out
-
-
-def _free(scene: Scene) -> NDArray[np.bool_]:
-    """Mask of rates that no motion prescribes."""
-    return ~np.isin(np.arange(scene.arm.nv), moved_rates(scene.arm, scene.drive))
 
 
 class Tangents:
-    """The equations of small motions about a run, M x'' + D x' + K x = f, at some of its times; with controllers, but
-    without their memory.
+    """The equations of small motions x about a run, M x'' + D x' + K x = f, at some of its times; with controllers and
+    their memory, but without those that sample. The turns of a ball are in its link's axes, which turn with it.
 
     Args:
-        scene: with the run's arm. run: at evenly spaced times.
+        scene: with the run's arm. run: at evenly spaced times. places: of the run, at which the equations are found;
+            between them they are interpolated.
 
     Attributes:
-        rows: of the run. matrices: M, D and K there, (3, rows, nv, nv).
+        rows: of the run. matrices: M, D and K there, (3, rows, n, n); memory comes after the rates.
     """
 
-    def __init__(self, scene: Scene, run: Result) -> None:
+    def __init__(self, scene: Scene, run: Result, places: int = _PLACES) -> None:
         arm, n = scene.arm, scene.arm.nv
+        laws, _, memory = control_laws(arm, scene.control, scene.t, scene.loads) if scene.control else ([], [], 0)
         self.scene, self.run = scene, run
-        self.free, more = np.flatnonzero(_free(scene)), np.concatenate([np.zeros((1, n, n)), _by_controllers(scene)])
+        self.rows, size = some_rows(len(run.t), places), n + memory
+        held = moved_rates(arm, scene.drive)
+        self.free = np.flatnonzero(~np.isin(np.arange(size), held))
+        fed: Array = np.zeros((3, size, size))
+        fed[0, n:, n:] = np.eye(memory)
+        read = np.array([*map(arm.coordinate_of, range(n)), *range(arm.nq, arm.nq + memory)])
+        for f in laws:
+            column, by_q, by_v = padded(f.column, size), padded(f.by_q, arm.nq + memory), padded(f.by_v, size)
+            fed[1:] += column[:, None] * np.stack([by_v, np.where(read >= 0, by_q[read], 0.0)])[:, None]
         loads = [*scene.loads, *pushes(arm, scene.drive)]
         rubs = np.zeros(n, dtype=bool)
         for k, link in enumerate(arm.links):
             first = arm._core.first(k)
             rubs[first : first + link.joint.nv] = np.array(link.joint._per_freedom("coulomb", link.joint.nv)) > 0.0
-        self.rows, out = some_rows(len(run.t), _PLACES), []
-        for k in self.rows:
+        self.matrices: Array = np.repeat(fed[:, None], len(self.rows), axis=1)
+        for at, k in zip(self.matrices.transpose(1, 0, 2, 3), self.rows, strict=True):
             q, v, a = run.q[k], run.v[k], run.a[k]
             by_q, by_v = arm._core.inverse_derivatives(q, v, a, *at_time(arm, loads, float(run.t[k])))
-            M, K = arm._core.mass_matrix(q), by_q @ arm._core.rates(q, v)[2]
-            stuck = np.diag(np.where(rubs & (np.abs(v) < _STUCK), 1e6 * np.diag(M) / np.ptp(run.t), 0.0))
-            out.append(np.stack([M, by_v + stuck, K]) + more)
-        self.matrices: Array = np.array(out).transpose(1, 0, 2, 3)
+            M, K, W = arm._core.mass_matrix(q), by_q @ arm._core.rates(q, v)[2], turning(arm, v)
+            D = by_v + np.diag(np.where(rubs & (np.abs(v) < _STUCK), 1e6 * np.diag(M) / np.ptp(run.t), 0.0))
+            at[:, :n, :n] += M, D + M @ W, K + D @ W + M @ turning(arm, a)
 
     def answers(
         self, forces: Array, held: Sequence[Sequence[int]] = (), balanced: bool = False
     ) -> tuple[Array, Array]:  # fmt: skip
-        """Motions x and rates (nt, nv, m) under forces (nt, nv, m), by the midpoint rule.
+        """Motions x and x' (nt, nv, m) under forces (nt, nv, m), by the midpoint rule.
 
         Args:
             held: of the first columns, the rates that undo the run's: without these coordinates it would be like this.
             balanced: whether it begins where the elastic coordinates are in balance; else, but for those held, at zero.
         """
-        free, h = self.free, float(np.ptp(self.run.t)) / (len(self.run.t) - 1)
+        free, arm, last = self.free, self.scene.arm, len(self.run.t) - 1
+        h, m, n = float(np.ptp(self.run.t)) / last, forces.shape[2], len(self.free)
+        own = free < arm.nv
         M, D, K = self.matrices[:, :, free[:, None], free]
-        before, after = M + 0.5 * h * D + 0.25 * h**2 * K, M - 0.5 * h * D - 0.25 * h**2 * K
-        at = np.array([self.scene.arm.coordinate_of(int(i)) for i in free])
-        target, groups = -self.run.v[:, free], [np.searchsorted(free, list(some)) for some in held]
-        out = np.zeros((2, *forces.shape))
-        x, v = np.zeros((2, len(free), forces.shape[2]))
-        elastic = [i for i, j in enumerate(free) if keys(self.scene.arm)[j][0] >= 0]
-        for c in range(forces.shape[2]):
-            mine = groups[c] if c < len(groups) else np.zeros(0, dtype=int)
-            x[mine, c] = -self.run.q[0, at[mine]]
-            others = np.array([i for i in elastic if i not in mine] if balanced else [], dtype=int)
-            push = forces[0, free[others], c] - K[0][np.ix_(others, mine)] @ x[mine, c]
+        before, after, stiff = M + 0.5 * h * D + 0.25 * h**2 * K, M - 0.5 * h * D - 0.25 * h**2 * K, h * K
+        mine = free[own]
+        at = np.array([arm.coordinate_of(int(i)) for i in mine])
+        target, groups = -self.run.v[:, mine], [np.searchsorted(mine, list(some)) for some in held]
+        elastic = [i for i, j in enumerate(mine) if keys(arm)[j][0] >= 0]
+        x, v = np.zeros((2, n, m))
+        for c in range(m if balanced else len(groups)):
+            some = groups[c] if c < len(groups) else np.zeros(0, dtype=int)
+            x[some, c] = -self.run.q[0, at[some]]
+            others = np.array([i for i in elastic if i not in some] if balanced else [], dtype=int)
+            push = forces[0, free[others], c] - K[0][np.ix_(others, some)] @ x[some, c]
             x[others, c] = np.linalg.lstsq(K[0][np.ix_(others, others)], push, rcond=None)[0]
-        out[0, 0, free] = x
         single = [c for c, some in enumerate(groups) if len(some) == 1]
-        one = [groups[c][0] for c in single]
-        pushed = 0.5 * h * (forces[1:, free] + forces[:-1, free])
+        one, several = [groups[c][0] for c in single], [(c, some) for c, some in enumerate(groups) if len(some) > 1]
+        out, pushed = np.zeros((2, *forces.shape)), np.zeros((last, n, m))
+        out[0, 0, mine], pushed[:, own] = x[own], 0.5 * h * (forces[1:, mine] + forces[:-1, mine])
         with np.errstate(all="ignore"):
-            for i, (first, last) in enumerate(zip(self.rows[:-1], self.rows[1:], strict=True)):
-                part = ((np.arange(first, last) + 0.5 - first) / (last - first))[:, None, None]
-                S, T, stiff = (X[i] + part * (X[i + 1] - X[i]) for X in (before, after, h * K))
+            for i, (first, end) in enumerate(zip(self.rows[:-1], self.rows[1:], strict=True)):
+                part = ((np.arange(first, end) + 0.5 - first) / (end - first))[:, None, None]
+                S, T, L = (X[i] + part * (X[i + 1] - X[i]) for X in (before, after, stiff))
                 S = np.linalg.inv(S)
-                for n, k in enumerate(range(first, last)):
-                    new = S[n] @ (T[n] @ v - stiff[n] @ x + pushed[k])
+                for k in range(end - first):
+                    new = S[k] @ (T[k] @ v - L[k] @ x + pushed[first + k])
                     if single:
-                        new[:, single] += S[n][:, one] * ((target[k + 1, one] - new[one, single]) / S[n][one, one])
-                    for c, some in enumerate(groups):
-                        if len(some) > 1:
-                            lacks = target[k + 1, some] - new[some, c]
-                            new[:, c] += S[n][:, some] @ np.linalg.solve(S[n][np.ix_(some, some)], lacks)
+                        lacks = target[first + k + 1, one] - new[one, single]
+                        new[:, single] += S[k][:, one] * (lacks / S[k, one, one])
+                    for c, some in several:
+                        lacks = target[first + k + 1, some] - new[some, c]
+                        new[:, c] += S[k][:, some] @ np.linalg.solve(S[k][np.ix_(some, some)], lacks)
                     x, v = x + 0.5 * h * (v + new), new
-                    out[0, k + 1, free], out[1, k + 1, free] = x, v
+                    out[0, first + k + 1, mine], out[1, first + k + 1, mine] = x[own], v[own]
         x, v = np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
         return x, v
 
@@ -310,16 +265,17 @@ def smoothed(run: Result) -> Result:
     return replace(run, v=v, a=np.gradient(v, run.t, axis=0))
 
 
-def worth(rich: Scene, result: Result, measure: Measure) -> tuple[Array, float]:
-    """What the quantity of a run changes, over its span, by the force that it lacks on each further coordinate of a
-    richer arm, (nv,), 0 of those that it has, and by all of them: the motions of the richer arm under these."""
-    arm, rows = rich.arm, some_rows(len(result.t), 201)
-    some, run = embed(result, result.arm, rows), embed(result, arm, rows)
-    lacking = restated(forces_of(rich, result.arm, some), result.arm, arm, rates=True) - forces_of(rich, arm, run)
-    new = [i for i, key in enumerate(keys(arm)) if key not in set(keys(result.arm))]
+def shares(
+    models: Models, rich: Model, result: Result, measure: Measure
+) -> tuple[dict[tuple[int, int, int], float], float]:
+    """What a run's quantity changes, over its span, by the force that it lacks on each further coordinate of a richer
+    model, by (link, strain, number), and by all that it lacks: the motions of the richer arm under these."""
+    scene, rows = models.at(rich, {}), some_rows(len(result.t), _ROWS)
+    some, run = embed(result, result.arm, rows), embed(result, scene.arm, rows)
+    lacking = acting_on(models, some, scene.arm) - forces(scene, run)
+    own = set(keys(result.arm))
+    new = {key: i for i, key in enumerate(keys(scene.arm)) if key not in own}
     each = np.zeros((*lacking.shape, len(new) + 1))
-    each[:, new, range(len(new))], each[:, :, -1] = lacking[:, new], lacking
-    x = Tangents(rich, run).answers(each)[0]
-    sizes, size = np.zeros(arm.nv), measure.sense(rich, run.q)
-    sizes[new] = [size(x[:, :, k]) for k in range(len(new))]
-    return sizes, size(x[:, :, -1])
+    each[:, list(new.values()), range(len(new))], each[:, :, -1] = lacking[:, list(new.values())], lacking
+    x, size = Tangents(scene, run, _FEW).answers(each)[0], measure.sense(scene, run.q)
+    return {key: size(x[:, :, k]) for k, key in enumerate(new)}, size(x[:, :, -1])

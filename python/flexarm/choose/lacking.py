@@ -15,12 +15,12 @@ import numpy as np
 
 from .._check import Array
 from ..arm.arm import Arm
-from ..model.acting.control import control_laws
-from ..model.acting.load import Load, at_time, pushes
+from ..model.acting.load import at_time, pushes
 from ..model.parts.beam import STRAINS
 from ..run.result import Result
 from ..run.scene.scene import Scene
 from ..run.start import state
+from .indicators import acting_on, forces
 from .models import BeamModel, Model, Models
 from .states import embed, keys, restated
 
@@ -50,7 +50,6 @@ class Between:
     def __init__(self, models: Models, rich: Model) -> None:
         self.models, self.rich, self.arm = models, rich, models.arm(rich)
         self.names = models.scene.arm.names
-        self._acting: dict[bytes, Array] = {}
 
         def base(k: int, beam: BeamModel) -> BeamModel:
             own = models.given.beam(k)
@@ -69,56 +68,22 @@ class Between:
                     model = new
         self.last = model
 
-    def forces(self, run: Result, arm: Arm) -> Array:
-        """Inverse dynamics along a run, of its arm or of another one with its coordinates, less the loads' forces."""
-        scene = self.models.scene
-        loads = [*scene.loads, *pushes(arm, scene.drive)]
-        places, wrenches = [load.place(arm) for load in loads], self._wrenches(run.t, loads)
-        return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a, places, wrenches))
-
-    def _wrenches(self, t: Array, loads: list[Load]) -> Array:
-        """What loads are at times, (nt, n, 6); the same ones on all arms."""
-        key = t.tobytes()
-        if key not in self._acting:
-            rows = [[load.numbers(x) for load in loads] for x in t.tolist()]
-            self._acting[key] = np.array(rows).reshape(len(t), len(loads), 6)
-        return self._acting[key]
-
-    def acting(self, run: Result, arm: Arm) -> Array:
-        """What acts on the coordinates of a run, beside loads, in those of another model: on joints as it is; on beams
-        by the voltages of patches. Feedback reads what the other model shows, such as another strain at a clamp."""
-        of, found = run.arm, self.forces(run, run.arm)
-        out = restated(found, of, arm, rates=True)
-        if self.models.pinned:  # something may act on coordinates by number; they are the same
-            return out
-        out[:, _elastic(arm)] = 0.0
-        if of.patch_matrix.size and of.patch_matrix[_elastic(of)].any():
-            volts = np.linalg.lstsq(of.patch_matrix[_elastic(of)], found[:, _elastic(of)].T, rcond=None)[0]
-            out[:, _elastic(arm)] = (arm.patch_matrix[_elastic(arm)] @ volts).T
-        scene, lifted = self.models.scene, embed(run, arm)
-        theirs, own = (control_laws(a, scene.control, scene.t, scene.loads)[0] for a in (arm, of))
-        for f, g in zip(theirs, own, strict=True):  # a force is column (reference - by_q q - by_v v)
-            read = lifted.q @ f.by_q[: arm.nq] + lifted.v @ f.by_v[: arm.nv]
-            before = run.q @ g.by_q[: of.nq] + run.v @ g.by_v[: of.nv]
-            out -= np.outer(read - before, f.column[: arm.nv])
-        return out
-
     def lacks(self, run: Result) -> Iterator[Lack]:
         """All that a run of the scene's own model lacks; their sum is what its motion lacks in the rich arm."""
         arm = self.models.arm(self.first)
-        acting = self.acting(run, self.arm)
+        scene, acting = self.models.scene, acting_on(self.models, run, self.arm)
         lifted = embed(run, arm)
-        before = self._up(self.forces(lifted, arm), arm)
+        before = self._up(forces(scene, lifted, arm), arm)
         own = {key[:2] for key in keys(arm)}
         yield from self._by_shape(before - acting, lambda key: key in own and key[0] >= 0, "modes")
         joints = [i for i, key in enumerate(keys(self.arm)) if key[0] < 0]
         yield Lack("arm", BASIS, 0, _only(before - acting, joints))
         for where, what, model in self.steps:
             arm = self.models.arm(model)
-            now = self._up(self.forces(lifted, arm), arm)
+            now = self._up(forces(scene, lifted, arm), arm)
             yield Lack(where, what, 0, now - before)
             before = now
-        whole = self.forces(embed(lifted, self.arm), self.arm)
+        whole = forces(scene, embed(lifted, self.arm))
         yield from self._by_shape(whole - acting, lambda key: key not in own, "left out")
         rest = [i for i, key in enumerate(keys(self.arm)) if key[:2] in own]
         yield Lack("arm", REST, 0, _only(whole - before, rest))
@@ -136,10 +101,6 @@ def _only(forces: Array, columns: list[int]) -> Array:
     out = np.zeros_like(forces)
     out[:, columns] = forces[:, columns]
     return out
-
-
-def _elastic(arm: Arm) -> list[int]:
-    return [i for i, key in enumerate(keys(arm)) if key[0] >= 0]
 
 
 def static_weights(scene: Scene, held: set[int], weights: Array) -> Array:

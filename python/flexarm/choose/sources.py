@@ -17,7 +17,7 @@ import numpy as np
 from .._check import Array
 from ..arm.arm import Arm
 from ..run.result import Result
-from .indicators import Tangents, forces_of, smoothed
+from .indicators import Tangents, forces, smoothed
 from .measures import Measure
 from .models import ORDERS, Model, Models, lowest_order
 from .states import embed, keys, restated
@@ -57,8 +57,8 @@ class Sources:
         lacking = [*((part, none, arm) for part in held), *self._lacking()]
         if not lacking:
             return
-        forces = np.stack([f for _, f, _ in lacking], axis=2)
-        x, v = self.tangents.answers(forces, list(held.values()), models.start.balanced)
+        pushed = np.stack([f for _, f, _ in lacking], axis=2)
+        x, v = self.tangents.answers(pushed, list(held.values()), models.start.balanced)
         whole = self.run
         E = np.array([arm._core.rates(*row)[2] for row in zip(whole.q, whole.v, strict=True)])
         own = self._values(whole)
@@ -76,17 +76,17 @@ class Sources:
     def _lacking(self) -> Iterator[tuple[Part, Array, Arm]]:
         """Each part that is no shape, the forces (nt, nv) of leaving it out, and the arm that makes the quantity."""
         arm, fine = self.scene.arm, self.fine
-        all_of_it = forces_of(self.scene, arm, fine)
+        all_of_it = forces(self.scene, fine)
         for group in self.models.groups:
             for order in orders(self.models, group):
                 if order != self.rich.beam(group[0]).order:
                     other = self.models.arm(self.rich.but(group, order=order))
-                    yield (ORDER, group[0], order), all_of_it - forces_of(self.scene, other, fine), other
+                    yield (ORDER, group[0], order), all_of_it - forces(self.scene, fine, other), other
             if self.rich.beam(group[0]).rotary:
                 bare = self._bare(group)
                 few, none = (self.models.arm(bare.but(group, rotary=rotary)) for rotary in (True, False))
                 some = embed(fine, few)
-                lost = forces_of(self.scene, few, some) - forces_of(self.scene, none, some)
+                lost = forces(self.scene, some) - forces(self.scene, some, none)
                 yield (ROTARY, group[0]), restated(lost, few, arm, rates=True), arm
 
     def _bare(self, group: list[int]) -> Model:

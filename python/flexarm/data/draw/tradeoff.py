@@ -1,4 +1,4 @@
-"""Error against wall time of runs, log-log."""
+"""Error against processor time of runs, log-log."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _SMALL = 8.5  # size of letters (pt)
 _WIDE = 140  # letters of that size across a figure
 _UNDER = 6  # lines under a title
 
-#: A run: wall time (s), error.
+#: A run: processor time (s), error.
 Point = tuple[float, float]
 
 
@@ -31,10 +31,10 @@ def scale_errors(ax: Axes, top: float = _TOP) -> None:
 
 
 def label_errors(ax: Axes, ylabel: str) -> None:
-    """Names the axes: errors over wall times."""
+    """Names the axes: errors over processor times."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    label_axes(ax, ylabel, "Wall time of one run")
+    label_axes(ax, ylabel, "Processor time of one run")
     low, high = ax.get_xlim()
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
@@ -234,7 +234,7 @@ def _add_title(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: s
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial of the choice of a model: wall time (s), error, and the order of its model; "as given": a rigid arm."""
+    """A trial of the choice of a model: processor time (s), error, and the order of its model; "as given": a rigid arm."""
 
     time: float
     error: float
