@@ -36,4 +36,5 @@ def step_slopes(
     if failed.size:
         which = "".join(f", state {k}" for k in np.unravel_index(failed[0], q.shape[:-1])) if q.ndim > 1 else ""
         raise ValueError(f"step = {method[1]:g}{which}: {STATUS[np.ravel(status)[failed[0]]]}")
-    return tuple(found)
+    q1, v1, A, B = found
+    return q1, v1, A, B

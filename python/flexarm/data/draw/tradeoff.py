@@ -234,7 +234,7 @@ def _add_title(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: s
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial of the choice of a model: processor time (s), error, and the order of its model; "as given": a rigid arm."""
+    """A trial of the choice of a model: processor time (s), error, and order of the model; "as given": a rigid arm."""
 
     time: float
     error: float

@@ -36,7 +36,7 @@ def _tag(name: str, given: dict[str, Any], inside: str = "") -> str:
 
 
 #: What the two versions call the same.
-_WORDS = {
+_WORDS: dict[int, dict[str, Any]] = {
     3: {
         "token": "instantiationToken",
         "get and set": "canGetAndSetFMUState",
