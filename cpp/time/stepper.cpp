@@ -24,7 +24,8 @@ constexpr double kOneTime = 1e-9;     // parts of a step that are no time
 constexpr double kBehind = 1e-6;      // parts of a step behind its beginning, where a force that leaps there has leapt
 constexpr int kSearch = 40;           // halvings of the time in which a switch is
 constexpr double kDifference = 0.01;  // of a step, for the rate of a holding force
-constexpr int kAims = 4;              // steps that try to end where a joint comes to rest
+constexpr int kAims = 4;              // steps that try to end where a joint comes to rest, or a force has a kink
+constexpr double kAtKink = 1e-4;      // parts of a step, at either end of it, in which a kink does not matter
 constexpr double kFewSteps = 3.0;     // that resolve no swing, of a method that knows the ends of its steps alone
 constexpr double kFirst = 0.02;       // parts of the run: the longest first step that is chosen
 constexpr double kLongest = 0.25;     // and the longest at all
@@ -103,6 +104,9 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
       method(method_),
       step(step_),
       now_{looks[0], step_, std::nan("")},
+      kinks_(s),
+      pieces_(kinks_.count()),
+      pieces_now_(pieces_),
       ways_(static_cast<std::size_t>(s.arm.nv()), Tape::free),
       q0_(s.q),
       v0_(s.v),
@@ -165,8 +169,6 @@ bool Stepper::good_enough(double h, int tries) {
   const double found = std::max(method.error(), 1e-10), order = method.error_order();
   if (found > 1.0 && h > shortest_) {
     wanted = h * std::min(std::max(kWithin * std::pow(found, -1.0 / order), kLeastChange), 0.8);
-    method.undo(s.q, s.v);
-    if (tape_) tape_->take_back();
     return false;
   }
   double change = kWithin * std::pow(found, -kNowForLength / order) * std::pow(error, kBeforeForLength / order);
@@ -183,6 +185,40 @@ Status Stepper::try_step(double from, double h, double last, int level) {
   if (tape_) tape_->now = from;
   const bool visible = !method.interpolates() || level >= kLooks || resolved(s.drives, speeds_, from, h);
   return visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given_) : Status::not_converged;
+}
+
+Status Stepper::end_at_kink(double from, double& h, double& last, int level) {
+  for (int aim = 0;; ++aim) {
+    q1_ = s.q;
+    v1_ = s.v;
+    const auto crossed = [&](double c) {
+      method.inside(c, s.q, s.v);
+      s.drive(from + c * h);
+      kinks_.look(s, pieces_now_.data());
+      return pieces_now_ != pieces_;
+    };
+    crossed(kAtKink);
+    pieces_ = pieces_now_;
+    double low = kAtKink, high = 1.0;
+    bool found = false;
+    for (int k = 1; k <= kPlaces && !found; ++k) {
+      const double c = static_cast<double>(k) / kPlaces;
+      found = crossed(c);
+      (found ? high : low) = c;
+    }
+    for (int k = 0; k < kSearch && found && high - low > 0.01 * kAtKink * low; ++k) {
+      const double middle = 0.5 * (low + high);
+      (crossed(middle) ? high : low) = middle;
+    }
+    if (!found || high > 1.0 - kAtKink || aim == kAims || high * h < shortest_) {
+      s.drive(std::isnan(last) ? from + h : last, q1_, v1_);
+      return Status::ok;
+    }
+    take_back(from);
+    h *= std::min(high + 0.1 * kAtKink * high, 1.0);  // a little behind
+    last = std::nan("");
+    if (const Status status = try_step(from, h, last, level); status != Status::ok) return status;
+  }
 }
 
 Status Stepper::look_at_joints(Status status) {

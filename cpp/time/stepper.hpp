@@ -8,6 +8,7 @@
 
 #include "events.hpp"
 #include "flexarm/dry_friction.hpp"
+#include "kinks.hpp"
 
 namespace flexarm {
 
@@ -27,7 +28,7 @@ inline long steps_to(double stop, double step) {
 /// Of joints with dry friction, each sticks or slides (as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996). A
 /// method that has no switches within its steps holds a joint that sticks exactly still, and pushes with a constant
 /// force on one that slides: between two switches the motion is smooth. A step that passes over one is taken again, up
-/// to there.
+/// to there. A step that is chosen ends where a force has a kink, too.
 class Stepper {
  public:
   System s;
@@ -136,10 +137,11 @@ class Stepper {
         q0_ = s.q;
         v0_ = s.v;
         found = try_step(from, h, last, tries);
+        if (found == Status::ok && kinks_.any()) found = end_at_kink(from, h, last, tries);
         const bool solved = found == Status::ok;
         if (solved && !good_enough(h, tries)) {
           ++halved;
-          s.drive(from);
+          take_back(from);
           found = Status::not_converged;
           continue;
         }
@@ -158,8 +160,17 @@ class Stepper {
   }
   /// The length of the next step, and, in `last`, the stop if it ends there, else nan.
   double length_to(double stop, double& last) const;
-  /// Whether the error of a step is allowed; how long the next one shall be. If not, the step is taken back.
+  /// Whether the error of a step is allowed; how long the next one shall be.
   bool good_enough(double h, int tries);
+  /// Takes the last step back.
+  void take_back(double from) {
+    method.undo(s.q, s.v);
+    if (tape_) tape_->take_back();
+    s.drive(from);
+  }
+  /// A step that has been taken over a kink of a force is taken again, up to there, and h is its length; the status is
+  /// that of the last one.
+  Status end_at_kink(double from, double& h, double& last, int level);
   /// The first switch of dry friction within the step that has been taken: takes the step again up to there.
   /// @param share  part of the step up to it
   Status end_at_switch(double from, double h, double last, int level, double& share);
@@ -182,6 +193,8 @@ class Stepper {
     double from, h, last;  // of the step; `last`: the stop when it ends there, so that it is met exactly
   } now_;
   Tape* tape_ = nullptr;
+  Kinks kinks_;
+  std::vector<signed char> pieces_, pieces_now_;  // of forces: where a step begins, where it is looked at
   std::vector<RubbingJoint> joints_;  // of a method that has no switches within its steps
   std::vector<signed char> ways_;     // of all rates, their Tape::Way until the next switch
   RubbingJoint* switched_ = nullptr;  // in the step that has been taken
