@@ -14,9 +14,7 @@ namespace {
 constexpr double kAtLimit = 1e-9;  // parts of a limit of friction: nearer is at it
 
 /// Past a stop or along a rope.
-signed char piece(double depth, bool damped) {
-  return depth > 0.0 ? (damped && depth < kSoftEntry ? 1 : 2) : 0;
-}
+signed char piece(double depth, bool damped) { return depth > 0.0 ? (damped && depth < kSoftEntry ? 1 : 2) : 0; }
 
 /// @param kept, push  what the contact would remember, and its force on the arm
 signed char piece(const Contact& contact, const double* kept, const double* push) {
@@ -24,8 +22,7 @@ signed char piece(const Contact& contact, const double* kept, const double* push
   if (!(normal > 0.0)) return gap < 0.0 ? 1 : 0;
   if (contact.coulomb == 0.0) return 2;
   const double most = contact.coulomb * normal, bent = Eigen::Map<const Eigen::Vector3d>(kept + 1).norm();
-  const double drag = std::sqrt(
-      std::max(0.0, Eigen::Map<const Eigen::Vector3d>(push).squaredNorm() - normal * normal));
+  const double drag = std::sqrt(std::max(0.0, Eigen::Map<const Eigen::Vector3d>(push).squaredNorm() - normal * normal));
   return static_cast<signed char>(2 + (contact.tangential_stiffness * bent > most * (1.0 - kAtLimit) ? 1 : 0) +
                                   (drag > most * (1.0 - kAtLimit) ? 2 : 0));
 }
@@ -48,14 +45,16 @@ Kinks::Kinks(const System& s) {
   }
   for (std::size_t k = 0; k < arm.struts().size(); ++k)
     if (arm.struts()[k].tension_only) ropes_.push_back(static_cast<int>(k));
-  driven_.setZero(static_cast<Eigen::Index>(arm.struts().size()));
-  limits_ = !s.ws.limits.empty() || std::any_of(s.ws.feedback.begin(), s.ws.feedback.end(), [](const auto& f) {
-    return std::isfinite(f.law->limit);
-  });
+  const auto struts = static_cast<Eigen::Index>(arm.struts().size());
+  driven_.setZero(struts);
+  lines_.motion.resize(3, struts);
+  lines_.jacobian.resize(arm.nv(), struts);
+  limits_ = !s.ws.limits.empty() || std::any_of(s.ws.feedback.begin(), s.ws.feedback.end(),
+                                                [](const auto& f) { return std::isfinite(f.law->limit); });
   touching_.resize(lanes::kRemembered * arm.contacts().size());
   pushes_.resize(3 * arm.contacts().size());
-  count_ = stops_.size() + ropes_.size() + arm.contacts().size() +
-           (limits_ ? s.ws.feedback.size() + s.ws.limits.size() : 0);
+  count_ =
+      stops_.size() + ropes_.size() + arm.contacts().size() + (limits_ ? s.ws.feedback.size() + s.ws.limits.size() : 0);
 }
 
 void Kinks::look(System& s, signed char* out) {

@@ -188,34 +188,34 @@ Status Stepper::try_step(double from, double h, double last, int level) {
 }
 
 Status Stepper::end_at_kink(double from, double& h, double& last, int level) {
+  const auto crossed = [&](double c) {
+    method.inside(c, s.q, s.v);
+    s.drive(from + c * h);
+    kinks_.look(s, pieces_now_.data());
+    return pieces_now_ != pieces_;
+  };
   for (int aim = 0;; ++aim) {
     q1_ = s.q;
     v1_ = s.v;
-    const auto crossed = [&](double c) {
-      method.inside(c, s.q, s.v);
-      s.drive(from + c * h);
-      kinks_.look(s, pieces_now_.data());
-      return pieces_now_ != pieces_;
-    };
     crossed(kAtKink);
     pieces_ = pieces_now_;
-    double low = kAtKink, high = 1.0;
-    bool found = false;
-    for (int k = 1; k <= kPlaces && !found; ++k) {
-      const double c = static_cast<double>(k) / kPlaces;
+    double low = kAtKink, high = 1.0 - kAtKink;
+    bool found = aim > 0 && crossed(high);
+    for (int k = 1; k <= kPlaces && !found && aim == 0; ++k) {
+      const double c = (1.0 - kAtKink) * static_cast<double>(k) / kPlaces;
       found = crossed(c);
       (found ? high : low) = c;
     }
-    for (int k = 0; k < kSearch && found && high - low > 0.01 * kAtKink * low; ++k) {
-      const double middle = 0.5 * (low + high);
-      (crossed(middle) ? high : low) = middle;
-    }
-    if (!found || high > 1.0 - kAtKink || aim == kAims || high * h < shortest_) {
+    if (!found || aim == kAims || high * h < shortest_) {
       s.drive(std::isnan(last) ? from + h : last, q1_, v1_);
       return Status::ok;
     }
+    while (high - low > 0.1 * kAtKink * high) {
+      const double middle = 0.5 * (low + high);
+      (crossed(middle) ? high : low) = middle;
+    }
     take_back(from);
-    h *= std::min(high + 0.1 * kAtKink * high, 1.0);  // a little behind
+    h *= std::min((1.0 + 0.1 * kAtKink) * high, 1.0);  // a little behind
     last = std::nan("");
     if (const Status status = try_step(from, h, last, level); status != Status::ok) return status;
   }

@@ -194,7 +194,8 @@ class Stepper {
   } now_;
   Tape* tape_ = nullptr;
   Kinks kinks_;
-  std::vector<signed char> pieces_, pieces_now_;  // of forces: where a step begins, where it is looked at
+  // Pieces of forces: where a step begins, and where it is looked at.
+  std::vector<signed char> pieces_, pieces_now_;
   std::vector<RubbingJoint> joints_;  // of a method that has no switches within its steps
   std::vector<signed char> ways_;     // of all rates, their Tape::Way until the next switch
   RubbingJoint* switched_ = nullptr;  // in the step that has been taken
