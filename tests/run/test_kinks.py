@@ -3,6 +3,7 @@ Beside closed forms, and IDA at tight tolerances."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import flexarm as fa
@@ -125,3 +126,44 @@ def test_drawn_arms_with_a_stop(seed: int) -> None:
     t = np.linspace(0, 0.5, 51)
     run = fa.simulate(arm, t, **given)
     assert error(run, fa.simulate(arm, t, integrator=TIGHT, **given)) < 3 * TOLERANCE
+
+
+def test_simulations_and_scenes_meet_kinks(tmp_path: Path) -> None:
+    sim = fa.Simulation(stopped(), fa.Gauss(), drive={0: fa.Torque(TORQUE)})
+    for t, q in zip(T[1::10], bounce(T)[1::10], strict=True):
+        sim.step(until=t)
+        assert abs(sim.q[0] - q) < 3 * TOLERANCE
+    (tmp_path / "stop.toml").write_text(
+        f"""
+        [[link]]
+        joint = {{ type = "revolute", axis = "z", upper = {UPPER}, limit_stiffness = {STIFFNESS} }}
+        hub = {{ mass = 1.0, inertia = [0.05, 0.05, {INERTIA}], end = [1, 0, 0] }}
+        [[drive]]
+        link = 0
+        torque = {TORQUE}
+        [simulation]
+        duration = 2.0
+        interval = 0.1
+        """
+    )
+    run = fa.load(tmp_path / "stop.toml").run()
+    np.testing.assert_allclose(run.q[:, 0], bounce(run.t), atol=3 * TOLERANCE)
+
+
+def test_derivatives_go_through_kinks() -> None:
+    t = np.linspace(0, 0.6, 31)
+
+    def turned(scale: float) -> fa.Result:
+        return fa.simulate(stopped(2.0), t, drive={0: fa.Torque(scale * TORQUE)}, tolerance=1e-9)
+
+    h = 1e-4
+    differences = (turned(1 + h).q - turned(1 - h).q) / (2 * h)
+    found = turned(1.0).sensitivities(["drive.0.scale"]).q[0]
+    assert np.abs(found - differences).max() < 1e-4 * np.abs(differences).max()
+
+
+def test_what_rests_takes_few_steps() -> None:
+    """On a contact that sticks, and in a stop, after bounces."""
+    t = np.linspace(0, 20, 21)
+    assert fa.simulate(falling(1.0, 0.3), t, [0, 0, 0.06], [0.5, 0.2, 0]).stats["steps"] < 600
+    assert fa.simulate(stopped(20.0), t, **PUSHED).stats["steps"] < 100
