@@ -13,12 +13,12 @@ T = np.linspace(0.0, 0.5, 101)
 AT = (0.4, -0.3)  # rad
 
 
-def arm(payload: float = 0.5) -> fa.Arm:
+def arm(payload: float = 0.5, **joint: Any) -> fa.Arm:
     steel = fa.Material(7850, 209e9, 0.3)
 
     def link(tip: float) -> fa.Link:
         beam = fa.Beam(0.5, fa.Rectangle(0.02, 0.006), steel, {"bending_z": 2}, "legendre", damping_ratio=0.01)
-        return fa.Link(fa.Revolute("y", reflected_inertia=0.05, damping=0.1), beam=beam, tip=fa.RigidBody(tip))
+        return fa.Link(fa.Revolute("y", reflected_inertia=0.05, damping=0.1, **joint), beam=beam, tip=fa.RigidBody(tip))
 
     return fa.Arm([link(0.2), link(payload)], gravity=(0, 0, -9.81))
 
@@ -118,6 +118,14 @@ def test_derivatives_follow_the_start(name: str) -> None:
 def test_what_does_not_hold_is_refused() -> None:
     with refuses("control[0].limit", "1", "9.65", "held"):
         fa.simulate(arm(), T, "held", control=pd(limit=1.0))
+    with refuses("torque_limit", "1", "9.65", "held", "link 0 revolute"):
+        fa.simulate(arm(torque_limit=1.0), T, "held", control=pd())
+    half = [fa.PD(100, 10, 0, reference=AT[0]), *pd()]  # each law is within the limit of the motor, their sum is not
+    with refuses("torque_limit", "9", "9.65"):
+        fa.simulate(arm(torque_limit=9.0), T, "held", control=[half[0], half[0], half[2]])
+    with refuses("torque_limit", "9", "9.74"):  # nor is the sum with what a drive carries
+        fa.simulate(arm(torque_limit=9.0), T, "held", control=pd(limit=6.0), drive={0: fa.Torque(-5.0)})
+    fa.simulate(arm(torque_limit=9.0), T, "held", control=pd()[1:], drive={0: fa.Motion(lambda t: (AT[0], 0.0, 0.0))})
     with refuses("control[0]", "Sampled", "held"):
         fa.simulate(arm(), T, "held", control=fa.Sampled(lambda t, y: 0.0, 100))
     lagging = fa.Servo(0, kp=60, kv=3, rate=1000, current_loop=300.0)

@@ -21,6 +21,7 @@ from ..model.acting.control import Controller, Run, controllers, gain_of, padded
 from ..model.acting.drive import Motion, Torque, is_patch, is_strut, split_drives, voltage_forces
 from ..model.acting.following import plus
 from ..model.acting.load import at_time
+from ..model.acting.motor import torque_limits
 from ..model.acting.sampled import LinearController
 from ..model.parts.chain import Chain
 
@@ -101,7 +102,7 @@ def held(of: Any, t: float, tau: Any = None) -> Held:
         if not np.isfinite(q).all():
             break
         if share == 1.0 and np.abs(part).max(initial=0.0) <= _SETTLED * (1 + np.abs(np.concatenate([q, x])).max()):
-            return Held(q, _holding(setup, q, x, t))
+            return Held(q, _holding(setup, q, x, t, forces, free))
     raise ValueError("q0 = 'held': the controllers do not hold the arm at rest: no such start was found")
 
 
@@ -141,10 +142,10 @@ def _error(c: LinearController, arm: Arm, run: Run, y: Array) -> Array:
     return np.asarray(given(t) if callable(given) else given, dtype=float) - c._takes() @ y
 
 
-def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
+def _holding(setup: Setup, q: Array, x: Array, t: float, forces: Array, free: Array) -> Setup:
     """The setup whose controllers begin with their outputs at q with the memory x, and give them before their delay
-    is over."""
-    arm, control, first = setup.arm, list(setup.control), 0
+    is over; drives give the other `forces` (nv,). Rates that are `free` have no motion."""
+    arm, control, first, total = setup.arm, list(setup.control), 0, forces.copy()
     for k, c in enumerate(setup.control):
         law = _law(setup, k, q, t)
         u = law.at + law.by_x @ x[first : (first := first + len(law.x_at))]
@@ -154,6 +155,7 @@ def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
                 f"control[{k}].limit = {law.limit[over[0]]:g}: to hold the arm at rest takes {u[over[0]]:.4g} "
                 "(q0 = 'held')"
             )
+        total += law.columns @ u
         if not isinstance(c, LinearController):
             continue
         if len(c.A):  # x = x0 + z, e = e0 + d: the same law of z and d begins at zero, with u for u0
@@ -165,6 +167,14 @@ def _holding(setup: Setup, q: Array, x: Array, t: float) -> Setup:
             control[k] = made
         if not c.continuous and c.delay and (law.columns @ u).any():
             control.append(_Before(law.columns @ u, c.delay))
+    most = torque_limits(arm)
+    beyond = np.flatnonzero(free & (np.abs(total) > most))
+    if beyond.size:
+        i = beyond[0]
+        raise ValueError(
+            f"torque_limit = {most[i]:g} of '{arm.coordinates[i]}': to hold the arm at rest takes {total[i]:.4g} "
+            "(q0 = 'held')"
+        )
     return replace(setup, control=tuple(control))
 
 
