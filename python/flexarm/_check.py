@@ -37,14 +37,33 @@ def warn(message: str | Warning, kind: type[Warning] | None = None) -> None:
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """NumPy's numbers, strings and arrays as Python's own and tuples; all else as it is."""
-    if isinstance(value, np.ndarray):
+    """NumPy's numbers, strings and arrays as Python's own and tuples; all else, such as a masked value, as it is."""
+    if isinstance(value, np.ndarray) and value is not np.ma.masked:
         return plain(value[()]) if value.ndim == 0 else tuple(plain(v) for v in value)
     if isinstance(value, np.floating):
         return float(value)  # item() leaves a long double one
     if type(value) in (list, tuple) and depth < 8:  # no argument is nested deeper
         return type(value)([plain(v, depth + 1) for v in value])
     return value.item() if isinstance(value, np.generic) else value
+
+
+def unmasked(field: str, value: Any) -> Any:
+    """The value, unless it is a masked array, or has one in it, with a masked value: NumPy takes what is below for a
+    number."""
+    at = None if type(value) is np.ndarray else _masked(value)
+    if at is not None:
+        place = f"{field}[{', '.join(map(str, at))}]" if at else field
+        raise ValueError(f"{place} is masked: must be a number; fill it, as value.filled(0.0) does, or leave it out")
+    return value
+
+
+def _masked(value: Any) -> tuple[int, ...] | None:
+    """Where the first masked value is."""
+    if isinstance(value, np.ma.MaskedArray):
+        return next(map(tuple, np.argwhere(np.ma.getmask(value)).tolist()), None)
+    if isinstance(value, (list, tuple)) and not {float, int}.issuperset(map(type, value)):
+        return next(((i, *at) for i, v in enumerate(value) if (at := _masked(v)) is not None), None)
+    return None
 
 
 def number(field: str, value: Any) -> float:
@@ -152,6 +171,7 @@ def array(
         want = "numbers" if shape is None else "one number" if shape in ((), (1,)) else f"{shape[0]} numbers"
         asked = "; does its function return its value?" if " at t = " in field else ""
         raise ValueError(f"{field} = None: must be {want}{asked}")
+    unmasked(field, value)
     try:
         if getattr(value, "dtype", None) != np.float64 and np.iscomplexobj(value):
             raise TypeError

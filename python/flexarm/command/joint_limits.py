@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import Array, choice, instance, mapping
+from .._check import Array, choice, instance, mapping, unmasked
 from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
 
@@ -97,6 +97,7 @@ def _read(arm: Arm, field: str, value: Any, rates: Sequence[int], none: Any) -> 
 
 def _numbers(field: str, value: Any) -> Array:
     """Numbers; inf stands for no limit."""
+    unmasked(field, value)
     try:
         out = np.array(value, dtype=float)
     except (TypeError, ValueError):

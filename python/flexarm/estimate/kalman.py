@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, for_each, increasing, instance, instances, number, positive, warn
+from .._check import Array, array, for_each, increasing, instance, instances, number, positive, unmasked, warn
 from .._console import progress_bar
 from ..analysis.rates import elastic_rates
 from ..arm.arm import Arm
@@ -363,6 +363,7 @@ class KalmanFilter:
             ))  # fmt: skip
 
     def _readings(self, readings: ArrayLike, ndim: int) -> Array:
+        unmasked("readings", readings)
         try:
             y = np.array(readings, dtype=float)
         except (TypeError, ValueError):

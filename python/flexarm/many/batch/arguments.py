@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from ..._check import Array, array, at_least, check_finite, choice, instance, known_keys, mapping
+from ..._check import Array, array, at_least, check_finite, choice, instance, known_keys, mapping, unmasked
 from ..._threads import cores
 from ...model.acting.drive import Motion, Torque, Voltage
 from ...run.integrators import Integrator, integrator_of
@@ -43,6 +43,7 @@ def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep
     """Forces held over steps, (B or 1, count or 1, nv); not copied if they are such an array already."""
     if tau is None:
         return np.zeros((1, 1, nv))
+    unmasked("tau", tau)
     try:
         a = np.ascontiguousarray(tau, dtype=np.float64)
     except (TypeError, ValueError):

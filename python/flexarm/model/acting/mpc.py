@@ -22,6 +22,7 @@ from ..._check import (
     not_negative,
     number,
     positive,
+    unmasked,
     warn,
     whole,
     within,
@@ -290,7 +291,7 @@ class MPC(Controller):
         if both is not None or speed is not None:
             lower, upper = np.full(len(rates), -_INF), np.full(len(rates), _INF)
             if both is not None:
-                if not isinstance(both, (list, tuple, np.ndarray)) or len(both) != 2:
+                if not isinstance(unmasked("joint_limit", both), (list, tuple, np.ndarray)) or len(both) != 2:
                     raise ValueError(f"joint_limit = {both!r}: must be (lower, upper)")
                 lower, upper = (np.broadcast_to(np.asarray(x, dtype=float), (len(rates),)) for x in both)
                 if not (lower < upper).all():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._check import Array, array, choice
+from ..._check import Array, array, choice, unmasked
 from ..parts.chain import Chain
 from .control import rows_of_entry
 from .drive import Torque
@@ -49,7 +49,7 @@ def each(field: str, given: Any, count: int, above: bool = False) -> Array:
     """Checked numbers, one for each: not negative, or for limits (`above`) positive; None: no limit."""
     if above and given is None:
         return np.full(count, _INF)
-    x = np.asarray(given, dtype=float) if above else array(field, given)
+    x = np.asarray(unmasked(field, given), dtype=float) if above else array(field, given)
     if x.shape not in ((), (count,)):
         raise ValueError(f"{field} has shape {x.shape}: must be one number, or {count} of them")
     if not ((x > 0).all() if above else (x >= 0).all()):

@@ -8,7 +8,19 @@ from dataclasses import fields, replace
 from functools import cache
 from typing import Annotated, Any, get_origin
 
-from ..._check import array, choice, finite_number, flag, instance, not_negative, number, plain, positive, whole
+from ..._check import (
+    array,
+    choice,
+    finite_number,
+    flag,
+    instance,
+    not_negative,
+    number,
+    plain,
+    positive,
+    unmasked,
+    whole,
+)
 from .arguments import alternatives, arguments, with_inherited
 
 #: A check of an argument, which returns the value to be kept: (name, value) -> value.
@@ -127,6 +139,7 @@ def _check(kinds: Sequence[Any]) -> Check:
     def read(name: str, value: Any) -> Any:
         if value is None and optional:
             return None
+        value = unmasked(name, value)
         if own is not None:
             return own(name, plain(value))
         if parts and len(parts) == len(given) and not isinstance(value, parts):
