@@ -160,7 +160,7 @@ struct Simulation::Motion {
   void numbers(const std::function<void(double&)>& f) {
     System& s = way.s;
     f(anchor);
-    for (Eigen::VectorXd* x : {&s.q, &s.v, &s.a, &s.constant_tau, &s.ws.a, &s.ws.feedback_numbers})
+    for (Eigen::VectorXd* x : {&s.q, &s.v, &s.a, &s.constant_tau, &s.ws.a})
       for (double& number : *x) f(number);
     for (std::vector<double>* x : {&in.force, &in.reference, &s.ws.remembered})
       for (double& number : *x) f(number);

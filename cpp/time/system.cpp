@@ -46,8 +46,8 @@ System::System(const Problem& problem, Control& control_)
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
   for (int i = 0; i < arm.nq(); ++i)
     if (!given[i]) free_q.push_back(i);
-  ws.feed_back(control.feedback());
   ws.limits = torque_limits(arm);
+  ws.feed_back(control.feedback());
 }
 
 void System::drive(double t) {

@@ -35,6 +35,26 @@ METHODS = [fa.Implicit(1e-3), fa.Implicit(5e-4, spectral_radius=0.8), fa.RK4(1e-
 ALL = [*METHODS, fa.Gauss(2e-3, stages=3)]
 
 
+MOTOR = fa.Motor(0.5, 2.0, resistance=1.0)
+TO = {"reference": 0.3}
+LIMITED = {**TO, "limit": 0.6, "tracking_time": 0.1}
+LAWS = {  # each kind of controller and drive that goes on from what it has said, or from what it remembers
+    "pd": [fa.PD(4.0, 0.2, 0, **TO)],
+    "pd at its limit": [fa.PD(4.0, 0.2, 0, **TO, limit=0.3)],
+    "pd through a motor": [fa.PD(4.0, 0.2, 0, **TO, motor=MOTOR)],
+    "integral": [fa.LinearController.pid(4.0, 2.0, 0.2, 0, filter_time=0.01, **LIMITED)],
+    "sampled integral": [fa.LinearController.pid(4.0, 2.0, 0.2, 0, rate=200, delay=7.1e-3, **LIMITED)],
+    "servo": [fa.Servo(0, kp=4.0, kv=0.2, rate=200, **TO, motor=MOTOR)],
+    "servo with a current loop": [fa.Servo(0, kp=4.0, kv=0.2, ki=5.0, rate=200, **TO, current_loop=100.0)],
+    "law of Python": [fa.Sampled(lambda t, y: 4.0 * (0.3 - y[0]) - 0.2 * y[1], 200, [("joint", 0), ("rate", 0)])],
+    "both": [fa.PD(2.0, 0.1, 0, **TO), fa.Servo(0, kp=2.0, kv=0.1, rate=200, current_loop=100.0, **TO)],
+}  # fmt: skip
+JOINTS = {
+    "": {}, "torque limit": {"torque_limit": 0.5}, "dry friction": {"coulomb": 0.05, "stiction": 0.07},
+    "limit and friction": {"torque_limit": 0.5, "coulomb": 0.05, "stiction": 0.07},
+}  # fmt: skip
+
+
 def start(case: str) -> dict:
     return {**CASES[case], "q0": {"upper": 0.2} if case != "driven" else None}
 
@@ -103,6 +123,25 @@ def test_a_restored_state_goes_on_to_the_last_bit(case: str, method) -> None:
         for row in there:
             again.step()
             assert (again.t, *again.q, *again.v) == row
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("law", LAWS)
+def test_each_law_goes_on_from_a_restored_state(law: str, joint: str) -> None:
+    """To the last bit, in the same simulation from its start and from later, and in another one."""
+    for method in (fa.Implicit(1e-3), fa.Gauss(2e-3), fa.Gauss(), fa.RK4(1e-4)):
+        made = [fa.Simulation(arm(**JOINTS[joint]), method, t=[0.0, 0.1], control=LAWS[law]) for _ in range(2)]
+        states, ends = [made[0].state()], []
+        for t in (0.0237, 0.05, 0.06):
+            made[0].step(until=t)
+            states.append(made[0].state())
+            ends.append((*made[0].q, *made[0].v))
+        for sim in made:
+            for k in (0, 1, 2):
+                sim.restore(states[k])
+                for t, end in list(zip((0.0237, 0.05, 0.06), ends, strict=True))[k:]:
+                    sim.step(until=t)
+                    assert (*sim.q, *sim.v) == end, method
 
 
 def test_inputs_take_the_place_of_laws() -> None:
