@@ -33,3 +33,15 @@ def test_a_pulse_that_no_step_has_seen_is_told(plan: fa.results.ModelPlan, limit
         run = other.run(adapt=True)
     assert len(told) == 1 and (run.arm.nv == plan.arm.nv) == np.isinf(limit)
     assert "is 5 at t = 0.80" in str(run.check())
+
+
+@pytest.mark.parametrize("begins", [0.0, 0.5])
+def test_a_start_in_words_is_that_of_the_arm_that_runs(plan: fa.results.ModelPlan, begins: float) -> None:
+    """It goes on from where the lean arm was, or from the rich one's own balance where it begins with that."""
+    push = fa.Torque(lambda t: 0.0 if t < begins else 0.05 * float(np.sin(20 * (t - begins))))
+    sag = [fa.Load(-1, force=(0.0, -1e-3, 0.0))] if begins == 0.0 else []
+    scene = replace(plan.scene, drive={0: push}, loads=sag, q0="trim", options={"integrator": "implicit", "step": 0.01})
+    run = replace(plan, scene=scene, watch=fa.Watch({("rotation", 0): 1e-6})).run(adapt=True)
+    assert run.arm.nv > plan.arm.nv and (run.t == scene.t).all()
+    np.testing.assert_allclose(run.q[0], run.arm.trim(loads=sag).q, atol=1e-9)
+    assert np.ptp(run.q[:, 0]) > 1e-4

@@ -204,7 +204,7 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     left = watch.left(first)
     if not left:
         return _told(first)
-    q0 = None if lean.q0 is None else restated(lean.q0, lean.arm, arm)
+    q0 = lean.q0 if lean.q0 is None or isinstance(lean.q0, str) else restated(lean.q0, lean.arm, arm)
     v0 = None if lean.v0 is None else restated(lean.v0, lean.arm, arm, rates=True)
     rich = replace(lean, arm=arm, options=options, q0=q0, v0=v0)
     cut = max(0, int(np.searchsorted(first.t, left[0].time)) - 1)
