@@ -23,7 +23,9 @@ bool Setting::operator==(const Setting& other) const {
 }
 
 bool PyArm::one_state(const py::dict& named, bool balls) const {
+  const PyTypeObject* array = py::detail::npy_api::get().PyArray_Type_;  // no subclass, such as masked arrays
   for (const auto& [name, value] : named) {
+    if (Py_TYPE(value.ptr()) != array) return false;
     if (!py::array_t<double, py::array::c_style>::check_(value)) return false;
     const auto x = py::reinterpret_borrow<Vectors>(value);
     const bool is_q = py::cast<std::string_view>(name) == "q";

@@ -60,6 +60,20 @@ def test_forces_of_a_rollout_and_lists_of_masked_arrays() -> None:
         fa.Motion([0.0, 1.0, 2.0], [0.0, 1.0, np.ma.masked])
 
 
+def test_states_of_an_arm() -> None:
+    q = np.ma.masked_array([0.3], mask=[True])
+    for ask in (arm().frame, arm().mass_matrix, arm().modes):
+        ask(np.ma.masked_array([0.3]))
+        with refuses("q[0]", "masked", "filled"):
+            ask(q)
+
+
+def test_a_law_that_gives_a_masked_value() -> None:
+    law = fa.Sampled(lambda t, y: np.ma.masked_array([HUGE], mask=[True]), 100.0)
+    with refuses("masked_array", "must be one finite number", error=(ValueError, fa.SimulationError)):
+        fa.simulate(arm(), T, control=law)
+
+
 def test_a_number_that_is_masked() -> None:
     for field in ("damping", "torque_limit"):
         with refuses(field, "masked", "number"):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from ..._check import Array, array, for_each, increasing, not_negative, number, positive
+from ..._check import Array, array, for_each, increasing, not_negative, number, positive, unmasked
 from ..parts.chain import Chain
 from .control import (
     Controller,
@@ -96,7 +96,7 @@ class PythonLaw:
                 "and a run has no derivatives through it. Give a LinearController, or a law of t and y alone"
             )
         try:
-            u = np.atleast_1d(np.asarray(said, dtype=float))
+            u = np.atleast_1d(np.asarray(unmasked("u", said), dtype=float))
             said = said if said is None else u.tolist()
         except (TypeError, ValueError, OverflowError):
             u = np.full(1, np.nan)
