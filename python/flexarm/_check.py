@@ -5,7 +5,7 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +150,7 @@ def instance(field: str, value: Any, kind: type | tuple[type, ...], words: str =
 
 def instances(field: str, value: Any, kind: type | tuple[type, ...], words: str, least: int = 0) -> tuple[Any, ...]:
     """The values of a class, or of one of several, from a list of them; `words` names them in errors."""
-    if not isinstance(value, Sequence) or len(value) < least:
+    if not isinstance(value, Collection) or isinstance(value, (str, bytes)) or len(value) < least:
         raise ValueError(f"{field} = {value!r}: must be a list of {words}{', one or more' * (least > 0)}")
     return tuple(instance(f"{field}[{k}]", x, kind) for k, x in enumerate(value))
 

@@ -294,3 +294,29 @@ def test_deep_sweep_files_are_refused(tmp_path) -> None:
         fa.SweepPlan.load(tmp_path / "sweep.toml")
     with refuses("File name too long"):
         fa.SweepPlan.load("a" * 5000)
+
+
+def test_what_is_no_list_or_dictionary_is_told_in_words() -> None:
+    arm, t = hinged(fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1))), np.linspace(0, 0.01, 3)
+    run = fa.simulate(arm, t, drive={0: fa.Torque(0.01)}, integrator="implicit", step=5e-3)
+    loop = fa.closed_loop(arm, fa.PD(1.0, 0.1, 0))
+    mass, push = "link.0.hub.mass", fa.Load(force=(0, 1, 0))
+    batch = {"parameters": {"gravity": np.zeros((2, 3))}, "integrator": "implicit", "step": 5e-3}
+    for named, ask in [
+        (("parameters = ['link.0.hub.mass']", "dictionary"), lambda: run.error(parameters=[mass])),
+        (("parameters = 'link.0.hub.mass'", "dictionary"), lambda: run.error(parameters=mass)),
+        (("parameters = None", "list", "paths"), lambda: run.sensitivities(None)),
+        (("parameters = [1]", "list", "paths"), lambda: run.gradient({"q": np.zeros(run.q.shape)}, [1])),
+        (("parameters = 1", "list", "paths"), lambda: run.gradient({"q": np.zeros(run.q.shape)}, 1)),
+        (("loads = Load", "list", "Load"), lambda: fa.rollout(arm, [0.0], step=1e-3, nstep=3, loads=push)),
+        (("loads[0] = 5", "Load"), lambda: fa.rollout(arm, [0.0], step=1e-3, nstep=3, loads=[5])),
+        (("lanes = 'x'", "true", "false"), lambda: fa.rollout(arm, [0.0], step=1e-3, nstep=3, lanes="x")),
+        (("outputs = 1", "list", "tau"), lambda: fa.simulate_batch(arm, t, outputs=1, **batch)),
+        (("outputs = 'q'", "list", "tau"), lambda: fa.simulate_batch(arm, t, outputs="q", **batch)),
+        (("over = (1, 2)", "two", "control.0.kp"), lambda: loop.stability_map([1, 2.0], [1, 2.0], over=(1, 2))),
+        (("over = 5", "two", "control.0.kp"), lambda: loop.stability_map([1, 2.0], [1, 2.0], over=5)),
+        (("looks = None", "list", "Look"), lambda: fa.Link(fa.Revolute("z"), looks=None)),
+        (("looks = 5", "list", "Look"), lambda: fa.Link(fa.Revolute("z"), looks=5)),
+    ]:
+        with refuses(*named):
+            ask()

@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, between, choice, increasing, instance, not_negative, number, positive, whole
+from .._check import (
+    Array,
+    array,
+    between,
+    choice,
+    increasing,
+    instance,
+    instances,
+    not_negative,
+    number,
+    positive,
+    whole,
+)
 from .._console import aligned
 from ..analysis.equilibrium import steady_state, trimmed
 from ..analysis.linear import forces_of, rows_of, state_space
@@ -308,8 +320,10 @@ class ClosedLoop:
         if over is None:
             k, names = self._gains(None)
             over = f"control.{k}.{names[0]}", f"control.{k}.{names[1]}"
-        if len(over) != 2 or over[0] == over[1]:
-            raise ValueError(f'over = {over!r}: must be two parameters, such as ("control.0.kp", "control.0.kv")')
+        words = 'two different paths, such as ("control.0.kp", "control.0.kv")'
+        paths = instances("over", over, object, words)
+        if len(paths) != 2 or paths[0] == paths[1] or not all(isinstance(x, str) for x in paths):
+            raise ValueError(f"over = {over!r}: must be a list of {words}")
         now = self._value(over[0]), self._value(over[1])
         values = []
         for name, given, at, path in zip("xy", (x, y), now, over, strict=True):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array
+from .._check import Array, instances
 from ..analysis.assembly import OpenLoops
 from ..arm.arm import Arm
 from ..arm.variation import Setup, Variation, can_vary, drive_name, numbered, value_at
@@ -125,8 +125,10 @@ def problems(
 
 
 def check_paths(parameters: Sequence[str], least: int = 0) -> None:
-    if isinstance(parameters, str) or len(parameters) < least or len(set(parameters)) != len(parameters):
-        raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+    words = "different paths, such as ['link.0.tip.mass']"
+    paths = instances("parameters", parameters, object, words, least)
+    if not all(isinstance(p, str) for p in paths) or len(set(paths)) != len(paths):
+        raise ValueError(f"parameters = {parameters!r}: must be a list of {words}")
 
 
 def start_of(setup: Setup, t: float, q0: Any, v0: Array | None, tau: Array | None) -> dict[str, Array]:

@@ -215,7 +215,9 @@ class Result(outputs.Rows):
             ValueError: where derivatives do not go through, as of `gradient`; rigid loops; constant forces `tau` on
                 elastic coordinates; a quantity that is none of these.
         """
-        asked = quantity, dict(parameters or {})
+        known = {} if parameters is None else parameters
+        words = "a dictionary of relative uncertainties by path, such as {'link.0.tip.mass': 0.02}"
+        asked = quantity, dict(instance("parameters", known, Mapping, words))
         if self._error is None or self._error[0] != asked:
             try:
                 found = Result._estimate(self, quantity, parameters, progress)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._check import Array, at_least, warn, whole, within
+from ..._check import Array, at_least, flag, instances, warn, whole, within
 from ..._console import progress_bar
 from ...analysis.findings import LoopWarning, RunWarning
 from ...analysis.validity import range_warning
@@ -179,6 +179,7 @@ def rolled(
     """As `rollout`, but `tell` is called with each warning."""
     arms = _check_arms(arm)
     one = arms[0]
+    loads, lanes = instances("loads", () if loads is None else loads, Load, "Load"), flag("lanes", lanes)
     chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     length = chosen.options["step"]
     if nstep is not None:
@@ -204,7 +205,7 @@ def rolled(
 
     def setup(k: int) -> Setup:
         laws = controllers(controls[k % len(controls)])
-        return Setup(arms[k % len(arms)], drives[k % len(drives)], tuple(loads or ()), laws)
+        return Setup(arms[k % len(arms)], drives[k % len(drives)], loads, laws)
 
     times = length * np.arange(steps + 1, dtype=float)
     setups = [setup(k) for k in range(made)]

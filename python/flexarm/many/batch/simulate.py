@@ -52,8 +52,7 @@ def make_job(
         options = {"step": float(np.diff(times).min()), **{k: x for k, x in options.items() if x is not None}}
     chosen = integrator_of(integrator, **options)
     within("every", whole("every", every), 1, times.size - 1, ", the number of steps")
-    if isinstance(outputs, str) or not outputs:
-        raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
+    outputs = instances("outputs", outputs, object, f"some of {', '.join(OUTPUTS)}", 1)
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
     for output in ("contacts", "loops"):
         if output in wanted and not getattr(setup.arm, output):
