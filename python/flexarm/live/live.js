@@ -4,6 +4,7 @@
 const live = told.live;
 const PIECE = 4e-3; // s, between two looks at the hand and two points of the plot
 const SHOWN = 6; // s, of the plot
+const TRAIL = 400; // pieces of the tip's path
 const BUDGET = 25; // ms of a picture that steps may take; what is left over, the arm is slower than its clock
 const shades = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"];
 
@@ -185,22 +186,21 @@ class LivePane extends Pane {
   fill() {
     super.fill();
     this.path = [];
-    const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * 600), 3));
+    const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * TRAIL), 3));
     this.trail = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: told.colours.trace }));
     this.trail.frustumCulled = false;
     this.groups.trace.add(this.trail);
   }
 
   remember() {
-    const [node, at] = this.track.body.tips[this.track.body.tips.length - 1];
-    this.path.push(this.track.point(node, at, new THREE.Vector3()));
-    if (this.path.length > 600) this.path.shift();
+    this.path.push(Array.from(this.track.run.atEnd(live.ends[live.ends.length - 1]).slice(0, 3)));
+    if (this.path.length > TRAIL) this.path.shift();
   }
 
   update() {
     super.update();
     const { position } = this.trail.geometry.attributes;
-    this.path.forEach((p, i) => p.toArray(position.array, 3 * i));
+    this.path.forEach((p, i) => position.array.set(p, 3 * i));
     position.needsUpdate = true;
     this.trail.geometry.setDrawRange(0, this.path.length);
   }
@@ -241,7 +241,7 @@ class Plot {
     const ratio = Math.min(window.devicePixelRatio, 2), box = this.canvas.getBoundingClientRect();
     const [wide, high] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
     if (this.canvas.width !== wide || this.canvas.height !== high) Object.assign(this.canvas, { width: wide, height: high });
-    const g = this.canvas.getContext("2d"), left = 52, right = box.width - 10, top = 22, bottom = box.height - 20;
+    const g = this.canvas.getContext("2d", { willReadFrequently: slow }), left = 52, right = box.width - 10, top = 22, bottom = box.height - 20;
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
     g.clearRect(0, 0, box.width, box.height);
     g.font = "12px system-ui, sans-serif";
@@ -297,7 +297,7 @@ class Plot {
 
 // -- the page --------------------------------------------------------------------------------------------------------
 
-let arm, hand, plot, pane, playing = true, speed = 1, before = 0, owed = 0, real = 1;
+let arm, hand, plot, pane, playing = true, speed = 1, before = 0, owed = 0, pieces = 0, real = 1;
 const pictures = []; // times of the last ones (ms)
 
 // A step, a start or a slider that could not be: it is told, and the arm waits.
@@ -321,7 +321,7 @@ function shownNumber(x) { return Number(x.toPrecision(3)).toString(); }
 
 function makeSliders(parent) {
   live.sliders.forEach((slider, k) => {
-    const label = make("label", parent, { className: "slider" });
+    const label = make("label", parent, { className: "slider", title: slider.title });
     make("span", label, { textContent: slider.label });
     const value = make("b", label);
     const stops = slider.stops, index = (x) => stops.findIndex((stop) => stop === x);
@@ -401,11 +401,11 @@ function compute(passed) {
       hand.pull();
       arm.advance(PIECE);
       owed -= PIECE;
-      plot.add(arm.clock, arm.deflections());
+      if (++pieces % 2 === 0) plot.add(arm.clock, arm.deflections());
+      pane.remember();
       if (hand.tip >= 0) arm.look();
     }
     arm.look();
-    pane.remember();
   });
   if (!went) setPlaying(false);
   if (wanted >= PIECE) real += 0.05 * ((wanted - (owed >= PIECE ? owed : 0)) / wanted - real);
@@ -421,8 +421,8 @@ function draw(now) {
   }
   if (!dirty) return;
   dirty = false;
-  drawPanes();
   hand.show();
+  drawPanes();
   plot.draw();
   pictures.push(now);
   if (pictures.length > 61) pictures.shift();

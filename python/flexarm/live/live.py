@@ -101,7 +101,7 @@ class Live:
         loads = list(range(len(first.loads) - ends, len(first.loads)))
         about = {
             "core": core, "title": self.title, "nq": first.arm.nq, "nv": first.arm.nv, "body": page.drawn(track.body),
-            "nodes": _nodes(first.arm, track.body), "bent": _bent(first.arm), "loads": loads,
+            "nodes": _nodes(first.arm, track.body), "bent": _bent(first.arm), "loads": loads, "ends": first.arm.ends,
             "stiffness": _BENT * _tip_stiffness(first.arm, first.start()), "variants": variants,
             "sliders": [_slider(k, slider, variants) for k, slider in enumerate(self._sliders)],
         }  # fmt: skip
@@ -283,7 +283,7 @@ def _slider(k: int, slider: Slider, variants: Sequence[Mapping[str, Any]]) -> di
         if k in of["sliders"] and not of["straight"][of["sliders"].index(k)]:
             stops = of["stops"][of["sliders"].index(k)]
     about = {name: getattr(slider, name) for name in ("label", "unit", "low", "high", "value")}
-    return {**about, "stops": stops}
+    return {**about, "title": ", ".join(slider.paths), "stops": stops}
 
 
 def _nodes(arm: Chain, body: Body) -> list[tuple[int, float | None, list[float]]]:
