@@ -89,7 +89,8 @@ class Chromium:
         """A page, until an expression is true there."""
         self.call("Page.navigate", url=page.absolute().as_uri())
         self.run(f"""new Promise((done, failed) => {{
-          const look = (left) => ({ready}) ? done(true) : left ? setTimeout(look, 100, left - 1) : failed(new Error("is not ready"));
+          const again = (left) => left ? setTimeout(look, 100, left - 1) : failed(new Error("is not ready"));
+          const look = (left) => ({ready}) ? done(true) : again(left);
           look(600);
         }})""")
 

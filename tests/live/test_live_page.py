@@ -15,13 +15,14 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 from chromium import BROWSER, Chromium
 
 BUILT = (resources.files("flexarm") / "live" / "flexarm.wasm").is_file()
-pytestmark = pytest.mark.skipif(BROWSER is None or not BUILT, reason="needs Chromium, and flexarm.wasm of ./setup.sh live")
+pytestmark = pytest.mark.skipif(BROWSER is None or not BUILT, reason="needs Chromium, and ./setup.sh live")
 READY = 'document.body && document.body.classList.contains("ready")'
 #: Where the arm's end is in the window.
 END = """(() => { arm.look(); const p = hand.end(0).project(camera), b = renderer.domElement.getBoundingClientRect();
   return [b.left + (p.x + 1) / 2 * b.width, b.top + (1 - p.y) / 2 * b.height]; })()"""
 TOLD = 'document.getElementById("told").textContent'
-LEFT = """Math.max(...plot.rows.flatMap((row) => row.filter((_, k) => plot.times[k] > arm.clock - 0.5).map(Math.abs)))"""
+LEFT = """Math.max(...plot.rows.flatMap((row) =>
+  row.filter((_, k) => plot.times[k] > arm.clock - 0.5).map(Math.abs)))"""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,8 @@ def slide(browser: Any, k: int, value: float) -> None:
 
 def compute(browser: Any, seconds: float) -> None:
     """Seconds of the arm, however slow this machine is."""
-    browser.run(f"(() => {{ setPlaying(false); for (let k = 0; k < {25 * seconds}; k++) {{ owed = 0; compute(0.0401); }} }})()")
+    each = "{ owed = 0; compute(0.0401); }"
+    browser.run(f"(() => {{ setPlaying(false); for (let k = 0; k < {25 * seconds}; k++) {each} }})()")
 
 
 def test_it_moves_and_names_its_sliders(browser: Any) -> None:
@@ -109,7 +111,7 @@ def test_inversion_leaves_less_than_the_shaper_and_that_less_than_the_move(brows
 
 
 def test_what_goes_wrong_is_told(browser: Any) -> None:
-    browser.run('arm.run.advance = () => arm.core.c.flexarm_advance(arm.run.arm, -1) < 0 && arm.core.fail()')
+    browser.run("arm.run.advance = () => arm.core.c.flexarm_advance(arm.run.arm, -1) < 0 && arm.core.fail()")
     browser.run("compute(0.05)")
     assert "until" in browser.run(TOLD) and not browser.run("playing")
     browser.run('document.getElementById("reset").click()')
@@ -119,7 +121,8 @@ def test_what_goes_wrong_is_told(browser: Any) -> None:
 def test_on_a_phone_all_is_there(page: Path) -> None:
     with Chromium((390, 800)) as browser:
         browser.open(page, READY)
-        seen = browser.run("""Array.from(document.querySelectorAll("#choice button, .slider input, #controls button, #plot, #stage canvas"), (e) => {
+        seen = browser.run("""Array.from(document.querySelectorAll(
+          "#choice button, .slider input, #controls button, #plot, #stage canvas"), (e) => {
           const b = e.getBoundingClientRect();
           return b.left >= 0 && b.right <= innerWidth && b.top >= 0 && b.width > 20;
         })""")

@@ -11,8 +11,8 @@ SUMMARY = "write a page in which the arm computes"
 TEXT = (
     "The page holds the C++ core: one HTML file without a network, with sliders for gains, payload, lengths and "
     "stiffness, a plot of the deflection, and an end of the arm that the mouse pushes. A scene whose joints follow "
-    "motions has them with buttons as they are, shaped and inverted; several scenes have a button each. Pages need: pip "
-    "install 'flexarm[view]'."
+    "motions has them with buttons as they are, shaped and inverted; several scenes have a button each. Pages need: "
+    "pip install 'flexarm[view]'."
 )
 
 

@@ -91,11 +91,11 @@ def inverted(scene: Scene) -> Scene:
     way = arm.frame(q)[0]
     names = [k for k in range(3) if np.ptp(way[:, k]) > 1e-6 * np.ptp(way)]
     if len(found) == 1 and names == [0, 1]:
-        path = {"azimuth": _path(times, np.unwrap(np.arctan2(way[:, 1], way[:, 0])))}
+        path = {"azimuth": Motion(times, np.unwrap(np.arctan2(way[:, 1], way[:, 0])), ends="rest")}
     elif len(names) > len(found):
         raise ValueError(f"{len(found)} joints move, and the end moves along {len(names)} axes")
     else:
-        path = {"xyz"[k]: _path(times, way[:, k]) for k in names}
+        path = {"xyz"[k]: Motion(times, way[:, k], ends="rest") for k in names}
     joints = {rate: key for key, rate in freedoms(arm).items()}
     held = [key for rate, key in joints.items() if rate not in found]
     inverse = invert(arm, path, q=q[0], lock=held)
@@ -108,10 +108,6 @@ def inverted(scene: Scene) -> Scene:
     followed = {one._rate(arm) for one in scene.control if isinstance(one, PD)}
     fed = {joints[rate]: Torque(t, inverse.tau[rows, rate]) for rate in found if rate in followed}
     return _with_moves(scene, made, float(t[-1]), fed)
-
-
-def _path(t: Array, x: Array) -> Motion:
-    return Motion(t, x, ends="rest")
 
 
 def _some(scene: Scene) -> dict[int, Motion]:

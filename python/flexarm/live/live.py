@@ -15,16 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, instance, named
+from .._check import Array, instance, named
 from ..arm.arm import Arm
-from ..arm.variation import can_vary, numbered, value_at
 from ..data.store.files import write_whole
 from ..model.acting.control import PD
 from ..model.acting.drive import Motion
 from ..model.acting.load import Load
 from ..model.parts.beam import RigidBody
 from ..model.parts.chain import Chain
-from ..model.parts.taper import Taper
 from ..run.integrators import Ida, Implicit, integrator_on
 from ..run.scene.scene import Scene
 from ..view import page
@@ -32,15 +30,12 @@ from ..view.body import Body
 from ..view.track import make_track
 from ..view.view import browse
 from .commands import INVERSION, SHAPER, inverted, moves, shaped
-from .numbers import ArmAlone, Numbers, Slider, setup_of
+from .numbers import ArmAlone, Numbers
+from .sliders import Slider, chosen, given, has
 
 CORE = "flexarm.wasm"
 _STEP = 1e-3  # s, of scenes that name no integrator with a step
 _BENT = 0.2  # of the hand's way, by which it bends the arm
-_UNITS = {
-    "mass": "kg", "length": "m", "youngs_modulus": "Pa", "density": "kg/m³", "kp": "N m/rad", "kv": "N m s/rad",
-    "stiffness": "N m/rad", "damping": "N m s/rad", "coulomb": "N m", "reflected_inertia": "kg m²", "gravity": "m/s²",
-}  # fmt: skip
 
 
 class Live:
@@ -51,8 +46,8 @@ class Live:
         notes: what of the page could not be made, and why.
     """
 
-    def __init__(self, scenes: Mapping[str, Scene], sliders: Sequence[Slider], notes: Sequence[str], title: str) -> None:
-        self.scenes, self._sliders, self.notes, self.title = dict(scenes), list(sliders), list(notes), title
+    def __init__(self, scenes: dict[str, Scene], sliders: list[Slider], notes: list[str], title: str) -> None:
+        self.scenes, self._sliders, self.notes, self.title = scenes, sliders, notes, title
         self.sliders = [slider.label for slider in sliders]
         self._variants = _variants(self.scenes, self._sliders)
 
@@ -135,8 +130,8 @@ def live(
     Args:
         scenes: a scene, whose moves the page then has three times, with buttons: as they are, shaped (`input_shaper`)
             and inverted (`invert`), where that can be done; or several scenes of arms with the same coordinates, by the
-            names of their buttons. When a scene is over it begins again, from the state that it has reached, or, where a
-            joint is made to move and does not come back, from its start.
+            names of their buttons. When a scene is over it begins again, from the state that it has reached, or, where
+            a joint is made to move and does not come back, from its start.
         sliders: lowest and highest value by the path of a number, as `simulate_batch(parameters=)` has it, such as
             {"link.1.tip.mass": (0, 1)}; of a tuple of paths, factors of all their numbers. None: gains, payload,
             lengths and stiffness. A number that is moved acts from now on; a sampled controller begins anew then.
@@ -160,13 +155,15 @@ def live(
     arms: dict[int, Arm] = {}  # scenes of one arm go on having one
     made = {name: _pushed(scene, arms) for name, scene in buttons.items()}
     first = next(iter(made.values()))
-    found = _chosen(first) if sliders is None else [_given(made, paths, x) for paths, x in sliders.items()]
+    found = chosen(first) if sliders is None else [given(made, paths, x) for paths, x in sliders.items()]
     return Live(made, found, notes, title or first.name)
 
 
 def _of_one(scene: Scene, notes: list[str]) -> dict[str, Scene]:
     """The buttons of a scene alone."""
-    own = "PD" if any(isinstance(one, PD) for one in scene.control) else "Control" if scene.control else "Motion" if moves(scene) else "Scene"
+    own = "Control" if scene.control else "Motion" if moves(scene) else "Scene"
+    if any(isinstance(one, PD) for one in scene.control):
+        own = "PD"
     out = {own: scene}
     if moves(scene):
         for name, make in ((SHAPER, shaped), (INVERSION, inverted)):
@@ -180,7 +177,7 @@ def _of_one(scene: Scene, notes: list[str]) -> dict[str, Scene]:
 def _pushed(scene: Scene, arms: dict[int, Arm]) -> Scene:
     """The scene with steps of its own, with a body at each end that a payload may grow on, and with loads there."""
     integrator = integrator_on(scene, scene.options)
-    if isinstance(integrator, Ida) or integrator.step is None:
+    if isinstance(integrator, Ida) or getattr(integrator, "step", None) is None:
         integrator = Implicit(_STEP)
     arm = arms.get(id(scene.arm), scene.arm)
     bare = [k for k in arm.ends if arm.links[k].tip is None]
@@ -191,66 +188,12 @@ def _pushed(scene: Scene, arms: dict[int, Arm]) -> Scene:
     return replace(scene, arm=arm, loads=(*scene.loads, *pushes), options={"integrator": integrator})
 
 
-def _chosen(scene: Scene) -> list[Slider]:
-    """Gains, payload, lengths and stiffness, of those that the scene has."""
-    arm, out = scene.arm, []
-    pds = [k for k, one in enumerate(scene.control) if isinstance(one, PD)]
-    for gain, low, high in (("kp", 0.1, 3), ("kv", 0, 3)):
-        paths = tuple(f"control.{k}.{gain}" for k in pds if getattr(scene.control[k], gain) != 0)
-        out += [_slider_of(scene, paths, low, high, True, f"gain {gain}")] if paths else []
-    own = arm.links[arm.ends[-1]].tip
-    most = max(3 * (own.mass if own else 0.0), 0.3 * sum(link.mass for link in arm.links))
-    out.append(_slider_of(scene, (f"link.{arm.ends[-1]}.tip.mass",), 0.0, float(f"{most:.2g}"), False, "payload"))
-    beams = [(k, link.beam) for k, link in enumerate(arm.links) if link.beam is not None and link.beam.modes]
-    for k, beam in beams:
-        if not isinstance(beam.section, Taper) and beam.curvature is None and not beam.patches:
-            ends = (float(f"{f * beam.length:.2g}") for f in (0.6, 1.4))
-            out.append(_slider_of(scene, (f"link.{k}.beam.length",), *ends, False, f"length of {arm.names[k]}"))
-    moduli = tuple(f"link.{k}.beam.material.youngs_modulus" for k, beam in beams if beam.material is not None)
-    out += [_slider_of(scene, moduli, 0.2, 3, True, "stiffness of beams")] if moduli else []
-    return out
-
-
-def _slider_of(
-    scene: Scene, paths: tuple[str, ...], low: float, high: float, factor: bool, label: str
-) -> Slider:  # fmt: skip
-    """A slider; with a single path of a factor it shows the number itself."""
-    value = float(value_at(setup_of(scene), paths[0])[0] or 0.0)
-    unit = _UNITS.get(paths[0].rpartition(".")[2], "")
-    if factor and len(paths) == 1 and value > 0:
-        low, high, factor = low * value, high * value, False
-    own = 1.0 if factor else value
-    return Slider(paths, label, "×" if factor else unit, min(low, own), max(high, own), own, factor)
-
-
-def _given(scenes: Mapping[str, Scene], paths: Any, ends: ArrayLike) -> Slider:
-    """A slider of a user."""
-    several = (paths,) if isinstance(paths, str) else tuple(paths)
-    name = ", ".join(map(str, several))
-    low, high = array(f"sliders[{name!r}]", ends, (2,)).tolist()
-    if not low < high:
-        raise ValueError(f"sliders[{name!r}] = ({low:g}, {high:g}): must be (lowest, highest)")
-    holder = next((s for s in scenes.values() if _has(s, several)), None)
-    if holder is None:
-        raise ValueError(f"sliders[{name!r}]: no scene has a number at this path; docs/live.md lists such paths")
-    own = 1.0 if len(several) > 1 else float(value_at(setup_of(holder), several[0])[0] or 0.0)
-    if not low <= own <= high:
-        raise ValueError(f"sliders[{name!r}] = ({low:g}, {high:g}): must hold the scene's own value, {own:g}")
-    unit = "×" if len(several) > 1 else _UNITS.get(several[0].rpartition(".")[2], "")
-    return Slider(several, name, unit, low, high, own, len(several) > 1)
-
-
-def _has(scene: Scene, paths: Sequence[str]) -> bool:
-    setup = setup_of(scene)
-    return all(can_vary(numbered(setup, path), setup.known) for path in paths)
-
-
 def _variants(scenes: Mapping[str, Scene], sliders: Sequence[Slider]) -> list[dict[str, Any]]:
     """What the page knows of each scene."""
     arms: dict[Any, ArmAlone] = {}
     out = []
     for name, scene in scenes.items():
-        mine = [k for k, slider in enumerate(sliders) if _has(scene, slider.paths)]
+        mine = [k for k, slider in enumerate(sliders) if has(scene, slider.paths)]
         used, key = [sliders[k] for k in mine], (id(scene.arm), *mine)
         if key not in arms:
             arms[key] = ArmAlone(scene, used)
@@ -305,7 +248,7 @@ def _nodes(arm: Chain, body: Body) -> list[tuple[int, float | None, list[float]]
 
 
 def _bent(arm: Arm) -> list[dict[str, Any]]:
-    """Of each beam that bends, the axes of its clamp along which its end moves, and where that is at rest, in lengths."""
+    """Of each beam that bends, the axes of its clamp along which its end moves, and its place at rest, in lengths."""
     out = []
     for k, link in enumerate(arm.links):
         if link.beam is None:
@@ -316,7 +259,8 @@ def _bent(arm: Arm) -> list[dict[str, Any]]:
         if axes:
             (p0, R0), (p1, _) = (arm.frame(arm.zero, k, x) for x in (0.0, link.beam.length))
             labels = [arm.names[k] if len(axes) == 1 else f"{arm.names[k]} {'xyz'[a]}" for a in axes]
-            out.append({"link": k, "axes": axes, "labels": labels, "rest": (R0.T @ (p1 - p0) / link.beam.length).tolist()})
+            rest = R0.T @ (p1 - p0) / link.beam.length
+            out.append({"link": k, "axes": axes, "labels": labels, "rest": rest.tolist()})
     return out
 
 

@@ -4,55 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from .._check import Array
-from ..arm.variation import OF_ARM, Setup, Variation, value_at
+from ..arm.variation import Variation
 from ..run.scene.scene import Scene
 from ..run.scene.writer import compiled_text
+from .sliders import Slider, setup_of
 
 STOPS = 13  # of a slider on which the numbers depend otherwise than by a straight line
 _SAME = 1e-11  # of a number: rounding of a sum of many
-
-
-@dataclass(frozen=True)
-class Slider:
-    """A slider of the page.
-
-    Attributes:
-        paths: of the scene's numbers that it moves; of several, by a common factor.
-        label, unit: shown. low, high: its ends. value: where the scene itself has it, in between.
-        factor: what it shows times this is the number.
-    """
-
-    paths: tuple[str, ...]
-    label: str
-    unit: str
-    low: float
-    high: float
-    value: float
-    factor: bool
-
-    @property
-    def of_arm(self) -> bool:
-        """Whether it moves numbers of the arm alone."""
-        return all(path.partition(".")[0] in OF_ARM for path in self.paths)
-
-    def parameters(self, scene: Setup, value: float) -> dict[str, Array]:
-        """By path, the numbers at a value of the slider."""
-        found = {}
-        for path in self.paths:
-            own = np.asarray(value_at(scene, path)[0], dtype=float)
-            found[path] = (value * own if self.factor else np.full(own.shape, value))[None]
-        return found
-
-
-def setup_of(scene: Scene) -> Setup:
-    return Setup(scene.arm, scene.drive, tuple(scene.loads), tuple(scene.control), tuple(scene.sensors))
 
 
 def leaves(document: Any, field: Any = None) -> Iterator[tuple[Any, float]]:
