@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import html
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +27,7 @@ from ..run.scene.scene import Scene
 from ..view import page
 from ..view.body import Body
 from ..view.track import make_track
-from ..view.view import browse
+from ..view.view import browse, framed
 from .commands import INVERSION, SHAPER, inverted, moves, shaped
 from .numbers import ArmAlone, Numbers
 from .sliders import Slider, chosen, given, has
@@ -43,7 +42,7 @@ class Live:
 
     Attributes:
         scenes: by the names of their buttons. sliders: their paths, or labels where they move several.
-        notes: what of the page could not be made, and why.
+        title: of the page. notes: what of it could not be made, and why.
     """
 
     def __init__(self, scenes: dict[str, Scene], sliders: list[Slider], notes: list[str], title: str) -> None:
@@ -79,10 +78,7 @@ class Live:
         return browse(self.html(), "live.html")
 
     def _repr_html_(self) -> str:
-        return (
-            f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="640" '
-            'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
-        )
+        return framed(self.html(), 640)
 
     def _told(self) -> dict[str, Any]:
         """What the page reads in #data."""

@@ -74,10 +74,7 @@ class View:
         return page.page(self.tracks, title, options)
 
     def _repr_html_(self) -> str:
-        return (
-            f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="520" '
-            'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
-        )
+        return framed(self.html(), 520)
 
     def open(self) -> Path:
         """Shows the page in the browser, and returns its path; without a browser the path is also printed on stderr."""
@@ -153,6 +150,14 @@ class View:
                 yield _pixels(still.draw(float(s)))
 
         (_gif if kind == ".gif" else _mp4)(file, pictures(), rate)
+
+
+def framed(page: str, height: int) -> str:
+    """A page within a notebook's, so high (pixels)."""
+    return (
+        f'<iframe srcdoc="{html.escape(page)}" width="100%" height="{height}" '
+        'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
+    )
 
 
 def browse(page: str, name: str) -> Path:
