@@ -87,8 +87,9 @@ def shoot(live: fa.results.Live, file: Path) -> None:
           return [b.left + (p.x + 1) / 2 * b.width, b.top + (1 - p.y) / 2 * b.height]; })()""")
         browser.mouse("mouseMoved", x, y)
         browser.mouse("mousePressed", x, y)
-        browser.mouse("mouseMoved", x + 90, y + 130)
+        browser.mouse("mouseMoved", x + 150, y + 20)
         browser.run(go.replace("COUNT", "14"))
+        browser.run('document.getElementById("clock").textContent = `${arm.clock.toFixed(2)} s`')
         browser.wait(0.5)
         browser.picture(file)
 
