@@ -157,6 +157,8 @@ static void test_errors(const flexarm_scene* scene) {
   CHECK(!flexarm_a(NULL) && !flexarm_save(NULL) && flexarm_restore(NULL, NULL) < 0 && flexarm_set_tau(NULL, wrench) < 0);
   CHECK(flexarm_pose(NULL, 0, NULL, NULL) < 0 && flexarm_set_force(NULL, 0, 0.0) < 0);
   CHECK(flexarm_accelerate(NULL, wrench, wrench, wrench, wrench, NULL, NULL, NULL) < 0);
+  CHECK(flexarm_add_slice(NULL, 0, 0.0) < 0 && flexarm_slice(NULL, 0, NULL, NULL, NULL) < 0);
+  CHECK(!flexarm_start_at(NULL, 0.0, 0.0, wrench, wrench));
   check_names("NULL");
   CHECK(flexarm_step(arm) == FLEXARM_OK); /* none of these has changed anything */
   flexarm_free_simulation(arm);
