@@ -2,6 +2,7 @@
 # Everything from a bare Debian 12 or Ubuntu 24.04 to a running flexarm, in one command:
 #   ./setup.sh demo [ARGS]   install, then run `flexarm demo ARGS`
 #   ./setup.sh test [ARGS]   install, then run the C++ and Python tests (ARGS go to pytest) and the checks of lint
+#   ./setup.sh live          the core in WebAssembly, which the pages of `flexarm live` hold; then install, with it
 #   ./setup.sh docs          the documentation's site into build/docs (its notebooks run); warnings are errors
 #   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
 #   ./setup.sh asan          the C++ tests, and scenes drawn at random, under the address and undefined-behaviour sanitizers
@@ -12,10 +13,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 command=${1:-}
 case $command in
-  demo) extra='' ;;
+  demo | live) extra='' ;;
   test | lint | asan) extra='[test]' ;;
   docs) extra='[docs]' ;;
-  *) sed -n '2,10s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
+  *) sed -n '2,11s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
 esac
 shift
 venv=${FLEXARM_VENV:-.venv}
@@ -64,6 +65,7 @@ find_missing() { # fills the array missing with Debian's package names
   has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
   has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
   [[ $scenes == OFF ]] || has_cmake_package nlohmann_jsonConfig.cmake nlohmann_json || missing+=(nlohmann-json3-dev)
+  [[ $command != live ]] || { command -v emcmake && command -v node; } >/dev/null || missing+=(emscripten node-acorn)
   [[ $extra != '[test]' ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
 }
 
@@ -124,6 +126,16 @@ install_flexarm() {
   printf '%s\n' "$now$scenes$extra$tests" "$now$scenes$extra" "$now$scenes" >"$stamp"
 }
 
+core_of_pages() { # one file for all systems, into the package: not in git
+  say "the core in WebAssembly"
+  python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
+  "$venv/bin/pip" install -q cmake ninja
+  emcmake cmake --preset live -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" >build/live.log 2>&1 ||
+    { cat build/live.log >&2; return 1; }
+  cmake --build --preset live
+  cp build/live/flexarm.wasm python/flexarm/live/
+}
+
 cpp_tests() {
   say "C++ tests"
   ctest --test-dir build/setup --output-on-failure --no-tests=error -j "$jobs"
@@ -167,11 +179,13 @@ find_missing
 if ((${#missing[@]})); then install_missing; fi
 export PATH=$venv/bin:$PATH
 mkdir -p build
+[[ $command != live ]] || core_of_pages
 [[ $command == asan ]] || install_flexarm
 case $command in
   demo) flexarm demo "$@" ;;
   test) cpp_tests; say "Python tests"; pytest "$@"; lint ;;
   lint) lint ;;
+  live) ls -l python/flexarm/live/flexarm.wasm ;;
   docs) site "$@" ;;
   asan) sanitized_tests ;;
 esac

@@ -23,6 +23,7 @@ extensions = [
     "myst_nb",
     "sphinx_copybutton",
     "api",  # of _site
+    "live",
     "pages",
 ]
 exclude_patterns = ["_*", "figures"]

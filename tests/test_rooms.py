@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1] / "python" / "flexarm"
 # From low to high; a room's folders stand beside it. env, tasks, torch and jax are public modules of the room `many`.
 ROOMS = (
     "_starting _core _check _face _threads _console data.store data.draw data model model.parts model.acting view "
-    "analysis robots arm loop run run.sensing run.scene estimate command command.inversion command.moves many "
+    "analysis robots arm loop run run.sensing run.scene estimate command command.inversion command.moves live many "
     "many.batch many.sweeps tasks env torch jax identify identify.validate choose sections sensors results errors "
     "cli.paper cli __init__ __main__"
 ).split()

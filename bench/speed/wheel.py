@@ -28,7 +28,10 @@ ROWS = {
     "the extension `_core`: the whole library, with SUNDIALS": ["flexarm/_core.*.so", "flexarm/_core.*.pyd"],
     "examples": ["flexarm/examples/*"],
     "Python, with the stubs of `_core`": ["flexarm/*.py", "flexarm/*.pyi", "flexarm/py.typed"],
-    "scenes, measured data, the viewer's page": ["flexarm/scenes/*", "flexarm/identify/validate/*", "flexarm/view/*"],
+    "the core in WebAssembly": ["flexarm/live/*.wasm"],
+    "scenes, measured data, the viewer's page": [
+        "flexarm/scenes/*", "flexarm/identify/validate/*", "flexarm/view/*", "flexarm/live/*",
+    ],
     "C++: the static libraries": ["flexarm/*.a", "flexarm/*.lib"],
     "C: `libflexarm_c`": ["flexarm/*flexarm_c*"],
     "C++ and C: headers": ["flexarm/include/*"],

@@ -31,6 +31,12 @@ struct flexarm_simulation {
   Workspace ws;                                   // of the arm alone
   std::optional<ForwardDerivatives> derivatives;  // made when first asked for
   VectorXd q, v, tau;
+  struct Slice {
+    PlacedSlice at;
+    StrainMatrix strains;  // per elastic coordinate
+  };
+  std::vector<Slice> slices = {};
+  bool moved = false;  // whether the workspace is that of the state now
 };
 
 struct flexarm_state {
@@ -106,7 +112,34 @@ flexarm_scene* scene_of(Scene&& scene) {
   return new flexarm_scene{shared, shared->problem.arm->coordinates()};
 }
 
-int went(const flexarm_simulation& s, Status status) {
+flexarm_simulation* started(const flexarm_scene& of, double step, double t, const VectorXd* q, const VectorXd* v) {
+  const Scene& scene = *of.scene;
+  const double h = step == 0.0 ? scene.step : positive("step", step);
+  Problem problem = scene.problem;
+  if (q) problem.q0 = *q;
+  if (v) problem.v0 = *v;
+  const Arm& arm = *problem.arm;
+  const VectorXd zero = VectorXd::Zero(arm.nv());
+  return new flexarm_simulation{of.scene, Simulation(problem, scene.method, h, t), Workspace(arm), {}, arm.zero(), zero,
+                                zero};
+}
+
+/// The workspace at the state now.
+const Workspace& moved(flexarm_simulation& s) {
+  if (!s.moved) move_arm(*s.scene->problem.arm, s.ws, s.simulation.q(), s.simulation.v());
+  s.moved = true;
+  return s.ws;
+}
+
+void write(const Pose& pose, double* place, double* rotation) {
+  for (Index i = 0; i < 3; ++i) {
+    if (place) place[i] = pose.p[i];
+    for (Index j = 0; rotation && j < 3; ++j) rotation[3 * i + j] = pose.R(i, j);
+  }
+}
+
+int went(flexarm_simulation& s, Status status) {
+  s.moved = false;
   return status == Status::ok ? FLEXARM_OK : failed(FLEXARM_STOPPED, s.simulation.failure().c_str());
 }
 
@@ -161,16 +194,17 @@ double flexarm_end(const flexarm_scene* s) {
 }
 
 flexarm_simulation* flexarm_start(const flexarm_scene* of, double step) {
+  return tried([&] { return needs(of, "scene"), started(*of, step, of->scene->t[0], nullptr, nullptr); },
+               static_cast<flexarm_simulation*>(nullptr));
+}
+flexarm_simulation* flexarm_start_at(const flexarm_scene* of, double step, double time, const double* q,
+                                     const double* v) {
   return tried(
       [&] {
         needs(of, "scene");
-        const Scene& scene = *of->scene;
-        const double h = step == 0.0 ? scene.step : positive("step", step);
-        const Arm& arm = *scene.problem.arm;
-        const VectorXd zero = VectorXd::Zero(arm.nv());
-        return new flexarm_simulation{
-            of->scene, Simulation(scene.problem, scene.method, h, scene.t[0]), Workspace(arm), {}, arm.zero(), zero,
-            zero};
+        const Arm& arm = *of->scene->problem.arm;
+        const VectorXd q0 = values("q", q, arm.nq()), v0 = values("v", v, arm.nv());
+        return started(*of, step, time, &q0, &v0);
       },
       static_cast<flexarm_simulation*>(nullptr));
 }
@@ -211,14 +245,32 @@ const double* flexarm_friction(flexarm_simulation* s) {
 int flexarm_pose(flexarm_simulation* s, int link, double place[3], double rotation[9]) {
   return done([&] {
     needs(s, "simulation");
+    const std::size_t at = index("link", link, s->scene->problem.arm->size());
+    write(slice_pose(moved(*s), at), place, rotation);
+  });
+}
+int flexarm_add_slice(flexarm_simulation* s, int link, double x) {
+  return tried(
+      [&] {
+        needs(s, "simulation");
+        const Arm& arm = *s->scene->problem.arm;
+        const std::size_t of = index("link", link, arm.size());
+        const SliceTable table = arm.link(of).slice_at(x);
+        s->slices.push_back({PlacedSlice(arm, of, table), table.strains});
+        return static_cast<int>(s->slices.size()) - 1;
+      },
+      FLEXARM_INVALID);
+}
+int flexarm_slice(flexarm_simulation* s, int slice, double place[3], double rotation[9], double strains[6]) {
+  return done([&] {
+    needs(s, "simulation");
+    const flexarm_simulation::Slice& of = s->slices[index("slice", slice, s->slices.size())];
+    write(slice_pose(moved(*s), of.at), place, rotation);
+    if (!strains) return;
     const Arm& arm = *s->scene->problem.arm;
-    const std::size_t at = index("link", link, arm.size());
-    move_arm(arm, s->ws, s->simulation.q(), s->simulation.v());
-    const Pose pose = slice_pose(s->ws, at);
-    for (Index i = 0; i < 3; ++i) {
-      if (place) place[i] = pose.p[i];
-      for (Index j = 0; rotation && j < 3; ++j) rotation[3 * i + j] = pose.R(i, j);
-    }
+    const Link& link = arm.link(of.at.link());
+    const Index first = arm.first_q(of.at.link()) + link.joint().nq();
+    Eigen::Map<StrainVector>(strains).noalias() = of.strains * s->simulation.q().segment(first, link.ne());
   });
 }
 
@@ -262,6 +314,7 @@ int flexarm_restore(flexarm_simulation* s, const flexarm_state* state) {
     needs(state, "state");
     if (state->scene != s->scene) bad_value("state", "of another scene", "must be of this simulation's");
     s->simulation.restore(state->state);
+    s->moved = false;
   });
 }
 void flexarm_free_state(flexarm_state* state) { delete state; }
@@ -275,6 +328,7 @@ int flexarm_accelerate(flexarm_simulation* s, const double* q, const double* v, 
     s->v = values("v", v, arm.nv());
     s->tau = values("tau", tau, arm.nv());
     needs(a, "a");
+    s->moved = false;
     Status status;
     if (by_q || by_v || by_tau) {
       if (!s->derivatives) s->derivatives.emplace(arm);

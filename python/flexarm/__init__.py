@@ -60,6 +60,7 @@ from .analysis.damping import fit_decay as fit_decay
 from .analysis.placement import place_patch as place_patch
 from .command.inversion.invert import invert as invert
 from .command.moves.plan import plan_move as plan_move
+from .live.live import live as live
 from .data.data import Data as Data
 from .estimate.kalman import KalmanFilter as KalmanFilter
 from .identify.identify import identify as identify

@@ -13,7 +13,7 @@ HEADINGS = {
     "Parts of an arm": ("arm.", "model.parts.", "robots."),
     "What acts on it": ("model.acting.",),
     "Scenes and robots": ("run.scene.",),
-    "One run": ("run.", "view."),
+    "One run": ("run.", "view.", "live."),
     "Analysis": ("analysis.", "loop."),
     "Commands": ("command.",),
     "Data and estimation": ("data.", "estimate.", "identify."),

@@ -14,6 +14,7 @@ from .run.sensitivity import Sensitivities as Sensitivities
 from .run.sensing.reading import Reading as Reading, PowerSpectrum as PowerSpectrum
 from .command.inversion.inversion import Inversion as Inversion
 from .command.moves.move import Move as Move, LimitUse as LimitUse
+from .live.live import Live as Live
 from .estimate.estimate import Estimate as Estimate
 from .data.compare import Comparison as Comparison
 from .identify.fit import Fit as Fit

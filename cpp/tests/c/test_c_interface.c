@@ -55,6 +55,53 @@ static void test_runs(const flexarm_scene* scene) {
   flexarm_free_simulation(arm);
 }
 
+/* From another one's state, the run goes on as a run with these numbers would. */
+static void test_starts_at(const flexarm_scene* scene) {
+  double q[MOST] = {0}, v[MOST] = {0};
+  const double tau[MOST] = {0.05};
+  const size_t nq = sizeof(double) * (size_t)flexarm_nq(scene), nv = sizeof(double) * (size_t)flexarm_nv(scene);
+  flexarm_simulation *first = flexarm_start(scene, 0.0), *second;
+  CHECK(flexarm_set_tau(first, tau) == FLEXARM_OK && flexarm_advance(first, 0.1) == FLEXARM_OK);
+  memcpy(q, flexarm_q(first), nq);
+  memcpy(v, flexarm_v(first), nv);
+  second = flexarm_start_at(scene, 0.0, flexarm_time(first), q, v);
+  CHECK(second && flexarm_time(second) == flexarm_time(first));
+  CHECK(!memcmp(flexarm_q(second), q, nq) && !memcmp(flexarm_v(second), v, nv));
+  CHECK(flexarm_set_tau(second, tau) == FLEXARM_OK);
+  CHECK(flexarm_advance(first, 0.2) == FLEXARM_OK && flexarm_advance(second, 0.2) == FLEXARM_OK);
+  CHECK(fabs(flexarm_q(first)[0] - flexarm_q(second)[0]) < 1e-6 * (1.0 + fabs(flexarm_q(first)[0])));
+  CHECK(!flexarm_start_at(scene, 0.0, 0.0, NULL, v));
+  check_names("q");
+  v[0] = HUGE_VAL;
+  CHECK(!flexarm_start_at(scene, 0.0, 0.0, q, v));
+  check_names("v");
+  flexarm_free_simulation(first);
+  flexarm_free_simulation(second);
+}
+
+/* The last slice of the last beam is where the link ends, if nothing is on it; it moves with the arm. */
+static void test_slices(const flexarm_scene* scene) {
+  const int link = flexarm_links(scene) - 1;
+  double place[3], turn[9], end[3], end_turn[9], strains[6], clamp[6], before;
+  flexarm_simulation* arm = flexarm_start(scene, 0.0);
+  const int tip = flexarm_add_slice(arm, link, 0.5), root = flexarm_add_slice(arm, link, 0.0);
+  CHECK(tip == 0 && root == 1);
+  CHECK(flexarm_slice(arm, tip, place, NULL, NULL) == FLEXARM_OK);
+  before = place[1];
+  CHECK(flexarm_advance(arm, 0.1) == FLEXARM_OK);
+  CHECK(flexarm_slice(arm, tip, place, turn, strains) == FLEXARM_OK);
+  CHECK(flexarm_pose(arm, link, end, end_turn) == FLEXARM_OK);
+  CHECK(fabs(place[1] - before) > 1e-3);
+  CHECK(fabs(place[0] - end[0]) + fabs(place[1] - end[1]) + fabs(turn[1] - end_turn[1]) < 1e-12);
+  CHECK(flexarm_slice(arm, root, NULL, NULL, clamp) == FLEXARM_OK);
+  CHECK(fabs(clamp[2]) > 1e-3 && fabs(strains[2]) < 1e-6 && clamp[0] == 0.0); /* K3 bends it, not at its free end */
+  CHECK(flexarm_add_slice(arm, link, 2.0) == FLEXARM_INVALID && flexarm_add_slice(arm, 99, 0.0) == FLEXARM_INVALID);
+  check_names("link");
+  CHECK(flexarm_slice(arm, 2, place, NULL, NULL) == FLEXARM_INVALID);
+  check_names("slice");
+  flexarm_free_simulation(arm);
+}
+
 static void test_derivatives(const flexarm_scene* scene) {
   const int nq = flexarm_nq(scene), nv = flexarm_nv(scene);
   double q[MOST] = {0.2, 0.01}, v[MOST] = {0.3}, tau[MOST] = {0.1}, a[MOST], more[MOST], less[MOST];
@@ -110,6 +157,8 @@ static void test_errors(const flexarm_scene* scene) {
   CHECK(!flexarm_a(NULL) && !flexarm_save(NULL) && flexarm_restore(NULL, NULL) < 0 && flexarm_set_tau(NULL, wrench) < 0);
   CHECK(flexarm_pose(NULL, 0, NULL, NULL) < 0 && flexarm_set_force(NULL, 0, 0.0) < 0);
   CHECK(flexarm_accelerate(NULL, wrench, wrench, wrench, wrench, NULL, NULL, NULL) < 0);
+  CHECK(flexarm_add_slice(NULL, 0, 0.0) < 0 && flexarm_slice(NULL, 0, NULL, NULL, NULL) < 0);
+  CHECK(!flexarm_start_at(NULL, 0.0, 0.0, wrench, wrench));
   check_names("NULL");
   CHECK(flexarm_step(arm) == FLEXARM_OK); /* none of these has changed anything */
   flexarm_free_simulation(arm);
@@ -154,6 +203,8 @@ int main(int argc, char** argv) {
   CHECK(strlen(flexarm_version()) > 0 && flexarm_end(scene) > flexarm_begin(scene));
   CHECK(strstr(flexarm_rate_name(scene, 0), "link 0") != NULL);
   test_runs(scene);
+  test_starts_at(scene);
+  test_slices(scene);
   test_derivatives(scene);
   test_errors(scene);
   test_block(argv[1], scene);

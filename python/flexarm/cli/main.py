@@ -1,5 +1,5 @@
 """The command line: `flexarm demo`, `run`, `check`, `view`, `modes`, `chart`, `economize`, `place`, `compile`,
-`export`, `batch`, `identify`, `validate`, `examples`, `completion`, each with --help.
+`export`, `live`, `batch`, `identify`, `validate`, `examples`, `completion`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
@@ -30,6 +30,7 @@ from . import (
     examples,
     export,
     identify,
+    live,
     modes,
     place,
     run,
@@ -67,8 +68,8 @@ class PrintCMakeDir(argparse.Action):
 
 COMMANDS = {
     command.__name__.rpartition(".")[2]: command
-    for command in (demo, run, check, view, modes, chart, economize, place, compiling, export, batch, identify,
-                    validate, examples, completion)
+    for command in (demo, run, check, view, modes, chart, economize, place, compiling, export, live, batch,
+                    identify, validate, examples, completion)
 }  # fmt: skip
 
 

@@ -63,20 +63,23 @@ def _meshes(body: Body, most: int) -> list[dict[str, Any]]:
         out.append(
             {
                 "node": mesh.node, "colour": mesh.colour, "centre": centre, "scale": scale, "wide": wide,
-                "vertices": _text(numbers), "faces": _text(faces),
+                "vertices": text(numbers), "faces": text(faces),
             }
         )  # fmt: skip
     return out
 
 
-def _text(numbers: NDArray[Any]) -> str:
+def text(numbers: NDArray[Any]) -> str:
+    """The bytes of numbers, in base64."""
     return base64.b64encode(numbers.tobytes()).decode("ascii")
 
 
-def _body(body: Body) -> dict[str, Any]:
+def drawn(body: Body, triangles: int = _TRIANGLES) -> dict[str, Any]:
+    """The shapes of an arm, for drawing.js."""
     fields = ("beams", "solids", "bars", "axes", "labels", "loads", "tips", "size")
     frames = [i for i, (_, x) in enumerate(body.places) if x is None]
-    return {**{name: getattr(body, name) for name in fields}, "frames": frames}
+    shapes = {**{name: getattr(body, name) for name in fields}, "frames": frames, "meshes": _meshes(body, triangles)}
+    return {k: _plain(x) for k, x in shapes.items()}
 
 
 def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
@@ -86,48 +89,59 @@ def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
         numbers, centre, scale = _scaled(x)
         about[name] = {"centre": centre.tolist(), "scale": scale.tolist(), "count": x.shape[1]}
         rows.append(numbers.reshape(len(x), -1))
-    return {"columns": about, "frames": _text(np.hstack(rows))}
+    return {"columns": about, "frames": text(np.hstack(rows))}
 
 
 def _track(track: Track, triangles: int) -> dict[str, Any]:
     names = ("position", "quaternion", "strain", "force", "moment")
     packed = _packed({name: getattr(track, name) for name in names})
-    body = {**_body(track.body), "meshes": _meshes(track.body, triangles)}
-    about = {"t": track.t.tolist(), "title": track.title, "error": track.error, "body": _plain(body)}
+    about = {"t": track.t.tolist(), "title": track.title, "error": track.error, "body": drawn(track.body, triangles)}
     return {**about, **packed}
 
 
-def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
-    """All data of the viewer."""
+def scenery(tracks: Sequence[Track]) -> dict[str, Any]:
+    """What is common to all drawn frames: camera, colours and their scale."""
     most = stage.round_up(stage.greatest_strain(tracks))
     factor, unit = stage.strain_label(most)
     view = stage.camera(tracks)
-    largest = {
-        name: max((float(np.linalg.norm(getattr(t, name), axis=-1).max(initial=0.0)) for t in tracks), default=0.0)
-        for name in ("force", "moment")
-    }
     return {
-        "tracks": [_track(t, _TRIANGLES // len(tracks)) for t in tracks],
         "camera": _plain({**asdict(view), "field": stage.FIELD, "grid": stage.grid_step(view.radius)}),
         "strain": {"most": most, "factor": factor, "unit": unit, "colours": stage.COLOURS.tolist()},
         "colours": stage.PART_COLOURS | stage.SYMBOL_COLOURS,
         "widths": stage.BARS,
-        "largest": largest,
-        **options,
     }
+
+
+def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
+    """All data of the viewer."""
+    largest = {
+        name: max((float(np.linalg.norm(getattr(t, name), axis=-1).max(initial=0.0)) for t in tracks), default=0.0)
+        for name in ("force", "moment")
+    }
+    shown = [_track(t, _TRIANGLES // len(tracks)) for t in tracks]
+    return {"tracks": shown, **scenery(tracks), "largest": largest, **options}
 
 
 def page(tracks: Sequence[Track], title: str, options: Mapping[str, Any]) -> str:
     """The whole file. Raises ImportError without three.js."""
-    folder = resources.files("flexarm") / "view"
+    return assembled(title, data(tracks, options), ("view/viewer.css",), ("view/drawing.js", "view/viewer.js"))
+
+
+def assembled(title: str, told: Mapping[str, Any], styles: Sequence[str], scripts: Sequence[str]) -> str:
+    """A page with three.js, and what is told in #data; `styles` and `scripts` are files of the package.
+
+    Raises:
+        ImportError: without three.js.
+    """
+    folder = resources.files("flexarm")
     # a browser reads "</script" and "<!--" even within strings of a script
-    content = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    content = json.dumps(told, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = {
         "TITLE": html.escape(title),
-        "STYLE": (folder / "viewer.css").read_text(encoding="utf-8"),
+        "STYLE": "".join(folder.joinpath(name).read_text(encoding="utf-8") for name in styles),
         "THREE": library(),
         "DATA": content,
-        "VIEWER": (folder / "viewer.js").read_text(encoding="utf-8"),
+        "SCRIPTS": "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts),
     }
     return "".join(parts.get(piece, piece) for piece in _PAGE.split("@@"))
 
@@ -145,7 +159,7 @@ _PAGE = """<!DOCTYPE html>
 <script>@@THREE@@</script>
 <script id="data" type="application/json">@@DATA@@</script>
 <script>
-@@VIEWER@@</script>
+@@SCRIPTS@@</script>
 </body>
 </html>
 """

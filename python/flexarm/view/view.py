@@ -74,19 +74,11 @@ class View:
         return page.page(self.tracks, title, options)
 
     def _repr_html_(self) -> str:
-        return (
-            f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="520" '
-            'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
-        )
+        return framed(self.html(), 520)
 
     def open(self) -> Path:
         """Shows the page in the browser, and returns its path; without a browser the path is also printed on stderr."""
-        folder = tempfile.mkdtemp(prefix="flexarm-")
-        file = Path(folder) / "view.html"
-        file.write_text(self.html(), encoding="utf-8")
-        if not (_has_display() and webbrowser.open(file.as_uri())):
-            complain(f"no browser was found; the view is in {file}")
-        return file
+        return browse(self.html(), "view.html")
 
     def figure(self, t: float | None = None, size: Sequence[float] = (9.0, 6.0)) -> Figure:
         """A matplotlib figure at time t (s; None: the first time), size in inches."""
@@ -158,6 +150,23 @@ class View:
                 yield _pixels(still.draw(float(s)))
 
         (_gif if kind == ".gif" else _mp4)(file, pictures(), rate)
+
+
+def framed(page: str, height: int) -> str:
+    """A page within a notebook's, so high (pixels)."""
+    return (
+        f'<iframe srcdoc="{html.escape(page)}" width="100%" height="{height}" '
+        'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
+    )
+
+
+def browse(page: str, name: str) -> Path:
+    """Shows a page in the browser, and returns its path, of a file of this name; without a browser it is also told."""
+    file = Path(tempfile.mkdtemp(prefix="flexarm-")) / name
+    file.write_text(page, encoding="utf-8")
+    if not (_has_display() and webbrowser.open(file.as_uri())):
+        complain(f"no browser was found; the page is in {file}")
+    return file
 
 
 def _has_display() -> bool:

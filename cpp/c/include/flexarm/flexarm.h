@@ -58,6 +58,10 @@ FLEXARM_API double flexarm_end(const flexarm_scene* scene);   /* last output tim
 /* At the scene's start and first output time, by its integrator: "implicit", "gauss" or "rk4".
  * step: longest step (s); 0: the scene's own */
 FLEXARM_API flexarm_simulation* flexarm_start(const flexarm_scene* scene, double step);
+/* The same, at a time (s), at coordinates (nq) and rates (nv) of yours: where a scene goes on from another one's state,
+ * such as one with other gains. */
+FLEXARM_API flexarm_simulation* flexarm_start_at(const flexarm_scene* scene, double step, double time, const double* q,
+                                                 const double* v);
 FLEXARM_API void flexarm_free_simulation(flexarm_simulation* simulation);
 
 /* One step, of the length given or chosen; samples of drives, loads and controllers within it divide it. */
@@ -74,6 +78,11 @@ FLEXARM_API const double* flexarm_tau(flexarm_simulation* simulation);      /* f
 FLEXARM_API const double* flexarm_friction(flexarm_simulation* simulation); /* dry friction (N, N m; nv) */
 /* Pose of a link's end in the world: place (m) and rotation matrix (3 x 3; columns are the end's axes). */
 FLEXARM_API int flexarm_pose(flexarm_simulation* simulation, int link, double place[3], double rotation[9]);
+/* A slice to look at, of a link's beam, x metres from its clamp; its number, from 0. It allocates. */
+FLEXARM_API int flexarm_add_slice(flexarm_simulation* simulation, int link, double x);
+/* Its pose, as of flexarm_pose, and its strains K1, K2, K3 (1/m), phi12, phi13 (rad), eps. Each may be NULL. */
+FLEXARM_API int flexarm_slice(flexarm_simulation* simulation, int slice, double place[3], double rotation[9],
+                              double strains[6]);
 
 /* Inputs, from now on, in place of the scene's, until they are set again. */
 FLEXARM_API int flexarm_set_tau(flexarm_simulation* simulation, const double* tau);         /* (N, N m; nv) */
