@@ -154,7 +154,8 @@ static void test_errors(const flexarm_scene* scene) {
   check_names("rate");
   CHECK(flexarm_nq(NULL) < 0 && flexarm_laws(NULL) < 0 && isnan(flexarm_end(NULL)) && !flexarm_rate_name(NULL, 0));
   CHECK(flexarm_step(NULL) < 0 && flexarm_advance(NULL, 1.0) < 0 && isnan(flexarm_time(NULL)) && !flexarm_q(NULL));
-  CHECK(!flexarm_a(NULL) && !flexarm_save(NULL) && flexarm_restore(NULL, NULL) < 0 && flexarm_set_tau(NULL, wrench) < 0);
+  CHECK(!flexarm_a(NULL) && !flexarm_save(NULL) && flexarm_restore(NULL, NULL) < 0 &&
+        flexarm_set_tau(NULL, wrench) < 0);
   CHECK(flexarm_pose(NULL, 0, NULL, NULL) < 0 && flexarm_set_force(NULL, 0, 0.0) < 0);
   CHECK(flexarm_accelerate(NULL, wrench, wrench, wrench, wrench, NULL, NULL, NULL) < 0);
   CHECK(flexarm_add_slice(NULL, 0, 0.0) < 0 && flexarm_slice(NULL, 0, NULL, NULL, NULL) < 0);

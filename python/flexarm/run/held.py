@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import flexarm._core as _core
 
@@ -142,7 +143,7 @@ def _error(c: LinearController, arm: Arm, run: Run, y: Array) -> Array:
     return np.asarray(given(t) if callable(given) else given, dtype=float) - c._takes() @ y
 
 
-def _holding(setup: Setup, q: Array, x: Array, t: float, forces: Array, free: Array) -> Setup:
+def _holding(setup: Setup, q: Array, x: Array, t: float, forces: Array, free: NDArray[np.bool_]) -> Setup:
     """The setup whose controllers begin with their outputs at q with the memory x, and give them before their delay
     is over; drives give the other `forces` (nv,). Rates that are `free` have no motion."""
     arm, control, first, total = setup.arm, list(setup.control), 0, forces.copy()

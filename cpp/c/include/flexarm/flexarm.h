@@ -1,8 +1,8 @@
 /* flexarm for C, and for all that calls C: compiled scenes, simulated step by step.
  *
  * Functions that return a pointer give NULL, those that return an int a negative number, and those that return a double
- * NaN, where something is wrong; flexarm_error() then says why. NULL in place of a handle is wrong in this way. What has
- * been freed must not be used again. Arrays of matrices are row by row. Indices begin at 0.
+ * NaN, where something is wrong; flexarm_error() then says why. NULL in place of a handle is wrong in this way. What
+ * has been freed must not be used again. Arrays of matrices are row by row. Indices begin at 0.
  *
  * A scene may serve many simulations in many threads at once. A simulation is used by one thread at a time. After
  * flexarm_start, steps, inputs and outputs allocate and lock nothing, but for the text of an error.
