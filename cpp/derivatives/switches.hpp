@@ -81,7 +81,7 @@ class Switches {
         return end(other, reference);
       };
       const double size = k < 2 * n_ ? 1.0 : (k < 4 * n_ ? 1.0 / from.h : 1.0) + std::abs(which(at));
-      const double whole = kMoved * size;
+      const double whole = (from.parts > 0 ? kFar : kMoved) * size;
       double by = whole;
       for (int smaller = 0; smaller < kSmaller; ++smaller, by *= 0.1) {
         const VectorXd below = moved(-by);
@@ -107,9 +107,10 @@ class Switches {
     const Index nq = of_.arm->nq(), place = tape_.entries[static_cast<std::size_t>(from.entry + 1)].point;
     return Eigen::Map<const VectorXd>(tape_.q.data() + place * nq, nq);
   }
-  static constexpr double kSolved = 1e-13, kMoved = 1e-5;
+  static constexpr double kSolved = 1e-13, kMoved = 1e-7;
+  static constexpr double kFar = 1e-5;  // of divided steps: no kinks, but many parts' rounding
   static constexpr int kIterations = 50;
-  static constexpr int kSmaller = 4;  // steps of a difference that are tried
+  static constexpr int kSmaller = 3;  // steps of a difference that are tried
   const Problem& of_;
   Control control_;
   System s_;

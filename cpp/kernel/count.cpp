@@ -79,10 +79,9 @@ long count(const KernelArm& arm, const double* at_q, const double* at_v) {
   for (int i = 0; i < arm.layout().nq; ++i) q.emplace_back(at_q[i]);
   for (int i = 0; i < arm.layout().nv; ++i) v.emplace_back(at_v[i]);
   std::vector<Counted> tau = v, a = v;
-  const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
-  ::forward(chain, Sp::read(p), tau.data(), a.data());
+  ::forward(chain, chain.base(), tau.data(), a.data());
   return Counted::operations;
 }
 

@@ -4,8 +4,8 @@
 // clang-format: keep
 #include "arm/composite.hpp"
 #include "arm/elimination.hpp"
+#include "isa.hpp"
 #include "slopes/slopes.hpp"
-#include "step/roll.hpp"
 
 namespace {
 
@@ -51,12 +51,6 @@ void begin(const Layout& layout, const double* numbers, void* memory) {
   lay_out(layout, numbers, head);
 }
 
-template <class C>
-auto base_of(const C& chain) {
-  const double* p = chain.numbers;
-  return C::Space::read(p);
-}
-
 void load(void* self, const double* wrenches) {
   on(self, [&](auto& chain) {
     for (int i = 0; i < 6 * chain.layout.loads; ++i) chain.wrench[i] = wrenches[i];
@@ -66,15 +60,15 @@ void load(void* self, const double* wrenches) {
 Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
-    return outcome(chain, ::forward(chain, base_of(chain), tau, a));
+    return outcome(chain, ::forward(chain, chain.base(), tau, a));
   });
 }
 
 void inverse(void* self, const double* q, const double* v, const double* a, double* tau) {
   on(self, [&](auto& chain) {
     chain.move(q, v);
-    chain.forces(base_of(chain), a, tau);
-    accelerate_loops(chain, base_of(chain), a);
+    chain.forces(chain.base(), a, tau);
+    accelerate_loops(chain, chain.base(), a);
   });
 }
 
@@ -83,7 +77,7 @@ void move(void* self, const double* q, const double* v) {
 }
 
 void forces(void* self, const double* a, double* tau) {
-  on(self, [&](auto& chain) { chain.forces(base_of(chain), a, tau); });
+  on(self, [&](auto& chain) { chain.forces(chain.base(), a, tau); });
 }
 
 template <class C>
@@ -211,64 +205,6 @@ void stiffness_times(void* self, const double* x, double* out) {
   });
 }
 
-template <class R>
-struct Type {
-  using type = R;
-};
-/// f of the type of the chain of arms side by side.
-template <class F>
-decltype(auto) with_side(const Layout& layout, const F& f) {
-  return layout.planar ? f(Type<Chain<Plane<Pack>, Pack>>{}) : f(Type<Chain<Space<Pack>, Pack>>{});
-}
-
-/// Of the arms, and of the bodies that they share.
-std::size_t side_memory(const Layout& layout) {
-  return with_side(layout, [&](auto t) { return 2 * decltype(t)::type::memory_needed(layout); });
-}
-
-void inverse_side_by_side(const Layout& layout, const double* numbers, const bool* own, void* memory, bool* known,
-                          const double* wrenches, const double* q, const double* v, const double* a, double* tau) {
-  with_side(layout, [&](auto t) {
-    const auto packs = [](const double* x) { return view<const Pack>(x); };
-    Arena arena(memory);
-    typename decltype(t)::type chain(layout, numbers, arena);
-    const typename decltype(t)::type kept(layout, numbers, arena);
-    for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = packs(wrenches)[i];
-    chain.move_beside(packs(q), packs(v), own, kept.state, known);
-    chain.forces(base_of(chain), packs(a), view<Pack>(tau));
-  });
-}
-
-/// f of the type of this job's Roller.
-template <class Sp, class F>
-void with_roller(const Roll& job, const F& f) {
-  Methods::visit(job.method, [&](auto row) { f(Type<Roller<Chain<Sp, Pack>, decltype(row)::template On>>{}); });
-}
-template <class F>
-void with_roller(const Roll& job, const F& f) {
-  if (job.width == 1)
-    job.layout->planar ? with_roller<Plane<double>>(job, f) : with_roller<Space<double>>(job, f);
-  else
-    job.layout->planar ? with_roller<Plane<Pack>>(job, f) : with_roller<Space<Pack>>(job, f);
-}
-
-std::size_t roll_memory(Roll& job) {
-  std::size_t bytes = 0;
-  with_roller(job, [&](auto t) {
-    Arena none;
-    typename decltype(t)::type(job, none);
-    bytes = none.bytes();
-  });
-  return bytes;
-}
-
-void roll(Roll& job, void* memory, const double* q, const double* v) {
-  with_roller(job, [&](auto t) {
-    Arena arena(memory);
-    typename decltype(t)::type(job, arena).run(q, v);
-  });
-}
-
 /// f of the arm's Slopes.
 template <class F>
 decltype(auto) with_slopes(const SlopesOf& of, const F& f) {
@@ -294,11 +230,6 @@ Outcome forward_slopes(const SlopesOf& of, void* memory, const double* wrenches,
 }
 
 }  // namespace
-
-#define FLEXARM_JOIN_(a, b) a##b
-#define FLEXARM_JOIN(a, b) FLEXARM_JOIN_(a, b)
-#define FLEXARM_TEXT_(a) #a
-#define FLEXARM_TEXT(a) FLEXARM_TEXT_(a)
 
 namespace flexarm {
 namespace lanes {
@@ -336,10 +267,6 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   slopes_memory,
                                                   inverse_slopes,
                                                   forward_slopes};
-
-extern const LaneKernels FLEXARM_JOIN(lanes_, FLEXARM_ISA);
-const LaneKernels FLEXARM_JOIN(lanes_, FLEXARM_ISA){FLEXARM_WIDTH, side_memory, inverse_side_by_side, roll_memory,
-                                                    roll};
 
 }  // namespace lanes
 }  // namespace flexarm

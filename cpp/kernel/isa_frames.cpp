@@ -2,6 +2,7 @@
 #include "wide/pack.hpp"  // before the others
 // clang-format: keep
 #include "arm/frames.hpp"
+#include "isa.hpp"
 #include "slopes/tangent.hpp"
 
 namespace {
@@ -184,9 +185,6 @@ void jacobian_rate(const Layout& layout, const double* arm, void* memory, const 
 }
 
 }  // namespace
-
-#define FLEXARM_JOIN_(a, b) a##b
-#define FLEXARM_JOIN(a, b) FLEXARM_JOIN_(a, b)
 
 namespace flexarm {
 namespace lanes {

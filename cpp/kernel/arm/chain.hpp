@@ -65,6 +65,11 @@ struct Chain {
     (arena.counts() ? none : *by_state).lay_out(layout, most_elastic(layout), wide, arena);
   }
   Chain(const Layout& layout_, const double* numbers_, Arena&& arena) : Chain(layout_, numbers_, arena) {}
+  /// The acceleration of the base that stands for gravity.
+  typename Sp::Lin base() const {
+    const double* p = numbers;
+    return Sp::read(p);
+  }
   /// Bytes, aligned for P.
   static std::size_t memory_needed(const Layout& layout) {
     Arena none;

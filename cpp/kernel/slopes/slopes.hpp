@@ -207,8 +207,7 @@ class Slopes {
     set(q0, nq_, q_);
     set(v0, nv_, q_ + nq_);
     set(a0, nv_, q_ + nq_ + nv_);
-    const double* p = value_->numbers;
-    base_ = One::read(p);
+    base_ = value_->base();
   }
 
   /// The chain's values, and tables of its elastic bodies. Forces by state do not act yet: they go from one segment to
@@ -470,8 +469,7 @@ class Slopes {
       forces.find(*dual_, q_, v);
       forces.gather(*dual_);
       if (layout_.loops > 0) {
-        const double* p = dual_->numbers;
-        const Lin base = Sp::read(p);
+        const Lin base = dual_->base();
         dual_->accelerate(base, v + nv_);
         forces.loops.accelerate(*dual_, forces.places, base, v + nv_);
         forces.loops.gather(*dual_);

@@ -38,8 +38,7 @@ struct Rolled {
         nv(j.layout->nv),
         laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit, j.limits, j.limited, j.most},
         weight(L::load(j.weight)) {
-    const double* p = j.numbers;
-    base = Sp::read(p);
+    base = chain.base();
     arena.take(nv, total);
     laws.lay_out(arena);
   }
