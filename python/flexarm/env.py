@@ -110,12 +110,12 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
     @property
     def state(self) -> State:
-        """The state of all environments; see flexarm.tasks.State."""
+        """The state of all environments at this time, which later steps do not change; see flexarm.tasks.State."""
         y = np.einsum("bij,bj->bi", self._by_q, self._q) + self._v @ self._rows[1].T
         end = self.task.arm.frame(self._q)[0]
         for i in np.flatnonzero(self._odd):
             end[i] = self._arms[i].frame(self._q[i])[0]
-        return State(self._count * self.task.period, self._q, self._v, y, end, self._goal)
+        return State(self._count * self.task.period, self._q.copy(), self._v.copy(), y, end, self._goal.copy())
 
     def _observation(self, state: State | None = None) -> NDArray[np.float32]:
         state = self.state if state is None else state
@@ -276,7 +276,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def state(self) -> State:
-        """The state of the environment; see flexarm.tasks.State."""
+        """The state of the environment at this time, as of FlexarmVectorEnv with B = 1."""
         return self._one.state
 
     def render(self) -> NDArray[np.uint8] | None:
