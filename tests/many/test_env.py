@@ -253,6 +253,35 @@ def test_bad_actions_and_masks_are_named():
         envs.reset(options={"reset_mask": [1, 2, 3]})
 
 
+def test_seeds_are_whole_numbers_of_any_kind():
+    envs = FlexarmVectorEnv(2, "tip-tracking")
+    o, _ = envs.reset(seed=[1, 2])
+    for seed in (1, np.int64(1), np.array([1, 2]), (np.int32(1), 2)):
+        np.testing.assert_array_equal(envs.reset(seed=seed)[0], o)
+    for seed, says in (
+        ([1, -2], "seed[1] = -2"),
+        ([1.5, 2], "seed[0] = 1.5"),
+        (-1, "seed = -1"),
+        (1.5, "seed = 1.5"),
+        ([1, 2, 3], "seed has 3"),
+        ("12", "seed = '12'"),
+    ):
+        with refuses(says):
+            envs.reset(seed=seed)
+    one = FlexarmEnv("tip-tracking")
+    np.testing.assert_array_equal(one.reset(seed=np.int64(1))[0], o[0])
+
+
+def test_the_first_reset_is_of_all():
+    envs = FlexarmVectorEnv(2, "tip-tracking", autoreset_mode="Disabled")
+    with refuses("options['reset_mask']", "[1]"):
+        envs.reset(options={"reset_mask": [True, False]})
+    with pytest.raises(gym.error.ResetNeeded):
+        envs.step(np.zeros((2, 2)))
+    o, _ = envs.reset(seed=0, options={"reset_mask": [True, True]})
+    np.testing.assert_array_equal(envs.reset(seed=0)[0], o)
+
+
 def test_a_task_without_a_reward_is_refused_by_name():
     class Idle(Task):
         pass
