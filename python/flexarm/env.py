@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, at_least, choice, warn
+from ._check import Array, array, at_least, choice, plain, warn
 from .analysis.findings import RangeWarning, RunWarning
 from .arm.arm import Arm
 from .arm.variation import Setup, Variation
@@ -46,6 +46,14 @@ def _task(task: str | Task, randomize: Mapping[str, tuple[float, float]] | None)
     if randomize is None:
         return task
     return replace(task, randomize=dict(randomize))
+
+
+def _seed(field: str, value: Any) -> int | None:
+    """A seed as Gymnasium takes it."""
+    value = plain(value)
+    if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
+        return value
+    raise ValueError(f"{field} = {value!r}: must be a whole number from 0, or None")
 
 
 class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any]):
@@ -110,12 +118,12 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
     @property
     def state(self) -> State:
-        """The state of all environments; see flexarm.tasks.State."""
+        """The state of all environments at this time, which later steps do not change; see flexarm.tasks.State."""
         y = np.einsum("bij,bj->bi", self._by_q, self._q) + self._v @ self._rows[1].T
         end = self.task.arm.frame(self._q)[0]
         for i in np.flatnonzero(self._odd):
             end[i] = self._arms[i].frame(self._q[i])[0]
-        return State(self._count * self.task.period, self._q, self._v, y, end, self._goal)
+        return State(self._count * self.task.period, self._q.copy(), self._v.copy(), y, end, self._goal.copy())
 
     def _observation(self, state: State | None = None) -> NDArray[np.float32]:
         state = self.state if state is None else state
@@ -128,7 +136,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
         Args:
             seed: environment i draws from seed + i, or from seed[i]; None: continues the present sequences.
-            options: "reset_mask": (num_envs,) bools, the environments to reset.
+            options: "reset_mask": (num_envs,) bools, the environments to reset; all of them at first.
 
         Returns:
             Observations (num_envs, n) and {}.
@@ -138,13 +146,18 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool:
                 raise ValueError(f"options['reset_mask'] = {mask!r}: must be {self.num_envs} bools")
-        if seed is not None and isinstance(seed, (int, np.integer)):
-            super().reset(seed=int(seed))
-            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+            late = np.flatnonzero(~mask).tolist()
+            if late and not self._rngs:
+                raise ValueError(f"options['reset_mask']: the first reset is of all; it leaves out environments {late}")
+        given = plain(seed)
+        if isinstance(given, Sequence) and not isinstance(given, str):
+            if len(given) != self.num_envs:
+                raise ValueError(f"seed has {len(given)} entries: must be one number, or {self.num_envs}")
+            seeds = [_seed(f"seed[{i}]", s) for i, s in enumerate(given)]
         else:
-            seeds = [None] * self.num_envs if seed is None else seed
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed has {len(seeds)} entries: must be one number, or {self.num_envs}")
+            first = _seed("seed", given)
+            super().reset(seed=first)
+            seeds = [None if first is None else first + i for i in range(self.num_envs)]
         if not self._rngs:
             self._rngs = [seeding.np_random(s)[0] for s in seeds]
         for i, s in enumerate(seeds):
@@ -276,7 +289,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def state(self) -> State:
-        """The state of the environment; see flexarm.tasks.State."""
+        """The state of the environment at this time, as of FlexarmVectorEnv with B = 1."""
         return self._one.state
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -288,7 +301,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begins a new episode."""
-        super().reset(seed=seed)
+        super().reset(seed=_seed("seed", seed))
         return self._one.reset(seed=seed)[0][0], {}
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:

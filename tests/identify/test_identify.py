@@ -170,6 +170,20 @@ def test_what_the_data_cannot_tell_is_named(data: fa.Data) -> None:
         assert np.isinf(fa.identify(scene(), data, {MASS: None, "gravity.2": -9.81}, **MEASURED).std["gravity.2"])
 
 
+@pytest.mark.filterwarnings("ignore::flexarm.errors.FitWarning")  # the others
+@pytest.mark.parametrize("coloured", [False, True])
+def test_data_that_no_number_moves_tell_none_of_them(data: fa.Data, coloured: bool) -> None:
+    """The arm stays in its plane."""
+    beside = 1e-3 * np.random.default_rng(0).normal(size=len(T))
+    if coloured:
+        beside = fa.sensors.LowPass(5.0).apply(T, beside)
+    data = replace(data, columns={**data.columns, "z": beside}, units={**data.units, "z": "m"})
+    with warns(fa.errors.FitWarning, "cannot tell", MASS):
+        fit = fa.identify(scene(), data, [MASS, DAMPING], inputs={0: "torque"}, outputs={"z": "end z"})
+    assert {x.names for x in fit.untold} == {(MASS,), (DAMPING,)} and not fit.loose
+    assert all(np.isinf(x) for x in fit.std.values()) and "hardly be seen" in fit.report()
+
+
 def test_coloured_residuals_widen_intervals(data: fa.Data) -> None:
     rng = np.random.default_rng(4)
     noise = fa.sensors.LowPass(5.0).apply(T, rng.normal(size=len(T)))

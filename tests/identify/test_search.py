@@ -15,6 +15,7 @@ from flexarm.identify.statistics import upper
 from flexarm.identify.validate.rig import ARM, DEFLECTIONS, PER_RUN, outputs, read, with_motion
 from flexarm.run.perturbed import FOURTH, SECOND
 from flexarm.run.simulation import source
+from messages import warns
 
 EXCERPT = Path(__file__).parents[1] / "data" / "quanser_excerpt.csv"
 
@@ -34,6 +35,25 @@ def test_least_squares_of_the_size_take_the_steps_of_all_rows() -> None:
     size = np.append(np.linalg.norm(r), np.zeros(4))
     np.testing.assert_allclose(A.T @ size, J.T @ r, rtol=1e-9)
     np.testing.assert_allclose(A.T @ A, J.T @ J + bend, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+@pytest.mark.parametrize("noise", [None, {"u": 0.1}])
+def test_a_point_without_residuals_is_the_end(noise: Any, loss: Any) -> None:
+    """The torque is what the data have, whatever the damping is."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.05, damping=0.1), tip=fa.RigidBody(0.2))])
+    t = np.linspace(0.0, 0.5, 51)
+    scene = fa.Scene(arm, {0: fa.Torque(0.0)}, t=t, options={"integrator": "implicit", "step": 0.01})
+    data = fa.Data(t, {"u": np.sin(8 * t)}, {"u": "N m"})
+    told: Any = {"inputs": {0: "u"}, "outputs": {"u": "tau link 0 revolute"}, "noise": noise, "loss": loss}
+    for start in (1.0, 2.0):
+        fit = fa.identify(scene, data, {"drive.0.scale": start}, **told)
+        assert fit.converged and fit.values["drive.0.scale"] == pytest.approx(1.0, abs=1e-9) and not fit.untold
+        assert fit.std["drive.0.scale"] < 0.1
+    damping = "link.0.joint.damping"
+    with warns(fa.errors.FitWarning, "cannot tell", damping):
+        fit = fa.identify(scene, data, [damping], **told)
+    assert fit.converged and fit.values[damping] == 0.1 and np.isinf(fit.std[damping])
 
 
 def test_curvature_is_that_of_the_last_step() -> None:

@@ -59,7 +59,7 @@ def test_a_step_is_a_simulation_with_the_torque_held():
     envs = FlexarmVectorEnv(2, "vibration-suppression")
     envs.reset(seed=3)
     task, before = envs.task, envs.state
-    q, v = before.q.copy(), before.v.copy()
+    q, v = before.q, before.v
     u = np.array([[0.7], [-5.0]])  # the second is cut off at -1
     o, *_ = envs.step(u)
     for i, torque in enumerate((0.35, -0.5)):
@@ -69,6 +69,20 @@ def test_a_step_is_a_simulation_with_the_torque_held():
         np.testing.assert_allclose(envs.state.q[i], run.q[-1], rtol=1e-9, atol=1e-12)
         rate = run.strain(0, 0.0)[-1, 2]
         np.testing.assert_allclose(o[i, :3], [run.q[-1, 0], run.v[-1, 0], rate], rtol=2e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("made", [lambda: FlexarmVectorEnv(2), FlexarmEnv])
+def test_a_state_stays_what_it_was(made):
+    envs = made()
+    envs.reset(seed=0)
+    before = envs.state
+    kept = [x.copy() for x in before]
+    envs.step(np.ones(envs.action_space.shape))
+    envs.reset(seed=5)
+    for name, x, y in zip(before._fields, before, kept, strict=True):
+        np.testing.assert_array_equal(x, y, err_msg=name)
+    envs.state.q[:] = 9.0
+    assert (envs.state.q < 9.0).all()
 
 
 def test_left_alone_an_undamped_arm_keeps_its_energy():
@@ -198,7 +212,7 @@ def test_drawn_parameters_are_those_of_the_arms():
     for i, arm in enumerate(arms):
         np.testing.assert_allclose(state.end[i], arm.frame(state.q[i])[0])
         np.testing.assert_allclose(o[i, 2], arm.strain(state.q[i], 0, 0.0)[2], rtol=1e-6)
-    q, v = state.q.copy(), state.v.copy()
+    q, v = state.q, state.v
     envs.step(np.zeros((3, 1)))
     for i, arm in enumerate(arms):
         t = envs.task.step * np.arange(5)
@@ -237,6 +251,35 @@ def test_bad_actions_and_masks_are_named():
         envs.step(np.full((2, 2), np.nan))
     with refuses("reset_mask"):
         envs.reset(options={"reset_mask": [1, 2, 3]})
+
+
+def test_seeds_are_whole_numbers_of_any_kind():
+    envs = FlexarmVectorEnv(2, "tip-tracking")
+    o, _ = envs.reset(seed=[1, 2])
+    for seed in (1, np.int64(1), np.array([1, 2]), (np.int32(1), 2)):
+        np.testing.assert_array_equal(envs.reset(seed=seed)[0], o)
+    for seed, says in (
+        ([1, -2], "seed[1] = -2"),
+        ([1.5, 2], "seed[0] = 1.5"),
+        (-1, "seed = -1"),
+        (1.5, "seed = 1.5"),
+        ([1, 2, 3], "seed has 3"),
+        ("12", "seed = '12'"),
+    ):
+        with refuses(says):
+            envs.reset(seed=seed)
+    one = FlexarmEnv("tip-tracking")
+    np.testing.assert_array_equal(one.reset(seed=np.int64(1))[0], o[0])
+
+
+def test_the_first_reset_is_of_all():
+    envs = FlexarmVectorEnv(2, "tip-tracking", autoreset_mode="Disabled")
+    with refuses("options['reset_mask']", "[1]"):
+        envs.reset(options={"reset_mask": [True, False]})
+    with pytest.raises(gym.error.ResetNeeded):
+        envs.step(np.zeros((2, 2)))
+    o, _ = envs.reset(seed=0, options={"reset_mask": [True, True]})
+    np.testing.assert_array_equal(envs.reset(seed=0)[0], o)
 
 
 def test_a_task_without_a_reward_is_refused_by_name():

@@ -84,6 +84,22 @@ def test_random_draws_follow_their_distributions_and_their_seed():
     assert np.array_equal(found["u"], again["u"]) and not np.array_equal(found["u"], other["u"])
 
 
+@pytest.mark.parametrize("kind", ["random", "latin_hypercube"])
+def test_drawn_blocks_of_one_seed_are_independent(kind):
+    a, b, c = (fa.Vary(kind, {name: {"uniform": [0, 1]}}, count=200) for name in "abc")
+    found = fa.SweepPlan([a, b, c], combine="zip").parameters()
+    np.testing.assert_array_equal(found["a"], a.parameters()["a"])
+    assert np.abs(np.corrcoef([found[k] for k in "abc"])[np.triu_indices(3, 1)]).max() < 0.2
+    again = fa.SweepPlan([a, b, c], combine="zip").parameters()
+    assert all(np.array_equal(found[k], again[k]) for k in "abc")
+    own = [a, replace(b, seed=1), fa.Vary("list", {"d": np.arange(200.0)})]
+    for block in own:  # a seed that no block before it has
+        name = next(iter(block.values))
+        np.testing.assert_array_equal(fa.SweepPlan(own, combine="zip").parameters()[name], block.parameters()[name])
+    both = fa.SweepPlan([replace(a, count=3), replace(b, count=3)]).parameters()
+    assert not np.array_equal(np.unique(both["a"]), np.unique(both["b"]))
+
+
 def test_latin_hypercube_has_one_draw_in_every_slice():
     n = 50
     values = {"a": {"uniform": [0, 1]}, "b": {"normal": [0, 1]}}

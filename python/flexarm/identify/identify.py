@@ -256,9 +256,11 @@ class Task:
         loss, p.loss = p.loss, None  # the derivatives are those of the residuals
         residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
         assert residuals is not None
+        derived = True
         try:
             J = p.jacobian(inner, found.sigma)
         except (RunStopped, KeyboardInterrupt):
+            derived = False
             J = np.zeros((sum(y.size for y in residuals), len(inner)))
         tests: list[dict[str, Any]] = []
         blocks: list[tuple[slice, Array | None]] = []
@@ -306,8 +308,8 @@ class Task:
             noise_told=frozenset(self.noise),
             comparisons=runs,
             whiteness=tests,
-            untold=untold(J, sizes, names, parts) if J.any() else [],
-            loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
+            untold=untold(J, sizes, names, parts) if derived else [],
+            loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation),
             method="simulation",
             loss="linear" if loss is None else loss.name,
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],

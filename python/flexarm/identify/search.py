@@ -269,8 +269,9 @@ class Search:
             nonlocal at, refused
             refused = 0
             r, last = rows(u), at
-            fell = 1 - float(r @ r) / float(last.r @ last.r) if last.r.size else 1.0
-            if last.r.size and fell > 0 and last.near(u):
+            had = float(last.r @ last.r)
+            fell = 1 - float(r @ r) / had if had else 1.0
+            if had and fell > 0 and last.near(u):
                 at = last.moved(u, r)
             elif self._iterations - first == most:
                 raise _Ended(f"it took {most} iterations", False)
@@ -378,8 +379,9 @@ class Search:
 
 def _slopes_of_size(r: Array, J: Array, S: Array) -> Array:
     """Derivatives (n + 1, n) of |r| and of n zeros, for which least squares take the steps that they take for r
-    (m,) with derivatives J (m, n) and the further curvature S (n, n)."""
-    slope = J.T @ r / np.linalg.norm(r)
+    (m,) with derivatives J (m, n) and the further curvature S (n, n). Where r is zero, |r| has a corner, whose least
+    point it is: the slope there is 0."""
+    slope = J.T @ r / (np.linalg.norm(r) or 1.0)
     R = upper(J)
     by = np.linalg.solve(R.T, np.linalg.solve(R.T, S).T)  # in units in which J^T J is 1
     bend = _at_least(_LEAST_BEND, np.eye(len(R)) + 0.5 * (by + by.T))

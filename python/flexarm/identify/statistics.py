@@ -111,7 +111,9 @@ def covariance(J: Array, blocks: Sequence[tuple[slice, Array | None]]) -> Array:
         if rho is not None:
             part = J[rows]
             B += part.T @ matmul_toeplitz(rho, part) - part.T @ part
-    return np.asarray(A @ B @ A)
+    told = np.isfinite(A.diagonal())
+    A = np.where(np.outer(told, told), A, 0.0)  # inf times 0 is nan
+    return np.asarray(A @ B @ A + np.diag(np.where(told, 0.0, np.inf)))
 
 
 def upper(J: Array) -> Array:

@@ -92,7 +92,8 @@ class Vary:
             {from, to, count, scale = "linear" or "log"}. Of the drawn kinds: one of {uniform = [low, high]},
             {loguniform = [low, high]}, {normal = [mean, deviation]}, {lognormal = [median, deviation of the
             logarithm]}, or from Python a frozen distribution of scipy.stats.
-        count, seed: of the drawn kinds: number of draws, and seed of the random numbers.
+        count, seed: of the drawn kinds: number of draws, and seed of the random numbers. Blocks of one sweep are drawn
+            independently, whether their seeds differ or not.
     """
 
     kind: str
@@ -105,29 +106,37 @@ class Vary:
         choice(f"{self.where}.kind", self.kind, KINDS)
         if not isinstance(self.values, Mapping) or not self.values:
             raise ValueError(f"{self.where}.values = {self.values!r}: must be a table of at least one parameter")
-        drawn = self.kind in KINDS[2:]
-        if drawn and self.count is None:
+        if self.drawn and self.count is None:
             raise ValueError(f"{self.where}.count: a {self.kind} block needs it, such as count = 100")
-        if not drawn and self.count is not None:
+        if not self.drawn and self.count is not None:
             raise ValueError(f"{self.where}.count = {self.count}: a {self.kind} block has as many as its values say")
-        if drawn:
+        if self.drawn:
             within(f"{self.where}.count", whole(f"{self.where}.count", self.count), 1, _MOST)
         at_least(f"{self.where}.seed", self.seed, 0)
 
-    def parameters(self) -> dict[str, Array]:
-        """The value of each parameter in each of this block's scenarios, (n,) or (n, k)."""
+    @property
+    def drawn(self) -> bool:
+        """Whether its values are drawn."""
+        return self.kind in KINDS[2:]
+
+    def parameters(self, before: int = 0) -> dict[str, Array]:
+        """The value of each parameter in each of this block's scenarios, (n,) or (n, k).
+
+        Args:
+            before: drawn blocks of the same seed before this one in its sweep; draws of each number are independent.
+        """
         at = {path: f"{self.where}.values.{path!r}" for path in self.values}
-        if self.kind in KINDS[2:]:
-            return self._drawn({path: _distribution(at[path], v) for path, v in self.values.items()})
+        if self.drawn:
+            return self._draws(before, {path: _distribution(at[path], v) for path, v in self.values.items()})
         listed = {path: _listed(at[path], v) for path, v in self.values.items()}
         if self.kind == "list":
             _equal(f"{self.where}: a list block", {k: len(v) for k, v in listed.items()})
             return listed
         return _product([{path: v} for path, v in listed.items()])
 
-    def _drawn(self, laws: Mapping[str, Any]) -> dict[str, Array]:
+    def _draws(self, before: int, laws: Mapping[str, Any]) -> dict[str, Array]:
         assert self.count is not None
-        rng = np.random.default_rng(self.seed)
+        rng = np.random.default_rng([self.seed, before] if before else self.seed)
         if self.kind == "random":
             u = rng.random((self.count, len(laws)))
         else:
@@ -198,7 +207,8 @@ class SweepPlan:
 
     def parameters(self) -> dict[str, Array]:
         """By path, the value in each scenario: (B,) or (B, k)."""
-        blocks = [v.parameters() for v in self.vary]
+        seeds = [v.seed if v.drawn else None for v in self.vary]
+        blocks = [v.parameters(seeds[:k].count(v.seed)) for k, v in enumerate(self.vary)]
         if self.combine == "product":
             return _product(blocks)
         sizes = {f"vary[{k}]": len(next(iter(b.values()))) for k, b in enumerate(blocks)}
