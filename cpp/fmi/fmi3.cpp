@@ -10,15 +10,6 @@ using Mode = Unit::Mode;
 
 namespace {
 
-template <class Work>
-fmi3Status done(fmi3Instance instance, const Work& work) {
-  return flexarm::done<fmi3Status>(instance, work);
-}
-fmi3Status none(fmi3Instance instance, size_t count, const char* type) {
-  return flexarm::none<fmi3Status>(instance, count, type, "Float64");
-}
-fmi3Status missing(fmi3Instance instance, const char* call) { return flexarm::missing<fmi3Status>(instance, call); }
-
 std::function<void(const char*)> log_of(fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
   return [environment, log](const char* what) {
     if (log) log(environment, fmi3Error, "logStatusError", what);
@@ -36,7 +27,7 @@ extern "C" {
 const char* fmi3GetVersion(void) { return "3.0"; }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean, size_t count, const fmi3String categories[]) {
-  return done(instance, [&](Unit&) { check_categories(categories, count); });
+  return done<fmi3Status>(instance, [&](Unit&) { check_categories(categories, count); });
 }
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String resources, fmi3Boolean, fmi3Boolean,
@@ -60,44 +51,44 @@ void fmi3FreeInstance(fmi3Instance instance) { delete static_cast<Instance*>(ins
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean, fmi3Float64, fmi3Float64 start, fmi3Boolean,
                                        fmi3Float64) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     unit.need("fmi3EnterInitializationMode", {Mode::instantiated});
     unit.start_at(start);
     unit.enter(Mode::initialising);
   });
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) {
+  return done<fmi3Status>(instance, [](Unit& unit) {
     unit.need("fmi3ExitInitializationMode", {Mode::initialising});
     unit.begin();
   });
 }
 fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) {
+  return done<fmi3Status>(instance, [](Unit& unit) {
     unit.need("fmi3EnterEventMode", {Mode::continuous, unit.events() ? Mode::stepping : Mode::continuous});
     unit.enter(Mode::event);
   });
 }
 fmi3Status fmi3Terminate(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) {
+  return done<fmi3Status>(instance, [](Unit& unit) {
     unit.need("fmi3Terminate", {Mode::event, Mode::continuous, Mode::stepping});
     unit.enter(Mode::terminated);
   });
 }
 fmi3Status fmi3Reset(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) { unit.reset(); });
+  return done<fmi3Status>(instance, [](Unit& unit) { unit.reset(); });
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
                           fmi3Float64 values[], size_t valueCount) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     same_size(count, valueCount);
     get(unit, references, count, values);
   });
 }
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
                           const fmi3Float64 values[], size_t valueCount) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     same_size(count, valueCount);
     set(unit, references, count, values);
   });
@@ -105,11 +96,11 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference refere
 
 #define FMI3_NONE(Type)                                                                                             \
   fmi3Status fmi3Get##Type(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3##Type[], size_t) { \
-    return none(instance, count, #Type);                                                                            \
+    return none<fmi3Status>(instance, count, #Type, "Float64");                                                     \
   }                                                                                                                 \
   fmi3Status fmi3Set##Type(fmi3Instance instance, const fmi3ValueReference[], size_t count, const fmi3##Type[],     \
                            size_t) {                                                                                \
-    return none(instance, count, #Type);                                                                            \
+    return none<fmi3Status>(instance, count, #Type, "Float64");                                                     \
   }
 FMI3_NONE(Float32)
 FMI3_NONE(Int8)
@@ -124,50 +115,50 @@ FMI3_NONE(Boolean)
 FMI3_NONE(String)
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference[], size_t count, size_t[], fmi3Binary[],
                          size_t) {
-  return none(instance, count, "Binary");
+  return none<fmi3Status>(instance, count, "Binary", "Float64");
 }
 fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference[], size_t count, const size_t[],
                          const fmi3Binary[], size_t) {
-  return none(instance, count, "Binary");
+  return none<fmi3Status>(instance, count, "Binary", "Float64");
 }
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3Clock[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference[], size_t count, const fmi3Clock[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference, size_t*) {
-  return missing(instance, "fmi3GetNumberOfVariableDependencies");
+  return missing<fmi3Status>(instance, "fmi3GetNumberOfVariableDependencies");
 }
 fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference, size_t[], fmi3ValueReference[],
                                        size_t[], fmi3DependencyKind[], size_t) {
-  return missing(instance, "fmi3GetVariableDependencies");
+  return missing<fmi3Status>(instance, "fmi3GetVariableDependencies");
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState* state) {
-  return done(instance, [&](Unit& unit) { keep(unit, state); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { keep(unit, state); });
 }
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
-  return done(instance, [&](Unit& unit) { take_back(unit, state); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { take_back(unit, state); });
 }
 fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState* state) {
-  return done(instance, [&](Unit&) { forget(state); });
+  return done<fmi3Status>(instance, [&](Unit&) { forget(state); });
 }
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t* size) {
-  return done(instance, [&](Unit&) { needs("size", {size}), *size = bytes(state); });
+  return done<fmi3Status>(instance, [&](Unit&) { needs("size", {size}), *size = bytes(state); });
 }
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte to[], size_t size) {
-  return done(instance, [&](Unit& unit) { write(unit, state, to, size); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { write(unit, state, to, size); });
 }
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte from[], size_t size, fmi3FMUState* state) {
-  return done(instance, [&](Unit& unit) { read(unit, from, size, state); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { read(unit, from, size, state); });
 }
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t unknownCount,
                                         const fmi3ValueReference knowns[], size_t knownCount, const fmi3Float64 seed[],
                                         size_t seedCount, fmi3Float64 sensitivity[], size_t sensitivityCount) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     same_size(knownCount, seedCount);
     same_size(unknownCount, sensitivityCount);
     slopes(unit, unknowns, unknownCount, knowns, knownCount, seed, sensitivity);
@@ -176,53 +167,58 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueRe
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference[], size_t,
                                     const fmi3ValueReference[], size_t, const fmi3Float64[], size_t, fmi3Float64[],
                                     size_t) {
-  return missing(instance, "fmi3GetAdjointDerivative");
+  return missing<fmi3Status>(instance, "fmi3GetAdjointDerivative");
 }
 
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) { return missing(instance, "fmi3EnterConfigurationMode"); }
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) { return missing(instance, "fmi3ExitConfigurationMode"); }
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
+  return missing<fmi3Status>(instance, "fmi3EnterConfigurationMode");
+}
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
+  return missing<fmi3Status>(instance, "fmi3ExitConfigurationMode");
+}
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3Float64[],
                                   fmi3IntervalQualifier[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3UInt64[],
                                    fmi3UInt64[], fmi3IntervalQualifier[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3Float64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3GetShiftFraction(fmi3Instance instance, const fmi3ValueReference[], size_t count, fmi3UInt64[],
                                 fmi3UInt64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference[], size_t count,
                                   const fmi3Float64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3SetIntervalFraction(fmi3Instance instance, const fmi3ValueReference[], size_t count, const fmi3UInt64[],
                                    const fmi3UInt64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3SetShiftDecimal(fmi3Instance instance, const fmi3ValueReference[], size_t count, const fmi3Float64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference[], size_t count, const fmi3UInt64[],
                                 const fmi3UInt64[]) {
-  return none(instance, count, "Clock");
+  return none<fmi3Status>(instance, count, "Clock", "Float64");
 }
 fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference, fmi3Float64) {
-  return missing(instance, "fmi3ActivateModelPartition");
+  return missing<fmi3Status>(instance, "fmi3ActivateModelPartition");
 }
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) { unit.need("fmi3EvaluateDiscreteStates", {Mode::initialising, Mode::event}); });
+  return done<fmi3Status>(
+      instance, [](Unit& unit) { unit.need("fmi3EvaluateDiscreteStates", {Mode::initialising, Mode::event}); });
 }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean* again, fmi3Boolean* terminate,
                                     fmi3Boolean* nominalsChanged, fmi3Boolean* valuesChanged,
                                     fmi3Boolean* nextTimeDefined, fmi3Float64* nextTime) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     needs("results", {again, terminate, nominalsChanged, valuesChanged, nextTimeDefined, nextTime});
     const AfterEvent now = event(unit, "fmi3UpdateDiscreteStates");
     *again = *terminate = *nominalsChanged = false;
@@ -233,7 +229,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean* again, f
 }
 
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) {
+  return done<fmi3Status>(instance, [](Unit& unit) {
     unit.need("fmi3EnterContinuousTimeMode", {Mode::event});
     unit.exchange();
     unit.enter(Mode::continuous);
@@ -241,36 +237,36 @@ fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) {
 }
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean, fmi3Boolean* enterEventMode,
                                        fmi3Boolean* terminate) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     unit.need("fmi3CompletedIntegratorStep", {Mode::continuous});
     needs("results", {enterEventMode, terminate});
     *enterEventMode = *terminate = false;
   });
 }
 fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
-  return done(instance, [&](Unit& unit) { set_time(unit, time); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { set_time(unit, time); });
 }
 
 fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 x[], size_t count) {
-  return done(instance, [&](Unit& unit) { set_states(unit, x, count); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { set_states(unit, x, count); });
 }
 fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 x[], size_t count) {
-  return done(instance, [&](Unit& unit) { get_states(unit, x, count); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { get_states(unit, x, count); });
 }
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 dx[], size_t count) {
-  return done(instance, [&](Unit& unit) { get_rates(unit, dx, count); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { get_rates(unit, dx, count); });
 }
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t count) {
-  return done(instance, [&](Unit& unit) { get_nominals(unit, nominals, count); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { get_nominals(unit, nominals, count); });
 }
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t count) {
-  return done(instance, [&](Unit& unit) { get_indicators(unit, indicators, count); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { get_indicators(unit, indicators, count); });
 }
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t* count) {
-  return done(instance, [&](Unit& unit) { needs("count", {count}), *count = unit.indicators().size(); });
+  return done<fmi3Status>(instance, [&](Unit& unit) { needs("count", {count}), *count = unit.indicators().size(); });
 }
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t* count) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     needs("count", {count});
     Exchange& model = unit.exchange();
     *count = model.coordinates().size() + model.rates().size();
@@ -279,10 +275,10 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t* count)
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueReference[], size_t, const fmi3Int32[],
                                     fmi3Float64[], size_t) {
-  return missing(instance, "fmi3GetOutputDerivatives");
+  return missing<fmi3Status>(instance, "fmi3GetOutputDerivatives");
 }
 fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
-  return done(instance, [](Unit& unit) {
+  return done<fmi3Status>(instance, [](Unit& unit) {
     unit.need("fmi3EnterStepMode", {Mode::event});
     if (unit.exchanges()) bad_value("instance", "of model exchange", "fmi3EnterStepMode is a call of co-simulation");
     unit.enter(Mode::stepping);
@@ -290,7 +286,7 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
 }
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 now, fmi3Float64 step, fmi3Boolean, fmi3Boolean* eventNeeded,
                       fmi3Boolean* terminate, fmi3Boolean* early, fmi3Float64* reached) {
-  return done(instance, [&](Unit& unit) {
+  return done<fmi3Status>(instance, [&](Unit& unit) {
     needs("results", {eventNeeded, terminate, early, reached});
     *eventNeeded = *terminate = *early = false;
     unit.need("fmi3DoStep", {Mode::stepping});
