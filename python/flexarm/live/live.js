@@ -297,7 +297,7 @@ class Plot {
 
 // -- the page --------------------------------------------------------------------------------------------------------
 
-let arm, hand, plot, pane, playing = true, speed = 1, before = 0, owed = 0, pieces = 0, real = 1;
+let arm, hand, plot, pane, playing = true, speed = 1, before = 0, owed = 0, pieces = 0, real = 1, beside = false;
 const pictures = []; // times of the last ones (ms)
 
 // A step, a start or a slider that could not be: it is told, and the arm waits.
@@ -423,9 +423,11 @@ function draw(now) {
   dirty = false;
   hand.show();
   drawPanes();
-  plot.draw();
   pictures.push(now);
   if (pictures.length > 61) pictures.shift();
+  beside = playing && !beside;
+  if (beside) return;  // the plot and the clock beside the arm: at every other picture of one that moves
+  plot.draw();
   const rate = (1000 * (pictures.length - 1)) / (now - pictures[0] || 1);
   const slower = real < 0.95 ? `, ${real.toFixed(2)} of real time` : "";
   document.getElementById("clock").textContent = `${arm.clock.toFixed(2)} s${slower} \u00b7 ${rate.toFixed(0)} pictures/s`;
