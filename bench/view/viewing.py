@@ -9,8 +9,8 @@ docs/figures/viewing-page.png, and prints how long a frame of ten links takes th
 from __future__ import annotations
 
 import argparse
-import shutil
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -19,6 +19,9 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from chromium import BROWSER
 
 FIGURES = Path(__file__).parents[2] / "docs" / "figures"
 ALUMINIUM = fa.Material(2700, 70e9, 0.33)
@@ -66,9 +69,8 @@ def ten() -> fa.Result:
 
 
 def browser() -> list[str] | None:
-    name = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     flags = "--headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --hide-scrollbars"
-    return None if name is None else [name, *flags.split(), "--window-size=1000,640"]
+    return None if BROWSER is None else [BROWSER, *flags.split(), "--window-size=1000,640"]
 
 
 def measure(page: str, command: list[str], folder: str) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import flexarm as fa
@@ -14,7 +14,9 @@ import pytest
 
 from tests.view.test_view import chain, swing
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+from chromium import BROWSER
+
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 
 #: Added to the page: what the viewer has at given times, and what it shows.

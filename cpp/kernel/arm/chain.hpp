@@ -289,10 +289,7 @@ struct Chain {
   }
 
   /// Gravity in the axes of a frame: the base accelerates against it.
-  Lin gravity_in(const typename Sp::Rot& attitude) const {
-    const double* p = numbers;
-    return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
-  }
+  Lin gravity_in(const typename Sp::Rot& attitude) const { return number<S>(-1.0) * Sp::unrotate(attitude, base()); }
   /// The end slice of an elastic body, its inertia and its forces; or the slice alone.
   template <bool forces>
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {

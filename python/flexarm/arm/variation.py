@@ -40,6 +40,11 @@ class Setup:
     control: tuple[Controller, ...] = ()
     sensors: tuple[Part, ...] = ()  #: Sensor, whose room stands above this one
 
+    @classmethod
+    def of(cls, scene: Any) -> Setup:
+        """That of a Scene, whose room stands above this one."""
+        return cls(scene.arm, scene.drive, tuple(scene.loads), tuple(scene.control), tuple(scene.sensors))
+
     @property
     def forces(self) -> tuple[Load, ...]:
         """The loads, and the driven forces of struts as loads."""

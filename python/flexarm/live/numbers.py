@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..arm.variation import Variation
+from ..arm.variation import Setup, Variation
 from ..run.scene.scene import Scene
 from ..run.scene.writer import compiled_text
-from .sliders import Slider, setup_of
+from .sliders import Slider
 
 STOPS = 13  # of a slider on which the numbers depend otherwise than by a straight line
 _SAME = 1e-11  # of a number: rounding of a sum of many
@@ -39,7 +39,7 @@ class _Compiled:
     """
 
     def __init__(self, scene: Scene, sliders: Sequence[Slider]) -> None:
-        self.scene, self.sliders, self._setup = scene, sliders, setup_of(scene)
+        self.scene, self.sliders, self._setup = scene, sliders, Setup.of(scene)
         self.document = self._made({})
         self.own = self._read(self.document)
         self._known: dict[tuple[tuple[int, float], ...], Array] = {}

@@ -53,10 +53,6 @@ class Slider:
         return found
 
 
-def setup_of(scene: Scene) -> Setup:
-    return Setup(scene.arm, scene.drive, tuple(scene.loads), tuple(scene.control), tuple(scene.sensors))
-
-
 def chosen(scene: Scene) -> list[Slider]:
     """Gains, payload, lengths and stiffness, of those that the scene has."""
     arm, out = scene.arm, []
@@ -84,7 +80,7 @@ def chosen(scene: Scene) -> list[Slider]:
 def _slider_of(
     scene: Scene, paths: tuple[str, ...], low: float, high: float, label: str, factor: bool = False
 ) -> Slider:
-    own = 1.0 if factor else float(value_at(setup_of(scene), paths[0])[0] or 0.0)
+    own = 1.0 if factor else float(value_at(Setup.of(scene), paths[0])[0] or 0.0)
     return Slider(paths, label, _unit(paths, factor), min(low, own), max(high, own), own, factor)
 
 
@@ -103,12 +99,12 @@ def given(scenes: Mapping[str, Scene], paths: Any, ends: ArrayLike) -> Slider:
     if holder is None:
         raise ValueError(f"sliders[{name!r}]: no scene has a number at this path; docs/live.md lists such paths")
     factor = len(several) > 1
-    own = 1.0 if factor else float(value_at(setup_of(holder), several[0])[0] or 0.0)
+    own = 1.0 if factor else float(value_at(Setup.of(holder), several[0])[0] or 0.0)
     if not low <= own <= high:
         raise ValueError(f"sliders[{name!r}] = ({low:g}, {high:g}): must hold the scene's own value, {own:g}")
     return Slider(several, name, _unit(several, factor), low, high, own, factor)
 
 
 def has(scene: Scene, paths: Sequence[str]) -> bool:
-    setup = setup_of(scene)
+    setup = Setup.of(scene)
     return all(can_vary(numbered(setup, path), setup.known) for path in paths)

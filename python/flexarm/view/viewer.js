@@ -6,8 +6,7 @@ class Track extends Frame {
   constructor(data) {
     super();
     Object.assign(this, { t: data.t, body: data.body, title: data.title, error: data.error });
-    const bytes = Uint8Array.from(atob(data.frames), (c) => c.charCodeAt(0));
-    const numbers = new Int16Array(bytes.buffer);
+    const steps = new Int16Array(numbers(data.frames));
     const columns = Object.entries(data.columns);
     this.width = columns.reduce((sum, [, c]) => sum + c.count * c.centre.length, 0);
     this.start = {};
@@ -20,9 +19,9 @@ class Track extends Frame {
         scale[k] = c.scale[i % c.centre.length];
       }
     }
-    this.values = new Float32Array(numbers.length);
-    for (let i = 0; i < numbers.length; i++)
-      this.values[i] = centre[i % this.width] + scale[i % this.width] * numbers[i];
+    this.values = new Float32Array(steps.length);
+    for (let i = 0; i < steps.length; i++)
+      this.values[i] = centre[i % this.width] + scale[i % this.width] * steps[i];
     this.now = new Float32Array(this.width);
     this.solve();
     this.seek(this.t[0]);

@@ -231,8 +231,7 @@ def with_currents(scene: Scene, recording: Recording) -> Scene:
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     """The scene with these values, by path."""
-    setup = Setup(scene.arm, scene.drive, scene.loads, scene.control, scene.sensors)
-    varied = Variation(setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+    varied = Variation(Setup.of(scene), {path: np.array([x]) for path, x in values.items()}).scenario(0)
     return replace(scene, arm=varied.arm, drive=varied.drive, control=varied.control, sensors=varied.sensors)  # type: ignore
 
 
